@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -55,6 +56,15 @@ def test_no_test_imports_another_test() -> None:
             assert not (words[0] == "tests" and any(w.startswith("test_") for w in words[:-1])), (
                 f"{path} imports {name}"
             )
+
+
+def test_every_program_runs_as_a_module_too() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    paths = {module_name(path): path for path in MODULES}
+    for program, entry in project["scripts"].items():
+        module, _, function = entry.partition(":")
+        last = ast.unparse(parsed(paths[module]).body[-1])
+        assert last == f"if __name__ == '__main__':\n    {function}()", program
 
 
 def test_what_tests_share_needs_no_program() -> None:

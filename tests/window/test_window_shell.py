@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pygame
 import pytest
@@ -175,6 +176,18 @@ async def test_play_from_the_menu_with_another_task_and_next(evening: Evening) -
     assert not words
     assert kept.task.startswith("synchronous/02")
     assert not list((evening.folder / "recordings").glob("*")), "a game that was left is not kept"
+
+
+def test_the_best_game_of_a_task_is_remembered(evening: Evening) -> None:
+    best = evening.shell.settings.best
+    for timing, reason, steps in [
+        ("benchmark", "goal", 8), ("people", "step_limit", 9), ("people", "goal", 40),
+        ("people", "goal", 60), ("people", "goal", 30),
+    ]:  # fmt: skip
+        world = World(load_task("synchronous/01", timing=timing))
+        source = SimpleNamespace(outcome={"reason": reason, "steps": steps})
+        evening.shell.local._note_best(SimpleNamespace(world=world, source=source))  # type: ignore[arg-type]
+    assert best == {"synchronous/01_cheese_sandwich@1": 30}
 
 
 async def test_settings_are_kept_and_followed(evening: Evening) -> None:

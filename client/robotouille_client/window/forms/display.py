@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pygame
 
-__all__ = ["Display"]
+__all__ = ["DESKTOPS", "Display"]
+
+
+DESKTOPS = ("XDG_CURRENT_DESKTOP", "DESKTOP_SESSION", "WINDOWMANAGER", "WAYLAND_DISPLAY")
+"""Variables of which one is set where a desktop manages windows."""
 
 
 class Display:
@@ -104,27 +108,30 @@ class Display:
             pygame.display.quit()
 
     def _set_mode(self) -> None:
-        """Open the window, or change its size.
-
-        Where no window manager does it, nobody moves a window that fills the screen to the
-        screen's corner, and back.
-        """
-        alone = len(pygame.display.get_desktop_sizes()) == 1
-        if self.fullscreen:
-            if alone:
-                if self._surface is None:  # The corner of what is not open cannot be moved.
-                    pygame.display.set_mode(self.size, pygame.RESIZABLE)
-                self._place = pygame.display.get_window_position()
-                pygame.display.set_window_position((0, 0))
+        """Open the window, or change its size."""
+        if self.fullscreen and _is_managed():
             self._surface = pygame.display.set_mode((0, 0), pygame.FULLSCREEN)
-            return
-        self._surface = pygame.display.set_mode(self.size, pygame.RESIZABLE)
-        if self._place is not None:
-            pygame.display.set_window_position(self._place)
-            self._place = None
+        elif self.fullscreen:
+            if self._surface is None:  # What is not open cannot be moved.
+                pygame.display.set_mode(self.size, pygame.RESIZABLE)
+            self._place = pygame.display.get_window_position()
+            desktop = pygame.display.get_desktop_sizes()[0]
+            self._surface = pygame.display.set_mode(desktop, pygame.NOFRAME)
+            pygame.display.set_window_position((0, 0))
+        else:
+            self._surface = pygame.display.set_mode(self.size, pygame.RESIZABLE)
+            if self._place is not None:
+                pygame.display.set_window_position(self._place)
+                self._place = None
 
     def _resized(self, size: tuple[int, int]) -> None:
         """Note the size that the owner has given the window; that of the whole screen may be told
         late, when it is left."""
         if size not in pygame.display.get_desktop_sizes():
             self.size = size
+
+
+def _is_managed() -> bool:
+    """Whether there is a window manager, which alone can fill an X screen with a window: asked to,
+    SDL waits for one, and leaves the window where it is. Desktops say that they are there."""
+    return pygame.display.get_driver() != "x11" or any(map(os.environ.get, DESKTOPS))
