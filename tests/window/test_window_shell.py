@@ -15,7 +15,7 @@ from tests.support.servers import serving
 from tests.support.virtual_time import run
 from tests.support.window_play import Script, post
 
-from robotouille import World
+from robotouille import World, load_task
 from robotouille.certification.certificate import load_certificate
 from robotouille.episode.rules import Clock
 from robotouille.protocol.messages import Create
