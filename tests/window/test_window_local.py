@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import language_of
 from robotouille.episode import Clock, Episode, Rules
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way, standing_at
 from robotouille.planning.policies.team_talk import request
 from robotouille.planning.search.unsolvable import is_cut_off
 from robotouille.world.people.wording import Wording
 from robotouille_client.bots.partners import PromptPartners
+from robotouille_client.window.hands.walking import walks
 from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.local import LocalSource
+from robotouille_client.window.view import View
 
 RULES = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=5, countdown=3.0)
 
@@ -102,6 +108,64 @@ def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain() -> N
     assert 1 <= len(asked) <= 4
     assert ("robot2", "table2", "robot1") in blocked
     assert sum(seat.rejected for seat in view.seats) <= 2
+
+
+def beside_a_person(task: str, max_steps: int, act: Callable[[LocalSource, View], None]) -> Beside:
+    """A game in real time of planner bots and a person who does what `act` says."""
+    timer, world = Timer(), World(task)
+    me = seat_out_of_the_way(world.initial)
+    known = AnytimePlanner(World(world.task))
+    bots: dict[str, Policy] = {
+        player: PlannerPolicy(world, player, start=world.initial, expansions=500, anytime=known)
+        for player in world.players
+        if player != me
+    }
+    rules = Rules(clock=Clock.REALTIME, step_rate=5.0, max_steps=max_steps)
+    game = among(Episode(world, rules, timer()), me, bots, timer)
+    states = []
+    while not game.finished:
+        timer.now += 0.2
+        view = game.view()
+        states.append(view.state)
+        act(game, view)
+    return Beside(view, [text for _, text in game._chat_log._lines], states)
+
+
+class Beside(NamedTuple):
+    """How it went: the last view, what was said, the states."""
+
+    view: View
+    said: list[str]
+    states: list[State]
+
+
+def test_a_bot_never_does_what_it_would_have_to_undo() -> None:
+    """A person stands at the only board for a long time, and leaves."""
+
+    def stand_at_the_board(game: LocalSource, view: View) -> None:
+        free = walks(view.state, view.me or "")
+        at_board = standing_at(view.state, view.me or "") == "board1"
+        if view.step < 60 and not at_board and "board1" in free:
+            game.act(free["board1"])
+        elif view.step >= 60 and at_board:
+            game.act(free["table7"])
+
+    game = beside_a_person("multi_agent/01", 150, stand_at_the_board)
+    assert game.view.won
+    assert [text for text in game.said if "need" in text] == ["I need the board, please"]
+    for state in game.states:
+        facts = {*state.atoms()}
+        on_something = any(a[0] == "atop" and a[1] == "lettuce1" for a in facts)
+        assert not on_something or ("iscut", "lettuce1") in facts
+    assert len(game.said) == len(set(game.said))
+
+
+def test_bots_win_beside_a_person_who_does_nothing() -> None:
+    game = beside_a_person("multi_agent/07@4", 200, lambda game, view: None)
+    assert game.view.won
+    assert all(seat.rejected == 0 for seat in game.view.seats)
+    assert len(game.said) <= 15
+    assert len(game.said) == len(set(game.said))
 
 
 def test_who_walks_to_a_taken_place_and_who_stands_there_are_told() -> None:
