@@ -221,10 +221,10 @@ def test_a_taken_station_is_tried(play) -> None:
     controls = Controls(world)
     found = controls.click(world.initial, world.players[0], other)
     assert found.action.name == "move"
-    assert found.hint == "Robot 2 stands at the second table from the left at the bottom"
+    assert found.hint == "Robot 2 stands at the second table at the bottom"
     controls.names = {world.players[0]: "Ada", world.players[1]: "Ben"}
     found = controls.click(world.initial, world.players[0], other)
-    assert found.hint == "Ben stands at the second table from the left at the bottom"
+    assert found.hint == "Ben stands at the second table at the bottom"
 
 
 def test_a_place_that_is_taken_says_so_before_what_lies_there(play) -> None:

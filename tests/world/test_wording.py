@@ -54,7 +54,7 @@ def test_stations_are_called_by_what_lies_there_or_by_where_they_are() -> None:
         (
             "asynchronous/10",
             {
-                "table12": "the sixth table from the left at the bottom",
+                "table12": "the sixth table at the bottom",
                 "table4": "the left table in the middle",
             },
         ),

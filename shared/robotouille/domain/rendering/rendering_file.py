@@ -118,12 +118,12 @@ class PredicateWords(Schema):
 
 class PlaceWords(Schema):
     """How stations that are called the same are told apart: by what lies there, else by the side
-    of the kitchen where they are, and by their order in the row there."""
+    of the kitchen where they are, and by their order in the row there: as one reads."""
 
     with_things: Words = "the {noun} with {things}"
     single: Words = "the {noun} {side}"
     one_of_few: Words = "the {order} {noun} {side}"
-    one_of_many: Words = "the {number} {noun} from the {first} {side}"
+    one_of_many: Words = "the {number} {noun} {side}"
     top: Words = "at the top"
     bottom: Words = "at the bottom"
     left: Words = "on the left"

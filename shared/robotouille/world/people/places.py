@@ -78,9 +78,7 @@ def _row(
             for name, each in zip(names, few, strict=True)
         }
     return {
-        name: filled(
-            words.one_of_many, noun=noun, side=at, number=words.number(index), first=order[0]
-        )
+        name: filled(words.one_of_many, noun=noun, side=at, number=words.number(index))
         for index, name in enumerate(names)
     }
 
