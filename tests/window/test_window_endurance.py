@@ -11,11 +11,16 @@ from types import ModuleType
 
 import pygame
 import pytest
-from benchmarks.endurance import evening
+from benchmarks.endurance import evening, resize
 from benchmarks.idle import resting_game
 from benchmarks.window import Led, course, views
 from tests.support.window_play import Timer
 
+from robotouille.episode.rules import Clock
+from robotouille_client.bots.kinds import BotKind
+from robotouille_client.bots.partners import prompt_partners
+from robotouille_client.window.forms.display import Display
+from robotouille_client.window.shell.games.local_game import LocalGame, Plan
 from robotouille_client.window.window import Window
 
 SIZE, FRAMES = (640, 360), 200
@@ -107,3 +112,35 @@ def test_game_after_game_takes_no_more_memory() -> None:
     samples = list(evening(600, 6, sizes=((320, 240), (400, 300))))
     assert samples[-1].games == 4
     assert samples[-1].memory - samples[2].memory < 8.0, samples
+
+
+SAID = ("W" * 200, "漢字" * 50, "😀" * 80, "a\u0301" * 60, "\u202eabc" * 20)
+SIZES = ((320, 240), (3840, 2160), (1, 1), (160, 120), (200, 1500), (3000, 130), (641, 359))
+
+
+def test_any_size_any_words_while_playing() -> None:
+    """Its owner drags the edge all the time, and has a name of 40 wide letters."""
+    timer = Timer()
+    plan = Plan("multi_agent/01", clock=Clock.REALTIME, partner=BotKind.RANDOM, countdown=0.0)
+    game = LocalGame(plan, "漢" * 40, timer, None, prompt_partners)
+    display = Display(SIZES[0], headless=True)
+    window = Window(display=display, clock=timer)
+    try:
+        window.frame(game.source)
+        for number in range(4 * len(SIZES)):
+            timer.now += 0.2
+            resize(display, SIZES[number % len(SIZES)])
+            game.source.say(SAID[number % len(SAID)])
+            view = game.source.view()
+            for action in view.state.actions(view.me or "")[-1:]:
+                game.source.act(action)
+            key = (pygame.K_TAB, pygame.K_h, pygame.K_t, pygame.K_ESCAPE)[number % 4]
+            pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))
+            pos = (SIZES[number % len(SIZES)][0] // 3, 50)
+            moved = {"pos": pos, "rel": (0, 0), "buttons": (0, 0, 0)}
+            pygame.event.post(pygame.Event(pygame.MOUSEMOTION, moved))
+            window.frame(game.source)
+        assert window.drawn > 4 * len(SIZES)
+    finally:
+        display.close()
+        game.finish(over=False)
