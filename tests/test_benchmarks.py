@@ -168,3 +168,14 @@ def test_the_viewer_is_measured(
     monkeypatch.setattr(viewer, "SEEKS", 3)
     viewer.main(["--steps", "150"])
     assert "150 steps" in capsys.readouterr().out
+
+
+@pytest.mark.process
+@pytest.mark.slow
+def test_the_start_of_the_window_is_measured() -> None:
+    pytest.importorskip("pygame")
+    from benchmarks import startup
+
+    first, kitchen = startup.first_pictures(startup.COMMANDS["robotouille-client"])
+    assert first == kitchen
+    assert min(first) > 0
