@@ -135,7 +135,7 @@ class ClientProtocol(Generic[G]):
         if self.state is not ClientState.GREETING:
             self.close(f"the server's messages cannot be read: {error}", error)
             return
-        if isinstance(error, ProtocolError):
+        if isinstance(error, ProtocolError) and self.game is None:  # A game is told the code.
             words = f"{self.url} is of another version, or is not Robotouille's: {error}"
             error = ConnectionFailedError(words)
         self.close(str(error), error)
