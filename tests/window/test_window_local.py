@@ -107,6 +107,10 @@ def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain() -> N
     assert asked == ["I need the table with the bottom bun, please"]
     assert ("robot2", "table2", "robot1") in blocked
     assert sum(seat.rejected for seat in view.seats) <= 2
+    assert game.outcome is not None
+    shares = {seat["player"]: seat for seat in game.outcome["seats"]}
+    assert shares["robot2"]["waiting"] > 20, "it waited for the place: it did not idle"
+    assert shares["robot2"]["idle"] < 20
 
 
 def beside_a_person(task: str, max_steps: int, act: Callable[[LocalSource, View], None]) -> Beside:
