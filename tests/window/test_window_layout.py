@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pygame
 import pytest
 from tests.support.samples import first_quickly
@@ -31,10 +33,12 @@ def crowded(world: World) -> View:
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("task", ["multi_agent/10@4", "asynchronous/10", "workshop/02"])
-def test_nothing_in_the_panel_is_cut_off(size: tuple[int, int], task: str) -> None:
+@pytest.mark.parametrize("waiting", [False, True])
+def test_nothing_in_the_panel_is_cut_off(size: tuple[int, int], task: str, waiting: bool) -> None:
     world = World(task)
     painter, surface = Painter(), pygame.Surface(size)
-    painter.paint(surface, crowded(world))
+    view = replace(crowded(world), waits_for=world.players[::-1] if waiting else ())
+    painter.paint(surface, view)
     place = painter.layout(size, world)
     panel, margin = place.panel, place.text // 2
     for edge in (

@@ -122,7 +122,7 @@ class Panel:
             parts.append((name, colours.get(player, FAINT)))
         x, y, blank = area.x, area.y, self._text.width(" ", size)
         step = self._text.height(size)
-        room = area.width - self._text.width(",", size)
+        room = area.width - self._text.width(", …", size)
         for i, (name, colour) in enumerate(parts):
             comma = "," if 0 < i < len(parts) - 1 else ""
             words = self._text.fit(name, size, room) + comma
