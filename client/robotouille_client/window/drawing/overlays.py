@@ -46,7 +46,6 @@ class Overlays:
         poses: dict[str, Pose],
     ) -> list[pygame.Rect]:
         """All of it, the more urgent over the less; what that has covered."""
-        self._highlight(target, layout, stage, view.hover)
         return [
             *self._progress(target, layout, view, stage, poses),
             *self._states_of_players(target, layout, view, poses),
@@ -54,9 +53,10 @@ class Overlays:
 
     # The station under the mouse
 
-    def _highlight(
+    def highlight(
         self, target: pygame.Surface, layout: Layout, stage: Stage, hover: str | None
     ) -> None:
+        """Mark the station under the mouse; drawn below what stands on it and before it."""
         placed = stage.placed.get(hover or "")
         if placed is None or placed.tile is None:
             return

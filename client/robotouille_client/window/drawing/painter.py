@@ -85,6 +85,7 @@ class Painter:
         scene = self._scene(view, place)
         stage, poses = scene.stage, scene.poses
         surface.blit(self._kitchen.background(place, stage), (0, 0))
+        self._overlays.highlight(surface, place, stage, view.hover)
         self._kitchen.draw(surface, place, scene, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
         cards = self._interruptions.draw(surface, place, view)
