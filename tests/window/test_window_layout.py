@@ -11,6 +11,10 @@ from tests.support.samples import first_quickly
 from robotouille import World, task_names
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import layout
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.text_field import TextField
+from robotouille_client.window.forms.widgets import Button, Choice, Words
+from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import PANEL
 from robotouille_client.window.view import SeatView, View
 
@@ -71,3 +75,20 @@ def test_what_is_beside_a_kitchen_is_used() -> None:
     assert layout((2560, 1440), 7, 7).text == 2 * wide.text
     tall = layout((700, 900), 7, 7)
     assert tall.wall == tall.tile
+
+
+@pytest.mark.parametrize("size", [11, 24])
+@pytest.mark.parametrize("words", ["W" * 200, "厨房の" * 60, "مريم " * 40, "e\u0301" * 200])
+def test_no_words_leave_a_form(size: int, words: str) -> None:
+    rows = (
+        Words(words), Button(words, 1), Choice(words, [(words, 1), ("no", 2)]),
+        Choice("Look", [(words, 1)]), TextField("Name", words, 400),
+    )  # fmt: skip
+    surface = pygame.Surface((400, 900))
+    surface.fill("red")
+    area = pygame.Rect(40, 40, 320, 820)
+    form = Form(words, rows)
+    form.message = words
+    form.draw(surface, area, Typesetter(), size)
+    for edge in ((0, 0, 40, 900), (360, 0, 40, 900), (0, 0, 400, 40), (0, 860, 400, 40)):
+        assert pygame.transform.average_color(surface, edge)[:3] == (255, 0, 0)
