@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robotouille.replay import read_recording
-from robotouille_server.rooms.seats.round_trips import RoundTrips
+from robotouille_server.rooms.seats.round_trips import LOOK_SECONDS, RoundTrips, told_latency
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -26,6 +26,46 @@ def test_what_has_changed_enough_is_recorded(course: list[float], recorded: list
     trips = RoundTrips()
     assert [seconds for seconds in course if trips.changed("robot1", seconds)] == recorded
     assert trips.changed("robot2", course[-1])
+
+
+@pytest.mark.parametrize(
+    ("course", "told"),
+    [
+        ([0.02, 0.05, 0.03], [0, 0, 0]),
+        ([0.06, 0.09, 0.11, 0.14], [50, 50, 100, 100]),
+        ([0.42, 0.33, 0.29, 0.02], [400, 400, 300, 0]),
+    ],
+)
+def test_others_are_told_of_a_round_trip_that_has_changed_much(
+    course: list[float], told: list[int]
+) -> None:
+    said = [0]
+    for seconds in course:
+        said.append(told_latency(seconds, said[-1]))
+    assert said[1:] == told
+
+
+def test_everybody_is_told_who_is_far_away_until_they_are_gone(tmp_path: Path) -> None:
+    async def main() -> list[list[int]]:
+        async with serving(tmp_path) as server, raw(server) as ada, raw(server) as ben:
+            options = {"task": "multi_agent/01", "clock": "realtime", "step_rate": 1}
+            created = await ada.ask({"type": "create", **options}, "created")
+            for person in (ada, ben):
+                await person.ask({"type": "join", "episode": created["code"]}, "joined")
+            room = server.lobby.find(created["code"])
+            (peer,) = (session.peer for session in room.members if session.player == "robot1")
+            assert peer is not None
+            peer.socket.latency = 0.38
+            await asyncio.sleep(LOOK_SECONDS + 2)
+            await ada.socket.close()
+            told = []
+            while not told or told[-1] != [0, 0] or [400, 0] not in told:
+                roster = await ben.expect("roster")
+                told.append([seat.get("latency_ms", 0) for seat in roster["seats"]])
+            return told
+
+    told = run(main())
+    assert told.count([400, 0]) == 1 and told[-1] == [0, 0]
 
 
 def test_a_recording_says_what_time_it_was_and_how_far_away_the_players_were(

@@ -88,6 +88,7 @@ def scene(
 
 
 AWAY = SeatView("robot2", "Ben", connected=False, stand_in="astar")
+FAR = SeatView("robot2", "Ben", latency_ms=350)
 KEYS = (("WASD", "walk"), ("Tab", "all actions"), ("H", "help"))
 CHOICES = tuple(f"Go to table {number}" for number in range(1, 9))
 MOMENTS: dict[str, dict[str, Any]] = {
@@ -97,6 +98,7 @@ MOMENTS: dict[str, dict[str, Any]] = {
     "blocked": {"blocked": (("robot2", "stove1", "robot1"),)},
     "waited-for": {"waits_for": ("robot2",)},
     "away": {"seats": (SeatView("robot1", "Ada"), AWAY)},
+    "far": {"seats": (SeatView("robot1", "Ada"), FAR), "size": (320, 240)},
     "paused": {"pause": PauseView("Ben's connection is lost", "It goes on when he is back.", 22)},
     "offline": {"offline": 7.0},
     "farewell": {"farewell": FarewellView("You were sent out", "The operator has done that.")},

@@ -157,6 +157,10 @@ def test_seats_show_who_is_there_who_is_away_and_who_stands_in(tmp_path: Path) -
             await at.bob.client.connected.wait()
             await asyncio.sleep(0.1)
             assert at.source.view().seats[1].moved_by == "human"
+            at.room.members[0].latency_ms = 250
+            at.room.broadcaster.publish_roster()
+            await asyncio.sleep(0.1)
+            assert [seat.latency_ms for seat in at.source.view().seats] == [250, 0]
         async with table(tmp_path / "wait", absence="wait", grace=5.0) as at:
             at.bob.pull()
             await asyncio.sleep(0.1)

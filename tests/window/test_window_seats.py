@@ -14,7 +14,7 @@ from robotouille.domain.rendering import rendering_of
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.kitchen.spots import hands
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.panel.seat_cards import SeatCards, status
+from robotouille_client.window.drawing.panel.seat_cards import SeatCards, latency_words, status
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.badges import SHAPES, badge
 from robotouille_client.window.pictures.colour_vision import DICHROMACIES, linear, simulated
@@ -159,3 +159,24 @@ def test_what_a_card_says_moves_nothing_below_it() -> None:
         for shown in (view, dataclasses.replace(view, waits_for=("robot2",)))
     }
     assert len(ends) == 1
+
+
+@pytest.mark.parametrize("size", [(320, 240), (480, 360), (1280, 720)])
+def test_a_card_says_how_far_away_somebody_is_who_is_slow(size: tuple[int, int]) -> None:
+    world, painter = World("multi_agent/01"), Painter()
+
+    def card(milliseconds: int) -> bytes:
+        seat = SeatView("robot1", "ada" * 9, latency_ms=milliseconds)
+        surface = pygame.Surface(size)
+        painter.paint(surface, View(world, world.initial, seats=(seat,), me="robot1"))
+        return pygame.image.tobytes(surface, "RGB")
+
+    near, slow, slower = map(card, (0, 200, 1500))
+    assert card(100) == near
+    assert len({near, slow, slower}) == 3
+
+
+def test_latency_is_told_in_few_letters() -> None:
+    assert [latency_words(each) for each in (150, 950, 1000, 12_450)] == [
+        "150 ms", "950 ms", "1.0 s", "12.4 s",
+    ]  # fmt: skip

@@ -35,6 +35,7 @@ class SeatView:
     """A seat of the episode: who plays it (`kind`: human, bot, …) and how that goes.
 
     `stand_in` is the bot that plays it while its participant is away; empty if none does.
+    `latency_ms` is how long a message takes to the participant and back, as far as that is known.
     """
 
     player: str
@@ -44,6 +45,7 @@ class SeatView:
     actions: int = 0
     rejected: int = 0
     stand_in: str = ""
+    latency_ms: int = 0
 
     @property
     def plate(self) -> str:

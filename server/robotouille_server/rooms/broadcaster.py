@@ -395,6 +395,7 @@ class Broadcaster:
         return None if starts_at is None else round(max(0.0, starts_at - self._now()), 3)
 
     def seats(self) -> list[messages.SeatInfo]:
+        latency = {p: session.latency_ms for session in self.members for p in session.players}
         return [
             messages.SeatInfo(
                 player=seat.player,
@@ -405,6 +406,7 @@ class Broadcaster:
                 acted=seat.tally.acted,
                 rejected=seat.tally.rejected,
                 ready=seat.ready,
+                latency_ms=latency.get(seat.player, 0),
             )
             for seat in self._episode.seats.values()
         ]

@@ -101,7 +101,7 @@ class Lobby:
             self._bot_scheduler,
         )
         self._inspection = Rounds(self._live, INSPECTION_SECONDS, _inspect)
-        self._round_trips = Rounds(self._live, LOOK_SECONDS, Room.record_round_trips)
+        self._round_trips = Rounds(self._live, LOOK_SECONDS, Room.look_at_round_trips)
         self._recovery: Recovery[Room] | None = None
         if storage is not None:
             now, seconds = self._host.timers.time, settings.recovery_seconds

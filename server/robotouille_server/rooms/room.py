@@ -26,7 +26,7 @@ from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings import Journal
 from robotouille_server.rooms.seats.action_requests import ActionRequests
 from robotouille_server.rooms.seats.display_names import DisplayNames
-from robotouille_server.rooms.seats.round_trips import RoundTrips
+from robotouille_server.rooms.seats.round_trips import RoundTrips, told_latency
 from robotouille_server.rooms.seats.seat_turnover import SeatTurnover
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
@@ -406,18 +406,32 @@ class Room:
         self.episode.substitute(player, action, self._now())
         self.flush()
 
-    def record_round_trips(self) -> bool:
-        """Record how long messages take to the players and back, where that has changed; whether
-        there was anything."""
+    def look_at_round_trips(self) -> bool:
+        """Record how long messages take to the players and back, where that has changed, and tell
+        everybody where it has changed much; whether there was anything."""
         if not self.episode.running or self._write_ahead.failing:
             return False
         measured = [
-            (player, session.peer.latency)
+            (session, session.peer.latency)
             for session in self.members
-            for player in session.players
-            if session.peer is not None and session.peer.latency > 0
+            if session.players and session.peer is not None and session.peer.latency > 0
         ]
-        changed = [one for one in measured if self._round_trips.changed(*one)]
+        told = self._tell_latencies(measured)
+        recorded = self._record_round_trips(measured)
+        return told or recorded
+
+    def _tell_latencies(self, measured: list[tuple[Session, float]]) -> bool:
+        before = [session.latency_ms for session, _ in measured]
+        for session, seconds in measured:
+            session.latency_ms = told_latency(seconds, session.latency_ms)
+        changed = before != [session.latency_ms for session, _ in measured]
+        if changed:
+            self.broadcaster.publish_roster()
+        return changed
+
+    def _record_round_trips(self, measured: list[tuple[Session, float]]) -> bool:
+        seats = [(player, seconds) for session, seconds in measured for player in session.players]
+        changed = [seat for seat in seats if self._round_trips.changed(*seat)]
         for player, seconds in changed:
             self.episode.note_round_trip(player, seconds, self._now())
         if changed:

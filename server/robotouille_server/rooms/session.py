@@ -58,7 +58,8 @@ class Session:
     for ever), `token_id` its id, and `once` says that nobody else may join with it.
     `players` are those that they play, in seat order; none for a spectator.
     `counted_connection` is the connection as limits count it; `earlier_bytes` came over those
-    before it, `recorded_bytes` are what it said and gave as reasons on record.
+    before it, `recorded_bytes` are what it said and gave as reasons on record. `latency_ms` is what
+    others are told of its connection.
     """
 
     __slots__ = (
@@ -71,6 +72,7 @@ class Session:
         "id",
         "kind",
         "known",
+        "latency_ms",
         "name",
         "once",
         "only_episode",
@@ -122,6 +124,7 @@ class Session:
         self.known: set[str] = set()
         self.away_since = 0.0
         self.earlier_bytes = self.recorded_bytes = 0
+        self.latency_ms = 0
 
     def disconnected(self) -> None:
         """The connection is gone; who comes back has another."""
@@ -129,6 +132,7 @@ class Session:
         if self.peer is not None:
             self.earlier_bytes += self.peer.received_bytes
         self.peer = None
+        self.latency_ms = 0
 
     @property
     def player(self) -> str | None:

@@ -96,6 +96,8 @@ class SeatInfo(FromServer):
 
     `controller` moves it at present: its participant (`human`, `bot`, `model`), nobody (`absent`)
     or a bot meanwhile (`stand-in`). Before the beginning, it waits for those who are not `ready`.
+    `latency_ms` is what a message takes to the participant and back, to 50 ms: 0 while that is
+    less, or not measured.
     """
 
     player: Identifier
@@ -106,6 +108,7 @@ class SeatInfo(FromServer):
     acted: int = 0
     rejected: int = 0
     ready: bool = True
+    latency_ms: int = 0
 
 
 class Why(FromServer):

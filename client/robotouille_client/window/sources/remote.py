@@ -171,8 +171,9 @@ class RemoteSource:
         by_bot = seat.controller == Controller.STAND_IN
         stand_in = str(self._game.clock.get("stand_in", "bot")) if by_bot else ""
         return SeatView(
-            seat.player, seat.name, seat.kind, seat.present, seat.acted, seat.rejected, stand_in
-        )
+            seat.player, seat.name, seat.kind, seat.present, seat.acted, seat.rejected, stand_in,
+            seat.latency_ms,
+        )  # fmt: skip
 
     def _pause(self) -> PauseView | None:
         game = self._game

@@ -1,13 +1,15 @@
-"""The round trips of participants, for recordings: measured beside the games."""
+"""The round trips of participants, recorded and told to the others: looked at beside the games."""
 
 from __future__ import annotations
 
-__all__ = ["LOOK_SECONDS", "RoundTrips"]
+__all__ = ["LOOK_SECONDS", "RoundTrips", "told_latency"]
 
 LOOK_SECONDS = 10.0
 """From the end of a round to the next one."""
 MIN_CHANGE, MAX_CHANGE = 0.001, 0.02
 """Seconds by which a round trip has to change at least; by which it may, before it is recorded."""
+TOLD_MS = 50
+"""What others are told is a multiple of this."""
 
 
 class RoundTrips:
@@ -28,3 +30,12 @@ class RoundTrips:
                 return False
         self._recorded[player] = seconds
         return True
+
+
+def told_latency(seconds: float, told: int) -> int:
+    """What others are told of a round trip, in milliseconds, where they were `told` something
+    before: that again, unless it has changed by more than 50 ms and by more than a quarter."""
+    milliseconds = seconds * 1000
+    if abs(milliseconds - told) <= max(TOLD_MS, told / 4):
+        return told
+    return round(milliseconds / TOLD_MS) * TOLD_MS

@@ -27,9 +27,10 @@ __all__ = ["SeatCards"]
 _FACE = 0.68
 """How much of a player's picture is shown, from the top: what it is told by."""
 
-
 _WIDE = 13
 """The width of a card, in heights of letters, from which there is room for more than a name."""
+_SLOW_MS = 150
+"""The latency from which on it is shown: most of a step, at the usual five a second."""
 
 
 class SeatCards:
@@ -87,24 +88,26 @@ class SeatCards:
             self._lamp(surface, seat, x + face.get_width(), card)
             x += face.get_width() + size // 3
         counts = self._counts(surface, card, seat, small) if wide else card.right
+        bottom = counts if wide and seat.rejected else card.right - size // 2
+        if seat.latency_ms >= _SLOW_MS:
+            counts = self._latency(surface, card, seat, min(counts, card.right - 6), layout)
         name = (seat.name or seat.player) + (" (you)" if mine else "")
         name = self._text.fit(name, size, counts - x - 6)
         ink = TEXT if seat.connected else FAINT
         words, colour = status(seat, view)
         if layout.compact:
-            self._line(surface, card, x, (name, words), (ink, colour), layout)
+            line = pygame.Rect(x, card.y, counts - size // 2 - x, card.height)
+            self._line(surface, line, (name, words), (ink, colour), layout)
             return
         top = card.centery - (self._text.height(size) + self._text.height(small)) // 2 + 1
         surface.blit(self._text.line(name, size, ink), (x, top))
-        room = counts if wide and seat.rejected else card.right - size // 2
-        words = self._text.fit(words, small, room - x - 6)
+        words = self._text.fit(words, small, bottom - x - 6)
         surface.blit(self._text.line(words, small, colour), (x, top + self._text.height(size)))
 
     def _line(
         self,
         surface: pygame.Surface,
-        card: pygame.Rect,
-        x: int,
+        line: pygame.Rect,
         words: tuple[str, str],
         inks: tuple[Colour, Colour],
         layout: Layout,
@@ -112,12 +115,25 @@ class SeatCards:
         """A name, and beside it what holds its player up, where there is room for that."""
         size, small = layout.text, max(10, round(layout.text * 0.78))
         drawn = self._text.line(words[0], size, inks[0])
-        surface.blit(drawn, drawn.get_rect(midleft=(x, card.centery)))
-        x += drawn.get_width() + size // 2
-        room = card.right - x - size // 2
+        surface.blit(drawn, drawn.get_rect(midleft=line.midleft))
+        x = line.x + drawn.get_width() + size // 2
+        room = line.right - x
         if inks[1] != FAINT and room > 3 * size:
             drawn = self._text.line(self._text.fit(words[1], small, room), small, inks[1])
-            surface.blit(drawn, drawn.get_rect(midleft=(x, card.centery)))
+            surface.blit(drawn, drawn.get_rect(midleft=(x, line.centery)))
+
+    def _latency(
+        self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, right: int, layout: Layout
+    ) -> int:
+        """How far away a participant is, beside the name and before `right`; its left edge."""
+        words = self._text.line(
+            latency_words(seat.latency_ms), max(10, round(layout.text * 0.78)), FAINT
+        )
+        place = words.get_rect(midright=(right - layout.text // 3, card.centery))
+        if not layout.compact:
+            place.top = card.y + layout.text // 2
+        surface.blit(words, place)
+        return place.left
 
     def _lamp(self, surface: pygame.Surface, seat: SeatView, x: int, card: pygame.Rect) -> None:
         light = _light(seat)
@@ -175,6 +191,11 @@ def status(seat: SeatView, view: View) -> tuple[str, Colour]:
         return "thinks", ACCENT
     words = seat.moved_by if seat.name == seat.player else f"{seat.player} · {seat.moved_by}"
     return words, FAINT
+
+
+def latency_words(milliseconds: int) -> str:
+    """How far away somebody is: `250 ms`, `1.5 s`."""
+    return f"{milliseconds} ms" if milliseconds < 1000 else f"{milliseconds / 1000:.1f} s"
 
 
 def _deciding(seat: SeatView) -> str:
