@@ -28,7 +28,7 @@ from tools.contact_sheet import sheet
 from robotouille import State, Task, World, load_task, task_names
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
+from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 from tests.support.viewer_pictures import VIEWER_SIZES, viewer_picture
 
@@ -111,7 +111,7 @@ MOMENTS: dict[str, dict[str, Any]] = {
     "hands": {
         "ui": UiOverlay(
             prompt="Nothing to do here", keys=KEYS, choices=CHOICES, chosen=2, more="9 more",
-            mark=Mark("stove1", "refused"),
+            mark=ActionMark("stove1", "refused"),
         )
     },
     "typing": {"ui": UiOverlay(typing="I shall take the pot")},

@@ -20,7 +20,7 @@ from robotouille.domain.rendering import NO_WORDS, language_of, read_language
 from robotouille_client.window.controls import Controls
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.picker import Entry, Picker, Told
+from robotouille_client.window.forms.picker import Picker, PickerEntry, Told
 from robotouille_client.window.forms.repeats import FIRST, NEXT
 from robotouille_client.window.forms.screen import Screen, text_size
 from robotouille_client.window.forms.text_field import TextField
@@ -92,7 +92,7 @@ def test_a_task_is_found_by_typing_and_taken_by_enter(display: Display) -> None:
     assert form.focused.answer == "synchronous/01_cheese_sandwich"
     post("Lettuce bur")
     follow(form)
-    found = [row.answer for row in form.rows if isinstance(row, Entry)]
+    found = [row.answer for row in form.rows if isinstance(row, PickerEntry)]
     assert BURGER in found
     assert len(found) < 10
     post("ger multi")
@@ -114,7 +114,7 @@ def test_what_is_typed_is_erased_and_escape_forgets_it_first(display: Display) -
     post(pygame.K_ESCAPE)
     follow(form)
     assert (form.typed, form.result) == ("", None)
-    assert sum(isinstance(row, Entry) for row in form.rows) == len(task_names())
+    assert sum(isinstance(row, PickerEntry) for row in form.rows) == len(task_names())
     post(pygame.K_ESCAPE)
     follow(form)
     assert form.result == "back"
@@ -179,7 +179,7 @@ def test_pictures_and_lengths_come_when_nobody_types(display: Display) -> None:
     form = TaskPicker(Settings(best=best), BURGER).form
     drawn(form, (800, 600))
     row = form.focused
-    assert isinstance(row, Entry)
+    assert isinstance(row, PickerEntry)
     assert row.picture is not None
     assert row.picture((200, 200)) is None, "no key has to wait for it"
     assert row.told() == Told("01 Lettuce burger", "for 2 to 4 · done in 40")

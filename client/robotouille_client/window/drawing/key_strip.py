@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pygame
 
-from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
+from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Stage
 from robotouille_client.window.pictures.shapes import box
@@ -49,7 +49,7 @@ class KeyStrip:
             self._keys(target, layout, ui_overlay)
         self._list(target, layout, ui_overlay)
 
-    def _mark(self, target: pygame.Surface, layout: Layout, stage: Stage, mark: Mark) -> None:
+    def _mark(self, target: pygame.Surface, layout: Layout, stage: Stage, mark: ActionMark) -> None:
         placed = stage.placed.get(mark.station)
         if placed is None or placed.tile is None:
             return

@@ -37,12 +37,10 @@ class Notices:
 
     def reserved(self, layout: Layout, view: View, ui_overlay: UiOverlay) -> list[pygame.Rect]:
         """Where the outcome and the line below the kitchen will be."""
-        typing = [self._typing_area(layout)] if ui_overlay.typing is not None else []
-        return (
-            [*typing, self._band(layout, self._lines(layout, view.outcome))]
-            if (view.outcome)
-            else typing
-        )
+        areas = [self._typing_area(layout)] if ui_overlay.typing is not None else []
+        if view.outcome:
+            areas.append(self._band(layout, self._lines(layout, view.outcome)))
+        return areas
 
     def _lines(self, layout: Layout, outcome: str) -> tuple[str, ...]:
         size = _large(layout)

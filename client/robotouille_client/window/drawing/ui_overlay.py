@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Mark", "UiOverlay"]
+__all__ = ["ActionMark", "UiOverlay"]
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class ActionMark:
     """The station that the owner's newest action is about, and what became of the action."""
 
     station: str
@@ -37,7 +37,7 @@ class UiOverlay:
     hints: tuple[tuple[str, str], ...] = ()
     keys: tuple[tuple[str, str], ...] = ()
     queued: tuple[str, ...] = ()
-    mark: Mark | None = None
+    mark: ActionMark | None = None
     choices: tuple[str, ...] | None = None
     chosen: int = 0
     more: str = ""

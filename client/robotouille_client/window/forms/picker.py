@@ -14,7 +14,7 @@ from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, CARD, FAINT, INK, TEXT, TRACK, mixed
 
-__all__ = ["Entry", "Picker", "Told"]
+__all__ = ["Picker", "PickerEntry", "Told"]
 
 WIDTH, BESIDE = 64, 24
 """Of all of it, and of what is told of the one with the focus, in letters' heights."""
@@ -30,7 +30,7 @@ class Told(NamedTuple):
     detail: str = ""
 
 
-class Entry(Row):
+class PickerEntry(Row):
     """Something to pick: `answer`.
 
     Args:
@@ -98,7 +98,7 @@ class Picker(Form):
     def __init__(
         self,
         title: str,
-        entries: Sequence[Entry],
+        entries: Sequence[PickerEntry],
         ends: Sequence[Row],
         *,
         chosen: object = None,
@@ -165,12 +165,12 @@ class Picker(Form):
         """Move the focus to the first entry of the group before, or after, its own."""
         firsts: dict[str, Row] = {}
         for row in self.rows:
-            if isinstance(row, Entry):
+            if isinstance(row, PickerEntry):
                 firsts.setdefault(row.group, row)
         groups, here = list(firsts), self.focused
         if not groups:
             return
-        at = groups.index(here.group) + step if isinstance(here, Entry) else min(0, step)
+        at = groups.index(here.group) + step if isinstance(here, PickerEntry) else min(0, step)
         self.focus(firsts[groups[at % len(groups)]])
 
     # Drawing
@@ -179,7 +179,7 @@ class Picker(Form):
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
     ) -> pygame.Rect:
         left = super()._draw_title(target, area, text, size)
-        found = sum(isinstance(row, Entry) for row in self.rows)
+        found = sum(isinstance(row, PickerEntry) for row in self.rows)
         words = f"Search: {self.typed}|   {found} found" if self.typed else "Type to search"
         line = text.line(text.fit(words, size, left.width), size, TEXT if self.typed else FAINT)
         target.blit(line, left.topleft)
@@ -192,7 +192,7 @@ class Picker(Form):
         row, width = self.focused, BESIDE * size
         if area.width < 2 * width:
             return 0
-        if not isinstance(row, Entry):
+        if not isinstance(row, PickerEntry):
             return width
         x, y = area.right - width, area.y
         if row.picture is not None:

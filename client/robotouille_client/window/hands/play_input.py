@@ -12,7 +12,7 @@ from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.controls import Button, Controls
-from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
+from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.hands.chat_line import ChatLine
 from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap, key_words
 from robotouille_client.window.hands.hands import MAX_CHOICES, Hands
@@ -294,15 +294,15 @@ class PlayInput:
         letters = [keys.keys(c)[0] for c in order if keys.keys(c) and keys.keys(c)[0] not in bound]
         return "".join(letters).upper() if len(letters) == 4 else "Arrows"
 
-    def _mark(self, view: View) -> Mark | None:
+    def _mark(self, view: View) -> ActionMark | None:
         if self.hands.choices:
             there = destination(self.hands.choices[self.hands.chosen])
-            return Mark(there, "asked") if there else None
+            return ActionMark(there, "asked") if there else None
         sent = self.hands.queue.sent  # Once: it is over when its time is.
         if view.me is None or sent is None:
             return None
         station = self.hands.target(view.state, view.me)
-        return Mark(station, sent.fate) if station else None
+        return ActionMark(station, sent.fate) if station else None
 
     def _choices(self, view: View) -> tuple[tuple[str, ...] | None, str]:
         actions = self.hands.choices

@@ -13,7 +13,7 @@ from robotouille.world.scene import Placed
 from robotouille.world.world import World
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 
-__all__ = ["Dish", "Layer", "Progress", "dishes", "progress"]
+__all__ = ["Dish", "Layer", "LayerProgress", "dishes", "progress"]
 
 Variable = int | str
 
@@ -41,7 +41,7 @@ class Dish:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class LayerProgress:
     """How far a layer is: the share of what had to be done for it, and whether it is `settled`.
 
     That is one that is as it is to be, with all below it: nothing of it has to be undone. A layer
@@ -53,7 +53,9 @@ class Progress:
     settled: bool
 
 
-def progress(dish: Dish, holding: Sequence[bool], at_first: Sequence[bool]) -> tuple[Progress, ...]:
+def progress(
+    dish: Dish, holding: Sequence[bool], at_first: Sequence[bool]
+) -> tuple[LayerProgress, ...]:
     """How far each layer of a dish is, by the terms that hold now and at the start of a game.
 
     A layer about which the goal says nothing is settled with the whole dish.
@@ -72,7 +74,7 @@ def progress(dish: Dish, holding: Sequence[bool], at_first: Sequence[bool]) -> t
         to_do = [n for n in each.terms if not at_first[n]]
         done = sum(holding[n] for n in to_do)
         settled = whole or (fine and (bool(to_do) or begun))
-        found.append(Progress(1.0 if settled else done / max(1, len(to_do)), settled))
+        found.append(LayerProgress(1.0 if settled else done / max(1, len(to_do)), settled))
     return tuple(found)
 
 

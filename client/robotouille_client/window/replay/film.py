@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
+
+import pygame
 
 from robotouille.errors import RobotouilleError
 from robotouille.world.world import State
@@ -71,7 +73,7 @@ def filming(
     if output.suffix.lower() not in VIDEOS:
         endings = " or ".join(VIDEOS)
         raise RobotouilleError(f"a video's name ends in {endings}, found {output.name!r}")
-    fps = GIF_FPS if output.suffix == ".gif" else FPS
+    fps = GIF_FPS if output.suffix.lower() == ".gif" else FPS
     frames_per_step = max(1, round(fps / speed))
     ended = last == history.length and history.outcome is not None
     frames = frames_of(
@@ -87,7 +89,13 @@ def filming(
         rendering=look.rendering if look else rendering,
         pictures=look.pictures if look else None,
     )
-    total = (last - first + 1) * frames_per_step + 2 * fps
+    yield from _written(frames, output, fps, (last - first + 1) * frames_per_step + 2 * fps)
+
+
+def _written(
+    frames: Iterable[pygame.Surface], output: Path, fps: int, total: int
+) -> Iterator[tuple[int, int]]:
+    """Write frames beside where they are to be, and move the file there when it is whole."""
     draft = draft_of(output)
     try:
         for done in writing_video(draft, frames, fps):

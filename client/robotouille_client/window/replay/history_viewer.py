@@ -16,15 +16,11 @@ __all__ = ["HistoryViewer"]
 
 
 class HistoryViewer(ReplaySource):
-    """The source of such a window, and its `strip`; no steps to go, and no spans as videos.
+    """The source of such a window, and its `strip`; no steps to go, and no spans as videos."""
 
-    Args:
-        rate: Steps a second.
-    """
-
-    def __init__(self, history: History, rate: float, now: Callable[[], float]) -> None:
+    def __init__(self, history: History, now: Callable[[], float]) -> None:
         state = ViewerState(now)
-        playhead = Playhead(lambda: history.length, rate, now, first=history.first)
+        playhead = Playhead(lambda: history.length, history.rate, now, first=history.first)
         super().__init__(history, playhead, state)
         keys = ViewerKeys([history], playhead, state, now)
         self.strip = TimelineStrip(history, playhead, state, keys, StepsCurve())

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from robotouille.domain.rendering import Language
-from robotouille.episode import Clock
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_client.game import Game
 from robotouille_client.window.replay.history.live import LiveHistory
@@ -23,8 +22,6 @@ __all__ = ["Spectator"]
 
 _BEFORE = "This was before; End goes back to live"
 _OVER = "This was before. The game is over: End shows how it ended"
-DEFAULT_RATE = 5.0
-"""Steps a second in which a game is seen again whose steps waited for decisions."""
 
 
 class Spectator:
@@ -39,10 +36,9 @@ class Spectator:
     ) -> None:
         self.history = LiveHistory(game, now)
         self._remote = RemoteSource(game, now, connected, language, self.history.observe)
-        real_time = game.clock.get("clock") == Clock.REALTIME
         self.playhead = Playhead(
             lambda: self.history.length,
-            float(game.clock["step_rate"]) if real_time else DEFAULT_RATE,
+            self.history.rate,
             now,
             first=self.history.first,
             live=True,

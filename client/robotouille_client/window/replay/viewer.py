@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pygame
 
-from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
 from robotouille_client.window import parse_size, require_screen
@@ -32,8 +31,6 @@ from robotouille_client.window.window import STAY, Window
 __all__ = ["ReplayCards", "Viewer", "watch"]
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
-DEFAULT_RATE = 5.0
-"""Steps a second of recordings in which steps waited for decisions."""
 
 
 def watch(
@@ -128,7 +125,7 @@ class Viewer(ReplaySource):
         self._path = recordings[0][0]
         self.histories = [RecordedHistory(recording) for _, recording in recordings]
         self.state = ViewerState(now)
-        self.playhead = Playhead(self._length, rate or _recorded_rate(recordings[0][1]), now)
+        self.playhead = Playhead(self._length, rate or self.histories[0].rate, now)
         titles = [path.name if len(recordings) > 1 else "" for path, _ in recordings]
         super().__init__(self.histories[0], self.playhead, self.state, titles[0])
         curves = [StepsCurve() for _ in recordings]
@@ -207,12 +204,6 @@ class Viewer(ReplaySource):
             self.state.tell(f"No picture: {folder} cannot be written to: {error}")
         else:
             self.state.tell(f"Picture saved: {path}")
-
-
-def _recorded_rate(recording: Recording) -> float:
-    rules = recording.header["rules"]
-    rate = rules.get("step_rate") if rules["clock"] == Clock.REALTIME else None
-    return float(rate) if isinstance(rate, (int, float)) and rate > 0 else DEFAULT_RATE
 
 
 def _check(recordings: Sequence[tuple[Path, Recording]]) -> None:

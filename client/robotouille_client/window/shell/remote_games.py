@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from robotouille.episode import Clock
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.error_codes import ErrorCode
+from robotouille.protocol.message_parts import EpisodeInfo
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
 from robotouille_client.game import Game
@@ -35,8 +35,6 @@ __all__ = ["RemoteGames"]
 T = TypeVar("T")
 
 PLAY_AGAIN = "The others play again: so can you."
-STEPS_A_SECOND = 5.0
-"""In which a game is seen again whose steps waited for decisions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +105,9 @@ class RemoteGames:
             answer = await self._stage.ask(form)
             if answer == "back":
                 return None
-            if answer != "again":
-                full = all(seat.name for seat in answer.seats)  # type: ignore[attr-defined]
-                return await self.join(answer.code, watch=full)  # type: ignore[attr-defined]
+            if isinstance(answer, EpisodeInfo):
+                full = all(seat.name for seat in answer.seats)
+                return await self.join(answer.code, watch=full)
 
     async def join(
         self,
@@ -166,7 +164,7 @@ class RemoteGames:
         )
         caption = f"Robotouille {game.code}"
         answer = await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
-        watch = partial(self._replays.watch_seen, history, look, _rate(game))
+        watch = partial(self._replays.watch_seen, history, look)
         save = partial(self._save, game, history, look)
         while True:
             answer = await self._replays.review(answer, cards, watch, save)
@@ -219,9 +217,3 @@ class RemoteGames:
 
     def _address(self, url: str | None) -> str:
         return server_url(url or self._stage.settings.server, "", 0)
-
-
-def _rate(game: Game) -> float:
-    """The steps a second in which a game is seen again."""
-    rate = game.clock.get("step_rate") if game.clock.get("clock") == Clock.REALTIME else None
-    return float(rate or STEPS_A_SECOND)

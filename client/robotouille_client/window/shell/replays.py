@@ -98,12 +98,12 @@ class Replays:
         finally:
             viewer.close()
 
-    async def watch_seen(self, history: History, look: KitchenLook | None, rate: float) -> None:
-        """Watch what was seen of a game, at a number of steps a second."""
+    async def watch_seen(self, history: History, look: KitchenLook | None) -> None:
+        """Watch what was seen of a game."""
         from robotouille_client.window.replay.history_viewer import HistoryViewer
         from robotouille_client.window.replay.viewer import ReplayCards
 
-        viewer = HistoryViewer(history, rate, self._stage.clock)
+        viewer = HistoryViewer(history, self._stage.clock)
         window = self._stage.window(ReplayCards(), look=look, strip=viewer.strip)
         await self._stage.watched(window, viewer)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from robotouille.world.world import State
 
-__all__ = ["MAX_DELAY", "MAX_RATE", "Playout", "Shown"]
+__all__ = ["MAX_DELAY", "MAX_RATE", "Playout", "ShownStep"]
 
 MAX_DELAY = 0.25
 """Seconds for which a step is held back at most, so that others may come later than it did."""
@@ -30,7 +30,7 @@ MIN_RATE, MAX_RATE = 0.5, 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ShownStep:
     """A step, its states, and how much of its period has passed on the screen."""
 
     step: int
@@ -48,7 +48,7 @@ class Playout:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self._steps: deque[Shown] = deque()
+        self._steps: deque[ShownStep] = deque()
         self._offsets: deque[float] = deque(maxlen=REMEMBERED)
         self._position = 0.0
         self._looked = 0.0
@@ -65,7 +65,7 @@ class Playout:
         if not self._steps:
             self._offsets.clear()
             self._position = float(step)
-        self._steps.append(Shown(step, state, previous))
+        self._steps.append(ShownStep(step, state, previous))
 
     def arrived(self, step: int, at: float) -> None:
         """When a step arrived, in seconds."""
@@ -76,7 +76,7 @@ class Playout:
             self._looked = max(self._looked, at)
         self._offsets.append(offset)
 
-    def at(self, now: float) -> Shown | None:
+    def at(self, now: float) -> ShownStep | None:
         """What is to be shown now; None before anything is known."""
         if not self._steps:
             return None
@@ -85,7 +85,7 @@ class Playout:
             self._steps.popleft()
         shown = self._steps[0]
         phase = min(1.0, max(0.0, self._position - shown.step))
-        return Shown(shown.step, shown.state, shown.previous, phase)
+        return ShownStep(shown.step, shown.state, shown.previous, phase)
 
     def _go_on(self, now: float) -> None:
         passed, self._looked = max(0.0, now - self._looked), max(self._looked, now)

@@ -26,7 +26,7 @@ from robotouille_client.sansio.game_events import (
 )
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
-from robotouille_client.window.sources.playout import Playout, Shown
+from robotouille_client.window.sources.playout import Playout, ShownStep
 from robotouille_client.window.sources.texts import (
     clock_words,
     comings_and_goings,
@@ -97,39 +97,14 @@ class RemoteSource:
         self._blockages = Blockages(now)
         self._countdown = _Countdown()
         self._seats: tuple[SeatInfo, ...] = ()
-        self._shown = Shown(game.step, game.state, None) if game.has_state else None
+        self._shown = ShownStep(game.step, game.state, None) if game.has_state else None
         self._playout: Playout | None = None
         self._lost_at: float | None = None
         self._farewell: FarewellView | None = None
 
     def view(self) -> View:
-        game = self._game
-        for event in game.poll():
-            self._observe(event)
-            match event:
-                case Changed():
-                    self._take(event)
-                    self._show_rejections(event)
-                case Refused() if game.seat:
-                    say = partial(self._wording.reason, state=game.state)
-                    self._chat_log.rejected(game.seat, event.unmet, say)
-                    self._blockages.refused(game.seat, event.unmet, game.state)
-                case Heard():
-                    self._chat_log.said(event.name, event.seat, event.text)
-                    self._blockages.said(event.seat, event.text, game.state, self._wording)
-                case NotSaid():
-                    self._chat_log.happened(event.reason)
-                case RosterChanged():
-                    for news in comings_and_goings(self._seats, event.seats, game.seat):
-                        self._chat_log.happened(news)
-                    self._seats = event.seats
-                case Announced():
-                    self._chat_log.announced(event.text)
-                case Over() if not event.outcome:
-                    self._farewell = farewell(event.code, event.reason)
-                case _:
-                    pass
-        shown = self._moment()
+        self._take_events()
+        game, shown = self._game, self._moment()
         return View(
             world=game.world,
             state=shown.state,
@@ -157,6 +132,34 @@ class RemoteSource:
             offline=self._offline(),
             farewell=self._farewell,
         )
+
+    def _take_events(self) -> None:
+        game = self._game
+        for event in game.poll():
+            self._observe(event)
+            match event:
+                case Changed():
+                    self._take_step(event)
+                    self._show_rejections(event)
+                case Refused() if game.seat:
+                    say = partial(self._wording.reason, state=game.state)
+                    self._chat_log.rejected(game.seat, event.unmet, say)
+                    self._blockages.refused(game.seat, event.unmet, game.state)
+                case Heard():
+                    self._chat_log.said(event.name, event.seat, event.text)
+                    self._blockages.said(event.seat, event.text, game.state, self._wording)
+                case NotSaid():
+                    self._chat_log.happened(event.reason)
+                case RosterChanged():
+                    for news in comings_and_goings(self._seats, event.seats, game.seat):
+                        self._chat_log.happened(news)
+                    self._seats = event.seats
+                case Announced():
+                    self._chat_log.announced(event.text)
+                case Over() if not event.outcome:
+                    self._farewell = farewell(event.code, event.reason)
+                case _:
+                    pass
 
     @property
     def _wording(self) -> Wording:
@@ -217,10 +220,10 @@ class RemoteSource:
                 does = self._wording.action(action, event.state)
                 self._chat_log.rejected(player, only_words(f"too late to {does}"))
 
-    def _take(self, event: Changed) -> None:
+    def _take_step(self, event: Changed) -> None:
         """A step, or a state out of turn, has come."""
         period = self._period()
-        self._shown = Shown(event.step, event.state, event.previous)
+        self._shown = ShownStep(event.step, event.state, event.previous)
         if period is None:
             return
         if self._playout is None:
@@ -229,7 +232,7 @@ class RemoteSource:
         if event.step == self._game.step:
             self._playout.arrived(event.step, self._game.step_time)
 
-    def _moment(self) -> Shown:
+    def _moment(self) -> ShownStep:
         """What is to be seen now: in real time evenly, else the newest step as it came."""
         moment = self._playout.at(self._now()) if self._playout is not None else None
         if moment is not None:
@@ -237,7 +240,7 @@ class RemoteSource:
         game, newest = self._game, self._shown
         elapsed = self._now() - game.step_time
         phase = min(1.0, max(0.0, elapsed / (self._period() or GLIDE_SECONDS)))
-        return Shown(game.step, game.state, newest.previous if newest else None, phase)
+        return ShownStep(game.step, game.state, newest.previous if newest else None, phase)
 
     def _period(self) -> float | None:
         """The seconds of a step, if a clock says so."""

@@ -6,7 +6,7 @@ import pygame
 
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import Dish, Layer, Progress, dishes, progress
+from robotouille_client.window.pictures.dishes import Dish, Layer, LayerProgress, dishes, progress
 from robotouille_client.window.pictures.shapes import RING_STEPS, box, share_disc, tick
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -36,7 +36,7 @@ class Ticket:
         self._text = text
         self._dishes = dishes(view.world, resolver) or ()
         self._at_first = view.world.goal.holding(view.world.initial.facts)
-        self._rows: list[tuple[pygame.Rect, Layer, Progress]] = []
+        self._rows: list[tuple[pygame.Rect, Layer, LayerProgress]] = []
         self._holding: tuple[bool, ...] = ()
         self._prose = view.world.task.goal_description or "No goal is set."
 
@@ -47,7 +47,7 @@ class Ticket:
                 return (*self._conditions(layer, far), self._prose)
         return (self._prose,)
 
-    def _conditions(self, layer: Layer, far: Progress) -> tuple[str, ...]:
+    def _conditions(self, layer: Layer, far: LayerProgress) -> tuple[str, ...]:
         lines = []
         for number, says in zip(layer.terms, layer.conditions, strict=True):
             done = "Done" if far.settled or not self._at_first[number] else "Ready"
@@ -120,7 +120,7 @@ class Ticket:
                 words = self._text.line(layer.words, small, INK)
                 surface.blit(words, words.get_rect(midleft=(row.x + size + 6, row.centery)))
 
-    def _sign(self, far: Progress, side: int) -> pygame.Surface:
+    def _sign(self, far: LayerProgress, side: int) -> pygame.Surface:
         """A tick, or a disc that fills up with what is done."""
         if far.settled:
             return tick(side, DONE)

@@ -8,12 +8,26 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
+from robotouille.episode import Clock
 from robotouille.episode.tallies import Activity
 from robotouille.world.world import State, World
 from robotouille_client.window.view import SeatView
 
-__all__ = ["ACTIVITIES", "UNSEEN", "Entry", "EntryKind", "History", "Mark"]
+__all__ = [
+    "ACTIVITIES",
+    "DEFAULT_RATE",
+    "UNSEEN",
+    "Entry",
+    "EntryKind",
+    "History",
+    "Mark",
+    "recorded_rate",
+]
+
+DEFAULT_RATE = 5.0
+"""Steps a second at which a game is seen again whose steps waited for decisions."""
 
 ACTIVITIES = tuple(Activity)
 """A lane has one byte a step: the position of its activity here, or `UNSEEN`."""
@@ -74,10 +88,12 @@ class History(ABC):
 
     `fault` says why it ends where it does, if something is wrong with it. `times` are milliseconds
     since the game began, by step. `interludes` are what whoever watches should be told, and after
-    which step; `max_steps` is the limit that the game had.
+    which step; `max_steps` is the limit that the game had, `rate` the steps a second at which it is
+    seen again.
     """
 
     max_steps: int | None = None
+    rate: float = DEFAULT_RATE
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -153,3 +169,9 @@ class History(ABC):
             mark = Mark(entry.step, entry.kind, entry.player)
             if mark not in self.marks[-8:]:
                 self.marks.append(mark)
+
+
+def recorded_rate(rules: Mapping[str, Any]) -> float:
+    """The steps a second of a game with some rules: those of its clock, where that has any."""
+    rate = rules.get("step_rate") if rules.get("clock") == Clock.REALTIME else None
+    return float(rate) if isinstance(rate, int | float) and rate > 0 else DEFAULT_RATE

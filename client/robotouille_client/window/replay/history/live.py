@@ -18,7 +18,12 @@ from robotouille_client.sansio.game_events import (
     Refused,
     RosterChanged,
 )
-from robotouille_client.window.replay.history.history import Entry, EntryKind, History
+from robotouille_client.window.replay.history.history import (
+    Entry,
+    EntryKind,
+    History,
+    recorded_rate,
+)
 from robotouille_client.window.replay.history.spoken import Spoken
 from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.view import SeatView
@@ -52,6 +57,7 @@ class LiveHistory(History):
         self._turn = game.turn
         self._paused = False
         self.max_steps = game.clock.get("max_steps")
+        self.rate = recorded_rate(game.clock)
         self.first = game.step
         while self.length < game.step:
             self._add_step(0, {})
@@ -163,9 +169,8 @@ class LiveHistory(History):
         return {seat.player: seat.rejected for seat in self._game.seats}
 
     def _time(self) -> int:
-        clock = self._game.clock
-        if clock.get("clock") == Clock.REALTIME:
-            return round(1000 * (self.length + 1) / float(clock["step_rate"]))
+        if self._game.clock.get("clock") == Clock.REALTIME:
+            return round(1000 * (self.length + 1) / self.rate)
         return round(1000 * (self._now() - self._began))
 
 

@@ -20,7 +20,12 @@ from robotouille.replay.recording import Recording
 from robotouille.replay.timeline import interludes, note_words
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, Step, World
-from robotouille_client.window.replay.history.history import Entry, EntryKind, History
+from robotouille_client.window.replay.history.history import (
+    Entry,
+    EntryKind,
+    History,
+    recorded_rate,
+)
 from robotouille_client.window.replay.history.recorded_states import RecordedStates
 from robotouille_client.window.replay.history.spoken import Spoken
 from robotouille_client.window.sources.texts import outcome_words
@@ -62,6 +67,7 @@ class RecordedHistory(History):
         super().__init__(recording.world)
         self.recording = recording
         self.max_steps = recording.header["rules"]["max_steps"]
+        self.rate = recorded_rate(recording.header["rules"])
         self.states = RecordedStates(recording.world, recording.stream, recording.header["tables"])
         self._stand_in = str(recording.header["rules"].get("stand_in", "bot"))
         self._seatings: dict[str, Seating] = dict.fromkeys(self.world.players, Seating())

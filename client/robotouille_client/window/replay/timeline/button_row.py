@@ -13,13 +13,13 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, CARD, TEXT, TRACK, Colour
 from robotouille_client.window.replay.viewer_keys import ViewerKeys
 
-__all__ = ["ButtonRow", "Look"]
+__all__ = ["ButtonRow", "ButtonsLook"]
 
 
 _FINE = 4
 
 
-class Look(NamedTuple):
+class ButtonsLook(NamedTuple):
     """What buttons say by how they look: `lit` are the keys of those that are on."""
 
     playing: bool
@@ -72,7 +72,7 @@ class ButtonRow:
         area: pygame.Rect,
         text: Typesetter,
         size: int,
-        look: Look,
+        look: ButtonsLook,
     ) -> int:
         """The buttons from the left end of an area on; where they end. `size` is the text's."""
         shown = self._fitting(area.width, size)
@@ -128,7 +128,7 @@ def _needed(buttons: list[_Button], size: int) -> int:
 
 
 @lru_cache(maxsize=256)
-def _sign(key: int, side: int, colour: Colour, look: Look) -> pygame.Surface:
+def _sign(key: int, side: int, colour: Colour, look: ButtonsLook) -> pygame.Surface:
     """A smooth sign; do not draw on it, it is shared."""
     large = pygame.Surface((side * _FINE, side * _FINE), pygame.SRCALPHA)
     large.fill((*colour, 0))
@@ -139,7 +139,7 @@ def _sign(key: int, side: int, colour: Colour, look: Look) -> pygame.Surface:
     return pygame.transform.smoothscale(large, (side, side))
 
 
-def _play(target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
+def _play(target: pygame.Surface, area: pygame.Rect, look: ButtonsLook) -> None:
     """A round dot while it is live, two bars while it plays, a triangle while it does not."""
     if look.live:
         pygame.draw.circle(target, BAD, area.center, area.width // 2)

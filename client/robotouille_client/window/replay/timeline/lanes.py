@@ -12,7 +12,7 @@ from robotouille_client.window.replay.timeline.legend import (
     ACTIVITY_LOOKS,
     MARK_COLOURS,
     TRACK,
-    Look,
+    ActivityLook,
     draw_mark,
     textured,
 )
@@ -22,7 +22,7 @@ __all__ = ["Lanes"]
 
 _WIDE = 5
 """Pixels a step from which on steps are drawn one by one, with a gap."""
-_LOOKS = [*(ACTIVITY_LOOKS[activity] for activity in ACTIVITIES), Look(CARD, 0.0, "")]
+_LOOKS = [*(ACTIVITY_LOOKS[activity] for activity in ACTIVITIES), ActivityLook(CARD, 0.0, "")]
 """By the byte of a lane; nothing is drawn of what was not seen."""
 
 

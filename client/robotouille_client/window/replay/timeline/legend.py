@@ -29,7 +29,7 @@ __all__ = [
     "MARK_COLOURS",
     "MARK_WORDS",
     "TRACK",
-    "Look",
+    "ActivityLook",
     "draw_legend",
     "draw_mark",
     "textured",
@@ -39,7 +39,7 @@ TRACK: Colour = mixed(CARD, INK, 0.25)
 """Behind the lanes."""
 
 
-class Look(NamedTuple):
+class ActivityLook(NamedTuple):
     """How an activity is drawn: `height` is a share of the lane's; `pattern` the rows of a small
     picture that is repeated, in which `#` is darker. Colours, heights and patterns each say the
     same."""
@@ -55,13 +55,15 @@ class Look(NamedTuple):
         return mixed(self.colour, INK, 0.55)
 
 
-ACTIVITY_LOOKS: dict[Activity, Look] = {
-    Activity.ACTED: Look((148, 240, 160), 1.0, "acting"),
-    Activity.BUSY: Look((84, 98, 240), 0.72, "working", ("#...", "...#", "..#.", ".#..")),
-    Activity.WAITING: Look((200, 106, 56), 0.46, "waiting", ("#..", "#..", "#..")),
-    Activity.IDLE: Look((172, 168, 178), 0.2, "idle"),
-    Activity.AWAY: Look((84, 78, 92), 0.1, "away", ("##...",)),
-    Activity.SUBSTITUTED: Look((180, 146, 232), 0.72, "stand-in", ("....", "##..", "##..", "....")),
+ACTIVITY_LOOKS: dict[Activity, ActivityLook] = {
+    Activity.ACTED: ActivityLook((148, 240, 160), 1.0, "acting"),
+    Activity.BUSY: ActivityLook((84, 98, 240), 0.72, "working", ("#...", "...#", "..#.", ".#..")),
+    Activity.WAITING: ActivityLook((200, 106, 56), 0.46, "waiting", ("#..", "#..", "#..")),
+    Activity.IDLE: ActivityLook((172, 168, 178), 0.2, "idle"),
+    Activity.AWAY: ActivityLook((84, 78, 92), 0.1, "away", ("##...",)),
+    Activity.SUBSTITUTED: ActivityLook(
+        (180, 146, 232), 0.72, "stand-in", ("....", "##..", "##..", "....")
+    ),
 }
 MARK_COLOURS: dict[EntryKind, Colour] = {
     EntryKind.REJECTED: BAD,
@@ -86,7 +88,7 @@ OUTLINED = 9
 
 
 @lru_cache(maxsize=128)
-def textured(look: Look, size: tuple[int, int], fade: float = 0.0) -> pygame.Surface:
+def textured(look: ActivityLook, size: tuple[int, int], fade: float = 0.0) -> pygame.Surface:
     """An area in the look of an activity, mixed with so much of the ground; do not draw on it, it
     is shared."""
     surface = pygame.Surface(size)

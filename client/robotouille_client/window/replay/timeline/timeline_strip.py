@@ -9,7 +9,7 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, FAINT, INK, PANEL, PAPER, SEATS, TEXT
 from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.playhead import Playhead
-from robotouille_client.window.replay.timeline.button_row import ButtonRow, Look
+from robotouille_client.window.replay.timeline.button_row import ButtonRow, ButtonsLook
 from robotouille_client.window.replay.timeline.key_help import draw_key_help
 from robotouille_client.window.replay.timeline.lanes import Lanes
 from robotouille_client.window.replay.timeline.log_panel import LogPanel
@@ -151,7 +151,7 @@ class TimelineStrip:
         ended = history.outcome is not None and self._playhead.step >= history.length
         draw_readout(target, words, text, size, parts, ended=ended)
 
-    def _look(self) -> Look:
+    def _look(self) -> ButtonsLook:
         state = self._state
         on = {
             pygame.K_f: state.followed is not None, pygame.K_l: state.log,
@@ -160,7 +160,7 @@ class TimelineStrip:
         }  # fmt: skip
         lit = frozenset(key for key, is_on in on.items() if is_on)
         live = self._playhead.follows and self._history.outcome is None
-        return Look(self._playhead.playing, live, lit)
+        return ButtonsLook(self._playhead.playing, live, lit)
 
     def _place(self, area: pygame.Rect, size: int) -> None:
         """Work out where everything is."""

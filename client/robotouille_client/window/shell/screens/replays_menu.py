@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pygame import Surface
 
-from robotouille_client.window.forms.picker import Entry, Picker, Told
+from robotouille_client.window.forms.picker import Picker, PickerEntry, Told
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.screens.recording_summary import (
     RecordingSummary,
@@ -65,8 +65,8 @@ class ReplaysMenu:
         )
         self.form.message = message
 
-    def _entry(self, path: Path) -> Entry:
-        return Entry(
+    def _entry(self, path: Path) -> PickerEntry:
+        return PickerEntry(
             path,
             lambda: self._told(path),
             picture=lambda room: self._picture(path, room),

@@ -8,7 +8,7 @@ from functools import lru_cache
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.task import Task, Timing
-from robotouille_client.window.forms.picker import Entry, Picker, Told
+from robotouille_client.window.forms.picker import Picker, PickerEntry, Told
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.screens.thumbnails import Thumbnails
 from robotouille_client.window.shell.settings import Settings
@@ -36,8 +36,8 @@ class TaskPicker:
             idle=self._load,
         )
 
-    def _entry(self, name: str) -> Entry:
-        return Entry(
+    def _entry(self, name: str) -> PickerEntry:
+        return PickerEntry(
             name,
             lambda: Told(_dish(name), self._detail(name)),
             group=family_title(name),
