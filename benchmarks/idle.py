@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from robotouille_client.window.forms.display import Display
     from robotouille_client.window.sources.local import LocalSource
     from robotouille_client.window.view import Source
-    from robotouille_client.window.window import Window
 
 SIZE, SECONDS, SETTLING = (1280, 720), 4.0, 1.0
 AIM = 5.0
@@ -105,14 +105,12 @@ async def paused(display: Display) -> None:
     from robotouille_client.window.replay.viewer import Viewer
     from robotouille_client.window.window import Window
 
-    def window(size: object, **options: Any) -> Window:
-        options = {n: v for n, v in options.items() if n not in ("caption", "headless")}
-        return Window(display=display, **options)
-
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "game.rbt"
         path.write_bytes(recorded_game("multi_agent/07@4"))
-        viewer = Viewer([(path, read_recording(path))], make_window=window)
+        viewer = Viewer(
+            [(path, read_recording(path))], make_window=partial(Window, display=display)
+        )
         viewer.playhead.seek(20, playing=False)
         await viewer.window.run(viewer, linger=None)
 

@@ -9,6 +9,7 @@ import argparse
 import random
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 from tests.support.games import random_choice, record
@@ -18,6 +19,7 @@ from robotouille.episode import Clock, Episode, Event, Phase, Rules
 from robotouille.replay.container import compress
 from robotouille.replay.recording import read_recording
 from robotouille_client.window.replay.viewer import Viewer
+from robotouille_client.window.window import Window
 
 TASK = "multi_agent/07@4"
 SIZE = (1280, 720)
@@ -54,7 +56,7 @@ def main(arguments: list[str] | None = None) -> None:
         begun = time.process_time()
         recording = read_recording(path)
         read = time.process_time() - begun
-        viewer = Viewer([(path, recording)], size=SIZE, headless=True)
+        viewer = Viewer([(path, recording)], make_window=partial(Window, SIZE, headless=True))
         viewer.window.frame(viewer)
         opened = time.process_time() - begun
         begun = time.process_time()

@@ -11,6 +11,7 @@ import os
 import random
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -29,6 +30,7 @@ from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import read_recording
 from robotouille_client.window.replay.timeline.steps_curve import StepsKnown
 from robotouille_client.window.replay.viewer import Viewer
+from robotouille_client.window.window import Window
 
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "images" / "replay.png"
 TASK, SEED = "multi_agent/07@3", 5
@@ -97,7 +99,8 @@ def main(output: Path = PICTURE) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "game.rbt"
         path.write_bytes(compress(record()))
-        viewer = Viewer([(path, read_recording(path))], headless=True, now=lambda: 0.0)
+        make = partial(Window, headless=True)
+        viewer = Viewer([(path, read_recording(path))], now=lambda: 0.0, make_window=make)
         curve = viewer.strips[0].curve
         curve.begun = True
         for step, left in estimates(read_recording(path), EXPANSIONS, Deadline(600.0)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
 import subprocess
 from collections.abc import Iterator
@@ -11,13 +12,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pygame
+import pytest
 
 from robotouille_client import Game
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.view import SeatView, View
 
-__all__ = ["SIZE", "Likeness", "Screen", "likeness", "open_screen"]
+__all__ = ["REAL_INPUT", "SIZE", "Likeness", "Screen", "likeness", "open_screen"]
 
+REAL_INPUT = [
+    pytest.mark.browser,
+    pytest.mark.process,
+    pytest.mark.skipif(
+        shutil.which("Xvfb") is None or shutil.which("xdotool") is None,
+        reason="needs Xvfb and xdotool",
+    ),
+]
+"""The marks of tests with a mouse and keys of a virtual screen."""
 SIZE = (1280, 720)
 ALIKE = 12
 """Mean difference of a colour channel (of 255) up to which a tile counts as the same."""
@@ -41,11 +52,11 @@ class Screen:
 
 
 @contextmanager
-def open_screen(folder: Path) -> Iterator[Screen]:
+def open_screen(folder: Path, size: tuple[int, int] = SIZE) -> Iterator[Screen]:
     """A virtual screen; its pixels lie in an empty folder."""
     folder.mkdir(parents=True)
     reading, writing = os.pipe()
-    shape = f"{SIZE[0]}x{SIZE[1]}x24"
+    shape = f"{size[0]}x{size[1]}x24"
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(writing), "-screen", "0", shape, "-fbdir", str(folder),
          "-nolisten", "tcp"],

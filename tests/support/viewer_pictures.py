@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import pygame
@@ -13,6 +14,7 @@ from robotouille.replay.recording import Recording
 from robotouille_client.window.replay.timeline.steps_curve import StepsKnown
 from robotouille_client.window.replay.viewer import Viewer
 from robotouille_client.window.replay.viewer_state import Job
+from robotouille_client.window.window import Window
 from tests.support.games import record
 
 __all__ = ["VIEWER_SIZES", "eventful", "viewer_picture"]
@@ -71,7 +73,8 @@ def viewer_picture(size: tuple[int, int]) -> pygame.Surface:
     with tempfile.TemporaryDirectory() as folder:
         recording = Recording(eventful())
         path = Path(folder) / "eventful.rbt"
-        viewer = Viewer([(path, recording)], size=size, headless=True, now=lambda: 0.0)
+        make = partial(Window, size, headless=True)
+        viewer = Viewer([(path, recording)], now=lambda: 0.0, make_window=make)
         state, curve = viewer.state, viewer.strips[0].curve
         state.log, state.first, state.last = True, 5, 30
         state.followed = "robot2"

@@ -11,7 +11,8 @@ import pygame
 from robotouille import GroundAction, State, World
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import layout
-from robotouille_client.window.hands.commands import DIRECTIONS, Command
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.hands.walking import destination, towards
 from robotouille_client.window.view import Bubble, View
 from robotouille_client.window.window import Window
@@ -82,8 +83,9 @@ class Script:
 
 def at(world: World, station: str, size: tuple[int, int] = SIZE) -> tuple[int, int]:
     """The middle of a station in a window."""
-    problem = world.task.problem
-    return layout(size, problem.width, problem.height).cell(world.thing(station).tile).center
+    problem, tile = world.task.problem, world.thing(station).tile
+    assert tile is not None
+    return layout(size, problem.width, problem.height).cell(tile).center
 
 
 def press(window: Window, source: Script, *keys: int, mod: int = 0) -> None:
@@ -147,6 +149,12 @@ class Fingers:
             return
         self.ended = True
         pygame.event.post(pygame.Event(pygame.QUIT))
+
+
+def follow(form: Form) -> None:
+    """Give a form what was posted."""
+    for event in pygame.event.get():
+        form.handle(event, KeyMap())
 
 
 def post(*keys: int | str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pygame
 import pytest
-from tests.support.window_play import post
+from tests.support.window_play import follow, post
 
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -27,11 +27,6 @@ def display():  # type: ignore[no-untyped-def]
     pygame.event.clear()
     yield opened
     opened.close()
-
-
-def follow(form: Form) -> None:
-    for event in pygame.event.get():
-        form.handle(event, KEYS)
 
 
 def drawn(form: Form, area: pygame.Rect = AREA) -> pygame.Surface:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import pygame
 import pytest
-from tests.support.screens import SIZE, Screen, open_screen
+from tests.support.screens import REAL_INPUT, SIZE, Screen, open_screen
 
 from robotouille_client.window.forms.display import DESKTOPS
 
@@ -41,14 +40,7 @@ asyncio.run(Screen(display, sleep=sleep).ask(Form("Menu", [choice, Button("Quit"
 print("size", display.size, flush=True)
 """
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.process,
-    pytest.mark.skipif(
-        shutil.which("Xvfb") is None or shutil.which("xdotool") is None,
-        reason="needs Xvfb and xdotool",
-    ),
-]
+pytestmark = REAL_INPUT
 
 
 @pytest.fixture

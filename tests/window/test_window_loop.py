@@ -7,6 +7,7 @@ import dataclasses
 
 import pygame
 import pytest
+from tests.support.window_play import Timer
 
 from robotouille import GroundAction, State, Timing, World, load_task
 from robotouille_client.window.drawing.window_layout import layout
@@ -49,18 +50,6 @@ class Script:
 
     def wait(self) -> None:
         self.states.append(self.states[-1].step([]).state)
-
-
-class Timer:
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-    async def sleep(self, seconds: float) -> None:
-        self.now += seconds
-        await asyncio.sleep(0)
 
 
 @pytest.fixture

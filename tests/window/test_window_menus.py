@@ -12,7 +12,7 @@ from pathlib import Path
 import pygame
 import pytest
 from tests.support.golden_screens import SCREENS, proven_game
-from tests.support.window_play import post
+from tests.support.window_play import follow, post
 
 from robotouille import World
 from robotouille.domain.loading import task_names
@@ -38,7 +38,6 @@ from robotouille_client.window.shell.stage import Stage
 from robotouille_client.window.sources.task_titles import dish_title, task_title
 from robotouille_server.runtime.workers import plain_code
 
-KEYS = KeyMap()
 BURGER = "multi_agent/01_lettuce_burger"
 
 
@@ -49,11 +48,6 @@ def display() -> Iterator[Display]:
     pygame.event.clear()
     yield opened
     opened.close()
-
-
-def follow(form: Form) -> None:
-    for event in pygame.event.get():
-        form.handle(event, KEYS)
 
 
 def ctrl(key: int) -> None:

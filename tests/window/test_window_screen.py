@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.support.screens import REAL_INPUT, open_screen
 
 from robotouille import World
 from robotouille_client.window.drawing.window_layout import layout
@@ -41,34 +42,14 @@ window = Window((800, 600), caption="robotouille-test")
 asyncio.run(window.run(Game(), linger=0))
 """
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.process,
-    pytest.mark.skipif(
-        shutil.which("Xvfb") is None or shutil.which("xdotool") is None,
-        reason="needs Xvfb and xdotool",
-    ),
-]
+pytestmark = REAL_INPUT
 
 
 @pytest.fixture
-def screen():
+def screen(tmp_path: Path) -> Iterator[str]:
     """The name of a virtual screen of its own."""
-    read, write = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write), "-screen", "0", "800x600x24", "-nolisten", "tcp"],
-        pass_fds=(write,), stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    os.close(write)
-    try:
-        with os.fdopen(read) as pipe:
-            number = pipe.readline().strip()
-        if not number:
-            pytest.skip("Xvfb does not start here")
-        yield f":{number}"
-    finally:
-        server.terminate()
-        server.wait(10)
+    with open_screen(tmp_path / "pixels", (800, 600)) as opened:
+        yield opened.display
 
 
 def spot(name: str) -> list[str]:

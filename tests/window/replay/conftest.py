@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
 from tests.support.viewer_pictures import eventful
+from tests.support.window_play import Timer
 
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.window.replay.viewer import Viewer
-
-
-class Timer:
-    """A clock that stands still."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
+from robotouille_client.window.window import Window
 
 
 @pytest.fixture(scope="session")
@@ -48,7 +41,8 @@ def opened() -> Iterator[Callable[..., Viewer]]:
     def open_viewer(*paths: Path, size: tuple[int, int] = (1280, 720)) -> Viewer:
         timer = Timer()
         recordings = [(path, read_recording(path, damaged=True)) for path in paths]
-        viewer = Viewer(recordings, size=size, headless=True, now=timer)
+        make = partial(Window, size, headless=True)
+        viewer = Viewer(recordings, now=timer, make_window=make)
         viewer.timer = timer
         viewers.append(viewer)
         viewer.window.frame(viewer)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pygame
 import pytest
 from tests.support.games import recorded_game
+from tests.support.window_play import Timer
 from typer.testing import CliRunner
 
 from robotouille.certification.certificate import Deadline
@@ -75,16 +76,6 @@ def test_steps_in_words() -> None:
     assert StepsKnown(4, 6).words == "4 to 6 steps to go"
     assert StepsKnown(4, None).words == "at least 4 steps to go"
     assert StepsKnown(0, None, dead=True).words == "the goal is out of reach"
-
-
-class Timer:
-    """A clock that stands still."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def searching(path: Path) -> tuple[StepsSearch, StepsCurve, ViewerState, Timer]:

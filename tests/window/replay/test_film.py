@@ -41,6 +41,13 @@ def test_what_is_stopped_leaves_what_was_there(
     assert [path.read_bytes() for path in tmp_path.iterdir()] == ([before] if before else [])
 
 
+@pytest.mark.parametrize("ending", ["gif", "GIF"])
+def test_a_gif_has_fewer_frames(recording: Recording, tmp_path: Path, ending: str) -> None:
+    written = filming(RecordedHistory(recording), tmp_path / f"a.{ending}", 12, "160x120", (0, 3))
+    assert next(written)[1] == 4 + 24
+    written.close()
+
+
 def test_what_cannot_be_written_is_told(recording: Recording, tmp_path: Path) -> None:
     history = RecordedHistory(recording)
     with pytest.raises(RobotouilleError, match=r"film\.mp4: cannot be written: No such file"):

@@ -135,7 +135,8 @@ def test_every_button_says_what_it_does(opened: Opener, path: Path) -> None:
 @pytest.mark.parametrize("way", ["Esc", "Q", "button"])
 def test_one_leaves_after_a_question(path: Path, way: str) -> None:
     recordings = [(path, read_recording(path))]
-    viewer = Viewer(recordings, headless=True, make_window=partial(Window, cards=ReplayCards()))
+    make = partial(Window, headless=True, cards=ReplayCards())
+    viewer = Viewer(recordings, make_window=make)
     viewer.window.frame(viewer)
     if way == "button":
         click(viewer, button(viewer, pygame.K_q))

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import pygame
-import pytest
 from tests.support.golden_pictures import difference
-from tests.support.screens import SIZE, Screen, open_screen
+from tests.support.screens import REAL_INPUT, SIZE, Screen, open_screen
 
 from robotouille.replay.recording import read_recording
 from robotouille_client.window.replay.viewer import Viewer
+from robotouille_client.window.window import Window
 
 PROGRAM = """
 import asyncio, sys
@@ -46,14 +46,7 @@ finally:
     viewer.close()
 """
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.process,
-    pytest.mark.skipif(
-        shutil.which("Xvfb") is None or shutil.which("xdotool") is None,
-        reason="needs Xvfb and xdotool",
-    ),
-]
+pytestmark = REAL_INPUT
 
 
 class Desk:
@@ -122,7 +115,8 @@ def at_desk(path: Path, folder: Path) -> Iterator[Desk]:
 
 
 def test_mouse_and_keys_on_a_screen(path: Path, tmp_path: Path) -> None:
-    here = Viewer([(path, read_recording(path))], headless=True, now=lambda: 0.0)
+    make = partial(Window, headless=True)
+    here = Viewer([(path, read_recording(path))], now=lambda: 0.0, make_window=make)
     here.window.frame(here)
     strip = here.strips[0]
 

@@ -62,10 +62,14 @@ def watch(
     viewer = Viewer(
         recordings,
         rate,
-        size=parse_size(size),
-        headless=screenshot is not None,
         rendering=rendering,
-        make_window=partial(Window, cards=ReplayCards()),
+        make_window=partial(
+            Window,
+            parse_size(size),
+            headless=screenshot is not None,
+            rendering=rendering,
+            cards=ReplayCards(),
+        ),
     )
     if at:
         viewer.playhead.seek(at, playing=False)
@@ -106,6 +110,12 @@ class Viewer(ReplaySource):
     """A window on one or two recordings, and its source; each frame it looks after what is being
     worked out beside it.
 
+    Args:
+        rate: Steps a second; None: as it was recorded.
+        rendering: The name of the one to draw it with; else the domain's own.
+        make_window: Makes the window, given its caption, its strip and, for two recordings, what
+            paints them; with the same rendering.
+
     Raises:
         RobotouilleError: There are more than two, or two that cannot be shown side by side.
     """
@@ -115,8 +125,6 @@ class Viewer(ReplaySource):
         recordings: Sequence[tuple[Path, Recording]],
         rate: float | None = None,
         *,
-        size: tuple[int, int] = (1280, 720),
-        headless: bool = False,
         rendering: str = "",
         now: Callable[[], float] = time.monotonic,
         make_window: Callable[..., Window] = Window,
@@ -148,16 +156,11 @@ class Viewer(ReplaySource):
         ]
         caption = f"Robotouille: {recordings[0][1].task.name}"
         if alone:
-            strip = self.strips[0]
-            self.window = make_window(
-                size, caption=caption, headless=headless, strip=strip, rendering=rendering
-            )
+            self.window = make_window(caption=caption, strip=strips[0])
             return
         right = ReplaySource(self.histories[1], self.playhead, self.state, titles[1])
         self.window = make_window(
-            size,
             caption=caption,
-            headless=headless,
             strip=SideBySideStrip(strips[0], strips[1]),
             painter=SideBySidePainter(strips[0], strips[1], right.view, rendering),
         )

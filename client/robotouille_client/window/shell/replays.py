@@ -104,7 +104,9 @@ class Replays:
         from robotouille_client.window.replay.viewer import ReplayCards
 
         viewer = HistoryViewer(history, self._stage.clock)
-        window = self._stage.window(ReplayCards(), look=look, strip=viewer.strip)
+        window = self._stage.window(
+            ReplayCards(), caption=self._stage.display.caption, look=look, strip=viewer.strip
+        )
         await self._stage.watched(window, viewer)
 
     async def save(self, path: Path) -> None:

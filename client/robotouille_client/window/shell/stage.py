@@ -117,13 +117,11 @@ class Stage:
 
     async def show(self, source: Source, cards: Cards, *, caption: str, **options: Any) -> object:
         """Show a game; what was chosen in it at last."""
-        self.display.caption = caption
-        return await self.watched(self.window(cards, **options), source)
+        return await self.watched(self.window(cards, caption=caption, **options), source)
 
-    def window(self, cards: Cards, size: object = None, **options: Any) -> Window:
-        """A window in this display; sizes and captions are the display's own affair."""
-        for own in ("caption", "headless", "rendering"):
-            options.pop(own, None)
+    def window(self, cards: Cards, *, caption: str, **options: Any) -> Window:
+        """A window in this display, with the settings of its owner."""
+        self.display.caption = caption
         return Window(
             display=self.display,
             gamepads=self._gamepads,
