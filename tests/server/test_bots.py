@@ -13,8 +13,8 @@ from robotouille_server.rooms.substitutes import bots
 from robotouille_server.rooms.substitutes.bots import Bots, ObservedMove
 from tests.support.questions import question
 
-TASK = load_task("training/03_multi_agent@2")
-OTHERS = [load_task(f"multi_agent/0{number}") for number in (1, 2, 3)]
+TASK = load_task("multi_agent/01@2")
+OTHERS = [load_task(f"multi_agent/0{number}") for number in (2, 3, 4)]
 
 
 @pytest.fixture
@@ -34,8 +34,11 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
 def test_games_in_the_same_state_share_a_plan(searches: list[State]) -> None:
     here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
-    answers = {here.answer(TASK.digest, question(state, bot)) for bot in range(1, 101)}
-    assert len(answers) == len(searches) == 1
+    first = here.answer(TASK.digest, question(state))
+    searched = len(searches)
+    answers = {here.answer(TASK.digest, question(state, bot)) for bot in range(2, 101)}
+    assert answers == {first}
+    assert len(searches) == searched
 
 
 def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> None:
@@ -43,11 +46,11 @@ def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> No
     here.show(TASK)
     for player in ("robot1", "robot2", "robot1", "robot2"):
         here.learn(TASK.digest, player)
-    assert len(searches) == 2
+    assert len(searches) == 3, "one for each seat, and one as if robot1 made way for robot2"
     state = shared_world(TASK).initial
     here.answer(TASK.digest, question(state, 1, "robot1"))
     here.answer(TASK.digest, question(state, 2, "robot2"))
-    assert len(searches) == 2, "what was learnt is not used"
+    assert len(searches) == 3, "what was learnt is not used"
 
 
 def course(here: Bots, bot: int, steps: int) -> list[Any]:
@@ -93,8 +96,9 @@ def test_what_was_found_out_is_forgotten_when_it_is_much(
         state = start.step([start.actions("robot2")[bot]]).state
         here.answer(TASK.digest, question(state, bot))
         remembered.append(planner.searches)
-    assert remembered == [1, 2, 0, 1, 2, 0, 1]
-    assert len(searches) == 7
+    assert max(remembered) < 3
+    assert 0 in remembered
+    assert len(set(searches)) > 3
 
 
 def test_few_worlds_and_bots_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:

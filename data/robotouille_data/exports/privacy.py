@@ -22,7 +22,7 @@ WRITTEN = {EVENTS.c.text, EPISODES.c.detail}
 
 UNWRITTEN = frozenset((
     "basis", "code", "controller", "generation", "heard", "holds", "kind", "more", "ms",
-    "participant", "present", "seq", "session", "taken", "utc_ms", "what",
+    "participant", "present", "ready", "seq", "session", "taken", "utc_ms", "what",
 ))  # fmt: skip
 """Fields of events that nobody words freely. All others are left out with what was written, so
 that one that is new is, too."""

@@ -77,13 +77,24 @@ class BotWorld:
             self._anytime = AnytimePlanner(self.world)
         return self._anytime
 
+    def policy(self, player: str) -> Policy:
+        """A planner's policy for a seat."""
+        from robotouille.planning.policies.planner_policy import PlannerPolicy
+
+        return PlannerPolicy(
+            self.world,
+            player,
+            seed=SEED,
+            expansions=EXPANSIONS,
+            alone=True,
+            anytime=self.planner,
+        )
+
     def learn(self, player: str) -> None:
-        """Plan from the start, if nobody has yet: what takes longest is to learn the world."""
-        planner = self.planner
+        """Decide once at the start, if nobody has yet: what takes longest is to learn the world."""
         if player not in self.learnt:
             self.learnt.add(player)
-            start = self.world.initial
-            next(planner.search(start, team=(player,), seed=SEED, beam=EXPANSIONS))
+            self.policy(player).act(self.world.initial)
 
     def tidy(self) -> None:
         """Do not remember too much."""
@@ -163,13 +174,4 @@ def _policy(world: BotWorld, question: Question) -> Policy:
         from robotouille.planning.policies.policy import RandomPolicy
 
         return RandomPolicy(question.player, SEED)
-    from robotouille.planning.policies.planner_policy import PlannerPolicy
-
-    return PlannerPolicy(
-        world.world,
-        question.player,
-        seed=SEED,
-        expansions=EXPANSIONS,
-        alone=True,
-        anytime=world.planner,
-    )
+    return world.policy(question.player)
