@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from tests.support.window_play import Timer
 
-from robotouille import GroundAction, State, World
+from robotouille import State, World
 from robotouille.episode import Clock
 from robotouille.replay.recording import read_recording
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.partner_process import GONE, RESTARTED, PartnerProcess
-from robotouille_client.bots.partners import PromptPartners, prompt_partners
+from robotouille_client.bots.partners import Decision, PromptPartners, prompt_partners
 from robotouille_client.window.drawing.panel.seat_cards import status
 from robotouille_client.window.shell.game_cards import GameCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan
@@ -27,7 +27,7 @@ class SlowPartners(PromptPartners):
 
     thinking = True
 
-    def answers(self) -> list[tuple[str, GroundAction | None]]:
+    def answers(self) -> list[Decision]:
         return [] if self.thinking else super().answers()
 
 
@@ -119,13 +119,15 @@ def test_bots_in_a_process_play_as_those_that_decide_at_once(tmp_path: Path) -> 
                 asked = [player for player in players if not state.busy_steps(player)]
                 for player in asked:
                     partners.ask(player, state)
-                found: dict[str, GroundAction | None] = {}
+                found: dict[str, Decision] = {}
                 while len(found) < len(asked):
-                    found.update(partners.answers())
-                actions = [a for a in found.values() if a and world.applicable(state, a)]
+                    found.update((each.player, each) for each in partners.answers())
+                did = [each.action for each in found.values()]
+                actions = [a for a in did if a and world.applicable(state, a)]
                 state = state.step(actions).state
                 partners.observe([(a.arguments[0], a, True) for a in actions])
-                course.append((sorted(map(str, actions)), sorted(partners.spoken())))
+                waiting = sorted(player for player, each in found.items() if each.waits)
+                course.append((sorted(map(str, actions)), sorted(partners.spoken()), waiting))
             courses.append(course)
     finally:
         there.close()

@@ -19,6 +19,7 @@ from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind
+from robotouille_client.bots.partners import Decision
 
 __all__ = ["PartnerProcess"]
 
@@ -94,19 +95,20 @@ class PartnerProcess:
         self._asked[player] = "ask", player, facts, state.timer_rows(), state.timers.busy
         self._send(*self._asked[player])
 
-    def answers(self) -> list[tuple[str, GroundAction | None]]:
+    def answers(self) -> list[Decision]:
         ended = self._lives and not (self._reader.is_alive() or self._closed)
-        found: list[tuple[str, GroundAction | None]] = []
+        found: list[Decision] = []
         while self._replies:
-            what, player, said = self._replies.popleft()
+            what, player, told, *more = self._replies.popleft()
             if what == "say":
-                self._spoken.append((player, said))
+                self._spoken.append((player, told))
             elif self._asked.pop(player, None) is not None:
-                found.append((player, None if said is None else self._action(*said)))
+                action = None if told is None else self._action(*told)
+                found.append(Decision(player, action, *more))
         if ended:
             self._start_anew()
         if not self._lives:
-            found += [(player, None) for player in self._asked]
+            found += [Decision(player, None) for player in self._asked]
             self._asked.clear()
         return found
 

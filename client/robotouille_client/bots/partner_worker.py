@@ -7,8 +7,9 @@ MessagePack array. It ends at once where its input does: with the window, howeve
 | --- | --- |
 | `["begin", task as JSON, kind, seed, players]` | none |
 | `["meet", kinds, clock]`, `["hear", player, text]`, `["observe", moves]` | `say` |
-| `["ask", player, facts, timers, busy]` | `say`; `["act", player, [name, …arguments]]`, or nil |
+| `["ask", player, facts, timers, busy]` | `say`; `["act", player, [name, …arguments], false]` |
 
+Who does nothing answers with nil in the place of an action, and whether they wait.
 `["say", player, text]` comes whenever a bot says something; a move is
 `[player, name, arguments, applied]`.
 """
@@ -46,8 +47,9 @@ def replies(requests: Iterator[Any]) -> Iterator[tuple[Any, ...]]:
     for what, *about in requests:
         _tell(partners, world, what, *about)
         yield from (("say", player, text) for player, text in partners.spoken())
-        for player, action in partners.answers():
-            yield "act", player, None if action is None else (action.name, *action.arguments)
+        for player, action, waiting in partners.answers():
+            did = None if action is None else (action.name, *action.arguments)
+            yield "act", player, did, waiting
 
 
 def _tell(partners: PromptPartners, world: World, what: str, *about: Any) -> None:

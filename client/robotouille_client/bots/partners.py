@@ -4,15 +4,24 @@ thought."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from robotouille.planning.policies.policy import Policy, TeamPolicy
+from robotouille.planning.policies.policy import Policy, TeamPolicy, waits
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, policy_maker
 
-__all__ = ["MakePartners", "Partners", "PromptPartners", "prompt_partners"]
+__all__ = ["Decision", "MakePartners", "Partners", "PromptPartners", "prompt_partners"]
+
+
+class Decision(NamedTuple):
+    """What a player's bot does in the state that it was asked about: an action, or nothing. Who
+    does nothing may be one who `waits` for a place or for somebody."""
+
+    player: str
+    action: GroundAction | None
+    waits: bool = False
 
 
 class Partners(Protocol):
@@ -30,8 +39,8 @@ class Partners(Protocol):
     def ask(self, player: str, state: State) -> None:
         """Have a player's bot decide in a state; not before it has answered the last time."""
 
-    def answers(self) -> list[tuple[str, GroundAction | None]]:
-        """What was decided since this was last called: players and actions."""
+    def answers(self) -> list[Decision]:
+        """What was decided since this was last called."""
 
     def spoken(self) -> list[tuple[str, str]]:
         """What was said since this was last called: players and words."""
@@ -53,7 +62,7 @@ class PromptPartners:
     def __init__(self, policies: Mapping[str, Policy]) -> None:
         self._policies = policies
         self._team = {p: each for p, each in policies.items() if isinstance(each, TeamPolicy)}
-        self._answers: list[tuple[str, GroundAction | None]] = []
+        self._answers: list[Decision] = []
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         for policy in self._team.values():
@@ -69,9 +78,11 @@ class PromptPartners:
                 policy.hear(player, text)
 
     def ask(self, player: str, state: State) -> None:
-        self._answers.append((player, self._policies[player].act(state)))
+        policy = self._policies[player]
+        action = policy.act(state)
+        self._answers.append(Decision(player, action, action is None and waits(policy)))
 
-    def answers(self) -> list[tuple[str, GroundAction | None]]:
+    def answers(self) -> list[Decision]:
         found, self._answers = self._answers, []
         return found
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from robotouille.planning.policies.policy import Policy, TeamPolicy
+from robotouille.planning.policies.policy import Policy, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.game import Game
@@ -80,7 +80,7 @@ class SeatPolicy:
         self._catch_up(self._policy)
         self.waiting = False
         action = await self._ask(self._policy)
-        self.waiting = action is None and bool(getattr(self._policy, "waiting", False))
+        self.waiting = action is None and waits(self._policy)
         if not self._game.ended:
             self._say()
         return action and self._game.world.action(action.name, *action.arguments)

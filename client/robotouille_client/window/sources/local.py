@@ -22,7 +22,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
-from robotouille_client.bots.partners import Partners
+from robotouille_client.bots.partners import Decision, Partners
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
@@ -72,7 +72,7 @@ class LocalSource:
         self._step_time = now()
         self._decided = dict.fromkeys(bots, -1)
         self._asked: dict[str, tuple[int, float]] = {}
-        self._answers: dict[str, GroundAction | None] = {}
+        self._answers: dict[str, Decision] = {}
         episode.join(me, name, "human", now())
         for player, bot in bots.items():
             episode.join(player, bot, "bot", now())
@@ -161,7 +161,7 @@ class LocalSource:
         """Do what the bots have decided. What is found too late to be done is asked for anew."""
         episode = self._episode
         if not episode.ended:
-            self._answers.update(self._partners.answers())
+            self._answers.update((each.player, each) for each in self._partners.answers())
             for player, text in self._partners.spoken():
                 episode.say(self._bots[player], player, text, self._now())
             for text in self._partners.news():
@@ -169,23 +169,18 @@ class LocalSource:
         if not episode.running:
             return
         for player in list(self._answers):
-            action, (asked_at, _) = self._answers.pop(player), self._asked.pop(player)
-            late = asked_at < episode.step
+            decision, (asked_at, _) = self._answers.pop(player), self._asked.pop(player)
+            late, action = asked_at < episode.step, decision.action
             if not late or (action and episode.world.applicable(episode.state, action)):
                 self._decided[player] = episode.step
-                self._submit(player, action)
+                self._submit(player, action, waits=decision.waits)
 
-    def _submit(self, player: str, action: GroundAction | None) -> None:
+    def _submit(self, player: str, action: GroundAction | None, *, waits: bool = False) -> None:
         self._seq[player] += 1
         try:
-            waits = action is None and self._is_blocked(player)
             self._episode.submit(player, self._seq[player], action, self._now(), waits=waits)
         except ProtocolError as error:
             self._chat_log.rejected(player, only_words(error.message))
-
-    def _is_blocked(self, player: str) -> bool:
-        """Whether a player has said that it needs a place at which somebody stands."""
-        return any(player == blocked for blocked, _, _ in self._blockages.at(self._episode.state))
 
     def _take_events(self) -> None:
         events = list(self._episode.events())

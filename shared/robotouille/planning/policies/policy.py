@@ -13,7 +13,7 @@ from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
-__all__ = ["Policy", "RandomPolicy", "TeamPolicy"]
+__all__ = ["Policy", "RandomPolicy", "TeamPolicy", "waits"]
 
 
 class Policy(Protocol):
@@ -44,6 +44,12 @@ class TeamPolicy(Policy, Protocol):
 
     def speak(self) -> list[str]:
         """What there is to be said since this was last asked."""
+
+
+def waits(policy: Policy) -> bool:
+    """Whether a policy that has just decided to do nothing waits for a place or for somebody: as
+    its own `waiting` says, if it has that."""
+    return bool(getattr(policy, "waiting", False))
 
 
 class RandomPolicy:
