@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+import pytest
+
 from robotouille import GroundAction, State, World, load_task
-from robotouille.domain.rendering import language_of
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy
@@ -31,10 +33,12 @@ class Timer:
         return self.now
 
 
-def among(episode: Episode, me: str, bots: dict[str, Policy], timer: Timer) -> LocalSource:
+def among(
+    episode: Episode, me: str, bots: dict[str, Policy], timer: Timer, words: Language = NO_WORDS
+) -> LocalSource:
     """A game with bots that decide at once."""
     names = dict.fromkeys(bots, "bot")
-    return LocalSource(episode, me, names, PromptPartners(bots), timer)
+    return LocalSource(episode, me, names, PromptPartners(bots), timer, words=words)
 
 
 def source(timer: Timer, rules: Rules = RULES) -> LocalSource:
@@ -89,22 +93,31 @@ def test_the_step_limit_of_a_game_here() -> None:
     assert step_limit(unknown, Clock.REALTIME, 5.0) == NO_CERTIFICATE
 
 
-def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain() -> None:
-    """Where no way leads around somebody who does nothing."""
+@pytest.mark.parametrize(
+    ("words", "place"),
+    [
+        (NO_WORDS, "table with the bottom bun"),
+        (Language.model_validate({"kinds": {"table": "Tisch"}}), "Tisch with the bottom bun"),
+    ],
+)
+def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain(
+    words: Language, place: str
+) -> None:
+    """Where no way leads around somebody who does nothing; in the words of the window's owner."""
     timer, world = Timer(), World("multi_agent/01@3")
     bots = {
-        player: PlannerPolicy(world, player, start=world.initial, expansions=500)
+        player: PlannerPolicy(world, player, start=world.initial, expansions=500, words=words)
         for player in ("robot2", "robot3")
     }
     rules = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=60)
-    game = among(Episode(world, rules, timer()), "robot1", bots, timer)
+    game = among(Episode(world, rules, timer()), "robot1", bots, timer, words)
     blocked = set()
     while not game.finished:
         timer.now += 0.02
         view = game.view()
         blocked |= {*view.blocked}
     asked = [text for _, text in game._chat_log._lines if text.startswith("I need")]
-    assert asked == ["I need the table with the bottom bun, please"]
+    assert asked == [f"I need the {place}, please"]
     assert ("robot2", "table2", "robot1") in blocked
     assert sum(seat.rejected for seat in view.seats) <= 2
     assert game.outcome is not None

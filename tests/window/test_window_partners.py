@@ -11,6 +11,7 @@ import pytest
 from tests.support.window_play import Timer
 
 from robotouille import State, World
+from robotouille.domain.rendering import Language
 from robotouille.episode import Clock
 from robotouille.replay.recording import read_recording
 from robotouille_client.bots.kinds import BotKind
@@ -36,8 +37,10 @@ def slow_game(
 ) -> tuple[LocalGame, SlowPartners]:
     made: list[SlowPartners] = []
 
-    def make(start: State, kind: BotKind, seed: int, players: Sequence[str]) -> SlowPartners:
-        made.append(SlowPartners(prompt_partners(start, kind, seed, players)._policies))
+    def make(
+        start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language
+    ) -> SlowPartners:
+        made.append(SlowPartners(prompt_partners(start, kind, seed, players, words)._policies))
         return made[0]
 
     return LocalGame(plan, "ada", timer, folder, make), made[0]
@@ -104,11 +107,13 @@ def test_a_game_in_real_time_stands_still_while_its_owner_is_asked(tmp_path: Pat
 
 @pytest.mark.process
 def test_bots_in_a_process_play_as_those_that_decide_at_once(tmp_path: Path) -> None:
-    """In lockstep, where a step waits for them: the same decisions and the same words."""
+    """In lockstep, where a step waits for them: the same decisions and the same words, which are
+    those of the window's owner."""
     world = World("multi_agent/02@3")
     state, players = world.initial, world.players[1:]
-    here = prompt_partners(state, BotKind.PLANNER, 0, players)
-    there = PartnerProcess(state, BotKind.PLANNER, 0, players)
+    words = Language.model_validate({"kinds": {"table": "Tisch", "board": "Brett"}})
+    here = prompt_partners(state, BotKind.PLANNER, 0, players, words)
+    there = PartnerProcess(state, BotKind.PLANNER, 0, players, words)
     courses: list[list[object]] = []
     try:
         for partners in (here, there):
@@ -132,6 +137,8 @@ def test_bots_in_a_process_play_as_those_that_decide_at_once(tmp_path: Path) -> 
     finally:
         there.close()
     assert courses[0] == courses[1]
+    assert "Tisch" in str(courses[0])
+    assert "table with" not in str(courses[0])
     with pytest.raises(ProcessLookupError):
         os.kill(there.pid, 0)
 
@@ -153,8 +160,10 @@ def test_a_process_that_ends_begins_anew_once_and_then_the_bots_stand_still() ->
     """The game goes on for the person: with the bots first, then without."""
     timer, made = Timer(), []
 
-    def make(start: State, kind: BotKind, seed: int, players: Sequence[str]) -> PartnerProcess:
-        made.append(PartnerProcess(start, kind, seed, players))
+    def make(
+        start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language
+    ) -> PartnerProcess:
+        made.append(PartnerProcess(start, kind, seed, players, words))
         return made[0]
 
     plan = Plan("multi_agent/01", seats=2, clock=Clock.LOCKSTEP)

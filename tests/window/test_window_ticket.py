@@ -9,7 +9,7 @@ import pytest
 from tests.support.samples import first_quickly
 
 from robotouille import World, load_task, task_names
-from robotouille.domain.rendering import rendering_of
+from robotouille.domain.rendering import NO_WORDS, Language, rendering_of
 from robotouille.domain.schema import GoalTerm
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
@@ -181,3 +181,16 @@ def test_the_ticket_calls_things_what_people_call_them() -> None:
     words = [layer.words for dish in drawn("multi_agent/01") for layer in dish.layers]
     assert "bottom bun" in words
     assert "bottombun" not in words
+
+
+def test_the_ticket_is_in_the_words_of_the_windows_owner() -> None:
+    world = World("multi_agent/01")
+    words = Language.model_validate({"kinds": {"lettuce": "Salat"}})
+
+    def ticket(*laid_over: Language) -> bytes:
+        surface = pygame.Surface((1280, 720))
+        painter = Painter(words=laid_over[0]) if laid_over else Painter()
+        painter.paint(surface, View(world, world.initial))
+        return pygame.image.tobytes(surface, "RGB")
+
+    assert ticket(words) != ticket() == ticket(NO_WORDS)

@@ -15,6 +15,7 @@ from typing import Any
 
 import msgpack
 
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
@@ -39,10 +40,18 @@ class PartnerProcess:
     nothing any more, and the game goes on without them.
     """
 
-    def __init__(self, start: State, kind: BotKind, seed: int, players: Sequence[str]) -> None:
+    def __init__(
+        self,
+        start: State,
+        kind: BotKind,
+        seed: int,
+        players: Sequence[str],
+        words: Language = NO_WORDS,
+    ) -> None:
         self._world: World = start.world
         self._task = json.dumps(start.world.task.to_json())
-        self._begin = kind.value, seed, list(players)
+        said_in = words.model_dump_json(exclude_unset=True)
+        self._begin = kind.value, seed, list(players), said_in
         self._met: tuple[dict[str, str], str] | None = None
         self._asked: dict[str, tuple[Any, ...]] = {}
         self._replies: deque[Any] = deque()

@@ -5,7 +5,7 @@ MessagePack array. It ends at once where its input does: with the window, howeve
 
 | request | reply |
 | --- | --- |
-| `["begin", task as JSON, kind, seed, players]` | none |
+| `["begin", task as JSON, kind, seed, players, words as JSON]` | none |
 | `["meet", kinds, clock]`, `["hear", player, text]`, `["observe", moves]` | `say` |
 | `["ask", player, facts, timers, busy]` | `say`; `["act", player, [name, …arguments], false]` |
 
@@ -27,6 +27,7 @@ from typing import Any
 
 import msgpack
 
+from robotouille.domain.rendering import Language
 from robotouille.domain.task import Task
 from robotouille.world.world import World
 from robotouille_client.bots.kinds import BotKind
@@ -41,9 +42,10 @@ CHUNK = 65536
 
 def replies(requests: Iterator[Any]) -> Iterator[tuple[Any, ...]]:
     """What the bots say and decide; `begin` comes first."""
-    _, task, kind, seed, players = next(requests)
+    _, task, kind, seed, players, words = next(requests)
     world = World(Task.from_json(json.loads(task)))
-    partners = prompt_partners(world.initial, BotKind(kind), seed, players)
+    language = Language.model_validate_json(words)
+    partners = prompt_partners(world.initial, BotKind(kind), seed, players, language)
     for what, *about in requests:
         _tell(partners, world, what, *about)
         yield from (("say", player, text) for player, text in partners.spoken())

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.planning.policies.policy import Policy, TeamPolicy, waits
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
@@ -52,8 +53,9 @@ class Partners(Protocol):
         """The game is over for them."""
 
 
-MakePartners = Callable[[State, BotKind, int, Sequence[str]], Partners]
-"""Makes the bots of some players: the state at which they begin, their kind, the seed."""
+MakePartners = Callable[[State, BotKind, int, Sequence[str], Language], Partners]
+"""Makes the bots of some players: the state at which they begin, their kind, the seed, the players,
+and the words that are laid over those of the domain when they talk."""
 
 
 class PromptPartners:
@@ -97,7 +99,7 @@ class PromptPartners:
 
 
 def prompt_partners(
-    start: State, kind: BotKind, seed: int, players: Sequence[str]
+    start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language = NO_WORDS
 ) -> PromptPartners:
     """Bots in this process and thread; planners share what they find out about the task."""
     if kind is not BotKind.PLANNER:
@@ -109,7 +111,9 @@ def prompt_partners(
     known = AnytimePlanner(World(start.world.task))
     return PromptPartners(
         {
-            player: PlannerPolicy(start.world, player, seed=seed, start=start, anytime=known)
+            player: PlannerPolicy(
+                start.world, player, seed=seed, start=start, anytime=known, words=words
+            )
             for player in players
         }
     )

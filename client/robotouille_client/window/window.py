@@ -105,6 +105,7 @@ class Window:
             strip,
             text_scale=text_scale,
             reduced_motion=reduced_motion,
+            words=words,
         )
         self._input = PlayInput(
             keys=keys or KeyMap(),

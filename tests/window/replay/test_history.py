@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
+from pathlib import Path
 
 import pytest
 from tests.support.games import recorded_game
 
+from robotouille.domain.rendering import Language
 from robotouille.episode import Clock
 from robotouille.episode.tallies import Activity
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
-from robotouille_client.window.replay.history.history import EntryKind
+from robotouille_client.window.replay.history.history import EntryKind, History
 from robotouille_client.window.replay.history.recorded import RecordedHistory
 from robotouille_client.window.replay.playhead import Playhead
 from robotouille_client.window.replay.source import ReplaySource, bubbles_at, notices_at
+from robotouille_client.window.replay.viewer import Viewer
 from robotouille_client.window.replay.viewer_state import ViewerState
+from robotouille_client.window.window import Window
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +91,23 @@ def test_marks_and_entries(history: RecordedHistory) -> None:
     assert [e.words for e in history.entries(13)][0] == "this first"
     assert history.entries(history.length)[-1].words == "Out of steps after 40 steps"
     assert "bob (robot2) is away, a stand-in plays" in [e.words for e in history.entries(2)]
+
+
+def test_the_log_is_in_the_words_of_the_windows_owner(path: Path, recording: Recording) -> None:
+    words = Language.model_validate({"kinds": {"table": "Tisch"}})
+
+    def log(history: History) -> str:
+        return str([history.entries(step) for step in range(history.length + 1)])
+
+    plain, own = log(RecordedHistory(recording)), log(RecordedHistory(recording, words))
+    assert " table" in plain and "Tisch" not in plain
+    assert "Tisch" in own
+    make = partial(Window, headless=True)
+    viewer = Viewer([(path, recording)], make_window=make, words=words)
+    try:
+        assert log(viewer.histories[0]) == own
+    finally:
+        viewer.close()
 
 
 def test_pauses_and_announcements_are_told_at_their_step_for_a_while(

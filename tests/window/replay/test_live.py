@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from robotouille import World
+from robotouille.domain.rendering import Language
 from robotouille.protocol.message_parts import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
@@ -89,3 +90,11 @@ def test_what_the_operator_says_is_told_again(history: LiveHistory) -> None:
     history.observe(Announced("lunch"))
     assert history.interludes == [(4, "The operator: lunch")]
     assert history.max_steps == 90
+
+
+def test_the_log_is_in_the_words_of_the_windows_owner(history: LiveHistory) -> None:
+    kind = history.world.thing("table1").kind
+    language = Language.model_validate({"kinds": {kind: "Tisch"}})
+    own = LiveHistory(history._game, lambda: 0.0, language)
+    take(own, 2)
+    assert "Tisch" in str(own.entries(2))

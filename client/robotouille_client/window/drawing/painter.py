@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pygame
 
-from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.domain.rendering import NO_WORDS, Language, RenderingFile, rendering_of
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.interruptions import (
     Interruptions,
@@ -53,6 +53,7 @@ class Painter:
         strip: What is drawn below the kitchen.
         text_scale: How much larger letters are than they would be.
         reduced_motion: Nothing moves but from place to place: no hops, no steam, no sparks.
+        words: What is laid over those of the rendering.
     """
 
     def __init__(
@@ -63,8 +64,10 @@ class Painter:
         *,
         text_scale: float = 1.0,
         reduced_motion: bool = False,
+        words: Language = NO_WORDS,
     ) -> None:
         self._rendering = rendering
+        self._words = words
         self._pictures = () if pictures is None else (pictures,)
         self._strip = strip
         self.text_scale = text_scale
@@ -207,9 +210,11 @@ class Painter:
         self._stages = []
         self._lived = None
         chosen = self._rendering
-        self._art: RenderingFile = (
+        art = (
             chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen or "")
         )
+        language = art.language.with_words(self._words)
+        self._art: RenderingFile = art.model_copy(update={"language": language})
         self._sprites = Sprites(
             (*self._pictures, *self._art.folders(world.task.folder)), self._text
         )

@@ -34,7 +34,7 @@ class Spectator:
         connected: Callable[[], bool] = lambda: True,
         language: Language | None = None,
     ) -> None:
-        self.history = LiveHistory(game, now)
+        self.history = LiveHistory(game, now, language)
         self._remote = RemoteSource(game, now, connected, language, self.history.observe)
         self.playhead = Playhead(
             lambda: self.history.length,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pygame
 
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
 from robotouille_client.window import parse_size, require_screen
@@ -115,6 +116,7 @@ class Viewer(ReplaySource):
         rendering: The name of the one to draw it with; else the domain's own.
         make_window: Makes the window, given its caption, its strip and, for two recordings, what
             paints them; with the same rendering.
+        words: What is laid over those of the domain, in the log.
 
     Raises:
         RobotouilleError: There are more than two, or two that cannot be shown side by side.
@@ -128,10 +130,11 @@ class Viewer(ReplaySource):
         rendering: str = "",
         now: Callable[[], float] = time.monotonic,
         make_window: Callable[..., Window] = Window,
+        words: Language = NO_WORDS,
     ) -> None:
         _check(recordings)
         self._path = recordings[0][0]
-        self.histories = [RecordedHistory(recording) for _, recording in recordings]
+        self.histories = [RecordedHistory(recording, words) for _, recording in recordings]
         self.state = ViewerState(now)
         self.playhead = Playhead(self._length, rate or self.histories[0].rate, now)
         titles = [path.name if len(recordings) > 1 else "" for path, _ in recordings]

@@ -91,7 +91,11 @@ class Replays:
         recordings = [(path, open_shown(path, self._tasks, damaged=True))]
         make = partial(stage.window, ReplayCards())
         viewer = Viewer(
-            recordings, rendering=stage.settings.rendering, now=stage.clock, make_window=make
+            recordings,
+            rendering=stage.settings.rendering,
+            now=stage.clock,
+            make_window=make,
+            words=stage.words,
         )
         try:
             await stage.watched(viewer.window, viewer)
@@ -118,7 +122,8 @@ class Replays:
         from robotouille_client.window.replay.history.recorded import RecordedHistory
         from robotouille_client.window.replay.history.recorded_look import open_shown
 
-        history = RecordedHistory(open_shown(path, self._tasks, damaged=True))
+        recording = open_shown(path, self._tasks, damaged=True)
+        history = RecordedHistory(recording, self._stage.words)
         await self.save_seen(history, None, path.with_suffix(".mp4"))
 
     async def save_seen(self, history: History, look: KitchenLook | None, output: Path) -> None:

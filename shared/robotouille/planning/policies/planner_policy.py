@@ -17,7 +17,7 @@ import random
 from collections.abc import Collection, Mapping
 from functools import cached_property
 
-from robotouille.domain.rendering import language_of
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
@@ -70,7 +70,8 @@ class PlannerPolicy:
     """Chooses the actions of one seat by search on its own copy of the world.
 
     One seed, one course: nothing here reads a clock. `alone` counts on nobody else from the start,
-    which makes decisions quicker; so does an `anytime` of the task that knows it already.
+    which makes decisions quicker; so does an `anytime` of the task that knows it already. It talks
+    in the words of the domain, with `words` laid over them.
 
     `anticipating` says of the last action that another's in the same step is to make it possible.
     """
@@ -85,6 +86,7 @@ class PlannerPolicy:
         alone: bool = False,
         anytime: AnytimePlanner | None = None,
         start: State | None = None,
+        words: Language = NO_WORDS,
     ) -> None:
         self.player = player
         self._random = random.Random(f"{seed}:{player}")
@@ -100,6 +102,7 @@ class PlannerPolicy:
         shared_seed = seed if alone or self._only else 0
         self._search = TeamSearch(self._anytime, shared_seed, expansions)
         self._world = world
+        self._words = words
         self._state = start
         self._silent = alone or self._only
         self._talk = Talk(silent=self._silent)
@@ -406,7 +409,7 @@ class PlannerPolicy:
     @cached_property
     def _wording(self) -> Wording:
         """The words for those who are no planners."""
-        return Wording(self._world, language_of(self._world.task))
+        return Wording(self._world, language_of(self._world.task).with_words(self._words))
 
     @property
     def _outsiders(self) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 
+from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Clock, Controller
 from robotouille.episode.tallies import Activity, activity
 from robotouille.world.world import State
@@ -42,14 +43,17 @@ class LiveHistory(History):
 
     Args:
         now: A clock in seconds.
+        language: That of the log; None: the domain's own.
     """
 
-    def __init__(self, game: Game, now: Callable[[], float]) -> None:
+    def __init__(
+        self, game: Game, now: Callable[[], float], language: Language | None = None
+    ) -> None:
         super().__init__(game.world)
         self._game = game
         self._now = now
         self._began = now()
-        self._spoken = Spoken(game.world)
+        self._spoken = Spoken(game.world, language or language_of(game.world.task))
         self._states: list[State] = []
         self._seats: list[tuple[SeatView, ...]] = []
         self._entries: dict[int, list[Entry]] = defaultdict(list)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import Controller, RejectionKind
 from robotouille.episode.tallies import Activity
 from robotouille.errors import RecordingError, RobotouilleError
@@ -61,9 +62,12 @@ class _ToldNotes:
 
 
 class RecordedHistory(History):
-    """A recording; where its frames make no sense any more, `fault` says so, and it ends there."""
+    """A recording; where its frames make no sense any more, `fault` says so, and it ends there.
 
-    def __init__(self, recording: Recording) -> None:
+    Its log is in the words of the domain, with `words` laid over them.
+    """
+
+    def __init__(self, recording: Recording, words: Language = NO_WORDS) -> None:
         super().__init__(recording.world)
         self.recording = recording
         self.max_steps = recording.header["rules"]["max_steps"]
@@ -76,7 +80,7 @@ class RecordedHistory(History):
         self._seatings_by_step = [self._seatings]
         self._rejected = {player: array("q") for player in self.world.players}
         self._notes: dict[int, list[tuple[Entry, dict[str, Any] | None]]] = defaultdict(list)
-        self._spoken = Spoken(recording.world)
+        self._spoken = Spoken(self.world, language_of(self.world.task).with_words(words))
         self._kept: dict[int, tuple[Entry, ...]] = {}
         self._told = _ToldNotes(recording.outcome)
         self.fault = recording.damage

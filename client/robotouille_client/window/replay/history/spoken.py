@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robotouille.domain.rendering import language_of
+from robotouille.domain.rendering import Language
 from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
@@ -16,11 +16,11 @@ __all__ = ["Spoken"]
 
 
 class Spoken:
-    """Says actions and reasons by the language of a world's domain."""
+    """Says a world's actions and reasons in a language."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, language: Language) -> None:
         self._world = world
-        self._language = language_of(world.task)
+        self._language = language
 
     def move(self, action: Sequence[str], state: State, names: Mapping[str, str]) -> str:
         """A recorded action: its name, then its arguments."""

@@ -91,7 +91,9 @@ class LocalGame:
         names = [n for n in given_names(plan.seed) if n.casefold() != name.casefold()]
         self._partners: Partners = PromptPartners({})
         if others:
-            self._partners = make_partners(self.world.initial, plan.partner, plan.seed, others)
+            self._partners = make_partners(
+                self.world.initial, plan.partner, plan.seed, others, words
+            )
         self.path: Path | None = None
         self._recorder = Recorder(self.world)
         if folder is not None:

@@ -35,7 +35,7 @@ class PlayedSource(RemoteSource):
         connected: Callable[[], bool],
         language: Language | None,
     ) -> None:
-        self.history = LiveHistory(game, now)
+        self.history = LiveHistory(game, now, language)
         super().__init__(game, now, connected, language, self.history.observe)
 
     def view(self) -> View:
