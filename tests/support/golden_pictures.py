@@ -11,7 +11,7 @@ differently.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
@@ -32,7 +32,7 @@ from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 from tests.support.viewer_pictures import VIEWER_SIZES, viewer_picture
 
-__all__ = ["GOLDEN", "PICTURES", "TOLERANCE", "difference", "scene"]
+__all__ = ["GOLDEN", "PICTURES", "TOLERANCE", "difference", "distance", "redraw", "scene"]
 
 GOLDEN = Path(__file__).parents[1] / "window/golden"
 SIZE, KEPT, SIDE = (640, 480), 240, 32
@@ -159,27 +159,36 @@ def difference(one: pygame.Surface, other: pygame.Surface) -> float:
     return float(np.abs(means[0] - means[1]).max())
 
 
-def main() -> None:
+def redraw(folder: Path, pictures: Mapping[str, Callable[[], pygame.Surface]]) -> None:
     """Draw anew those that have changed, and take away those that are not looked at any more."""
-    GOLDEN.mkdir(exist_ok=True)
-    for old in GOLDEN.glob("*.jpg"):
-        if old.stem not in PICTURES:
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("*.jpg"):
+        if old.stem not in pictures:
             old.unlink()
-    changed = [name for name, draw in PICTURES.items() if _changed(GOLDEN / f"{name}.jpg", draw())]
-    print(f"{len(changed)} of {len(PICTURES)} pictures in {GOLDEN.name} have changed", *changed)
+    changed = [name for name, draw in pictures.items() if _changed(folder / f"{name}.jpg", draw())]
+    print(f"{len(changed)} of {len(pictures)} pictures in {folder.name} have changed", *changed)
+
+
+def distance(golden: Path, now: pygame.Surface) -> float:
+    """How far a picture is from a golden one, as it would be kept."""
+    return difference(pygame.image.load(golden), _as_kept(now, golden.name)[1])
 
 
 def _changed(path: Path, now: pygame.Surface) -> bool:
     """Write a picture unless it is what is there already."""
-    content = BytesIO()
-    pygame.image.save(now, content, path.name)
-    if path.is_file():
-        kept = pygame.image.load(BytesIO(content.getvalue()), path.name)
-        if difference(pygame.image.load(path), kept) < TOLERANCE / 3:
-            return False
-    path.write_bytes(content.getvalue())
+    content, kept = _as_kept(now, path.name)
+    if path.is_file() and difference(pygame.image.load(path), kept) < TOLERANCE / 3:
+        return False
+    path.write_bytes(content)
     return True
 
 
+def _as_kept(picture: pygame.Surface, name: str) -> tuple[bytes, pygame.Surface]:
+    """A picture as a file of some name, and as that looks."""
+    content = BytesIO()
+    pygame.image.save(picture, content, name)
+    return content.getvalue(), pygame.image.load(BytesIO(content.getvalue()), name)
+
+
 if __name__ == "__main__":
-    main()
+    redraw(GOLDEN, PICTURES)

@@ -35,6 +35,7 @@ from robotouille_client.window.shell.screens.settings_menu import KeysMenu, Sett
 from robotouille_client.window.shell.screens.task_picker import TaskPicker
 from robotouille_client.window.shell.settings import Settings
 from tests.support.games import play_through, record
+from tests.support.golden_pictures import redraw
 
 __all__ = ["GOLDEN", "PICTURES", "SCREENS", "proven_game"]
 
@@ -123,15 +124,5 @@ PICTURES: dict[str, Callable[[], pygame.Surface]] = {
 }
 
 
-def main() -> None:
-    """Draw all of them anew."""
-    GOLDEN.mkdir(exist_ok=True)
-    for old in GOLDEN.glob("*.jpg"):
-        old.unlink()
-    for name, draw in PICTURES.items():
-        pygame.image.save(draw(), GOLDEN / f"{name}.jpg")
-    print(f"{len(PICTURES)} pictures in {GOLDEN.name}")
-
-
 if __name__ == "__main__":
-    main()
+    redraw(GOLDEN, PICTURES)
