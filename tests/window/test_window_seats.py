@@ -8,6 +8,7 @@ import math
 
 import pygame
 import pytest
+from tests.support.colours import colour_distance
 
 from robotouille import World, load_task
 from robotouille.domain.rendering import rendering_of
@@ -17,7 +18,7 @@ from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.panel.seat_cards import SeatCards, latency_words, status
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.badges import SHAPES, badge
-from robotouille_client.window.pictures.colour_vision import DICHROMACIES, linear, simulated
+from robotouille_client.window.pictures.colour_vision import DICHROMACIES, simulated
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import SEATS, Colour
@@ -28,24 +29,14 @@ HAT = 0.32
 """The part of a robot's picture, from the top, that its hat takes."""
 
 
-def lab(colour: Colour) -> tuple[float, float, float]:
-    """A colour in CIELAB (D65)."""
-    red, green, blue = (linear(value) for value in colour)
-    x = (0.4124 * red + 0.3576 * green + 0.1805 * blue) / 0.95047
-    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
-    z = (0.0193 * red + 0.1192 * green + 0.9505 * blue) / 1.08883
-    x, y, z = (t ** (1 / 3) if t > 0.008856 else 7.787 * t + 16 / 116 for t in (x, y, z))
-    return 116 * y - 16, 500 * (x - y), 200 * (y - z)
-
-
 @pytest.mark.parametrize("eye", [None, *DICHROMACIES])
 def test_every_eye_tells_the_colours_of_seats_apart(eye: str | None) -> None:
-    def seen(colour: Colour) -> tuple[float, float, float]:
-        return lab(simulated(colour, eye) if eye else colour)
+    def seen(colour: Colour) -> Colour:
+        return simulated(colour, eye) if eye else colour
 
     for (i, one), (j, other) in itertools.combinations(enumerate(SEATS), 2):
         least = 30 if max(i, j) < 4 else 20
-        assert math.dist(seen(one), seen(other)) > least, (i, j, eye)
+        assert colour_distance(seen(one), seen(other)) > least, (i, j, eye)
 
 
 def outline(picture: pygame.Surface) -> list[bool]:

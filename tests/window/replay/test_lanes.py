@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pygame
 import pytest
+from tests.support.colours import colour_distance
 
 from robotouille.episode.tallies import Activity
 from robotouille.replay.recording import Recording
 from robotouille_client.window.pictures.colour_vision import (
     DICHROMACIES,
     contrast,
-    linear,
     simulated,
 )
 from robotouille_client.window.pictures.theme import Colour
@@ -80,22 +80,8 @@ def test_the_colours_of_activities_differ_for_everybody(kind: str | None) -> Non
     for one, colour in enumerate(seen):
         for other in seen[:one]:
             if TRACK not in (colours[one], colours[seen.index(other)]):
-                assert distance(colour, other) > 25, (colour, other)
+                assert colour_distance(colour, other) > 25, (colour, other)
     assert all(contrast(colour, seen[0]) > 1.2 for colour in seen[1:])
-
-
-def distance(one: Colour, other: Colour) -> float:
-    return sum((a - b) ** 2 for a, b in zip(lab(one), lab(other), strict=True)) ** 0.5
-
-
-def lab(colour: Colour) -> tuple[float, float, float]:
-    """A colour as CIE L*a*b*, whose distances are those that are seen."""
-    red, green, blue = (linear(value) for value in colour)
-    x = (0.4124 * red + 0.3576 * green + 0.1805 * blue) / 0.95047
-    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
-    z = (0.0193 * red + 0.1192 * green + 0.9505 * blue) / 1.08883
-    x, y, z = (v ** (1 / 3) if v > 0.008856 else 7.787 * v + 16 / 116 for v in (x, y, z))
-    return 116 * y - 16, 500 * (x - y), 200 * (y - z)
 
 
 def test_every_kind_has_words_and_a_look() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pygame
@@ -14,6 +16,7 @@ from robotouille_client import connect
 from robotouille_client.window.replay.history.history import EntryKind
 from robotouille_client.window.replay.spectator import Spectator
 from robotouille_client.window.window import Window
+from robotouille_server import Server
 
 
 def press(window: Window, source: Spectator, key: int) -> None:
@@ -81,23 +84,35 @@ def test_one_goes_back_and_returns_to_live(tmp_path: Path) -> None:
     run(main())
 
 
+@asynccontextmanager
+async def watching(
+    server: Server, frames: int, max_steps: int
+) -> AsyncIterator[tuple[Spectator, Window]]:
+    """Some frames of a game at four steps a second, in which nobody does anything."""
+    async with (
+        connect(server.url, name="ada", kind="human") as ada,
+        connect(server.url, name="eve", kind="human") as eve,
+    ):
+        rules = {"clock": "realtime", "step_rate": 4.0, "max_steps": max_steps}
+        created = await ada.create("synchronous/01", **rules)
+        await ada.join(created.code)
+        game = await eve.join(created.code, role="spectator")
+        loop = asyncio.get_running_loop()
+        source = Spectator(game, loop.time, eve.connected.is_set)
+        window = Window(headless=True, strip=source.strip, clock=loop.time)
+        for _ in range(frames):
+            await asyncio.sleep(0.25)
+            window.frame(source)
+        yield source, window
+        window.close()
+
+
 def test_it_ends_while_one_looks_back(tmp_path: Path) -> None:
     async def main() -> None:
         async with (
             serving(tmp_path) as server,
-            connect(server.url, name="ada", kind="human") as ada,
-            connect(server.url, name="eve", kind="human") as eve,
+            watching(server, frames=12, max_steps=30) as (source, window),
         ):
-            rules = {"clock": "realtime", "step_rate": 4.0, "max_steps": 30}
-            created = await ada.create("synchronous/01", **rules)
-            await ada.join(created.code)
-            game = await eve.join(created.code, role="spectator")
-            loop = asyncio.get_running_loop()
-            source = Spectator(game, loop.time, eve.connected.is_set)
-            window = Window(headless=True, strip=source.strip, clock=loop.time)
-            for _ in range(12):
-                await asyncio.sleep(0.25)
-                window.frame(source)
             press(window, source, pygame.K_LEFT)
             at = source.view().step
             assert "End goes back to live" in source.view().status
@@ -114,7 +129,6 @@ def test_it_ends_while_one_looks_back(tmp_path: Path) -> None:
             press(window, source, pygame.K_SPACE)
             await asyncio.sleep(1.0)
             assert source.history.first < source.view().step < source.history.length
-            window.close()
 
     run(main())
 
@@ -123,32 +137,20 @@ def test_the_server_vanishes_while_one_looks_back(tmp_path: Path) -> None:
     """What was seen can still be seen; that the line is broken is told."""
 
     async def main() -> None:
-        async with serving(tmp_path) as server:
-            async with (
-                connect(server.url, name="ada", kind="human") as ada,
-                connect(server.url, name="eve", kind="human") as eve,
-            ):
-                rules = {"clock": "realtime", "step_rate": 4.0, "max_steps": 300}
-                created = await ada.create("synchronous/01", **rules)
-                await ada.join(created.code)
-                game = await eve.join(created.code, role="spectator")
-                loop = asyncio.get_running_loop()
-                source = Spectator(game, loop.time, eve.connected.is_set)
-                window = Window(headless=True, strip=source.strip, clock=loop.time)
-                for _ in range(20):
-                    await asyncio.sleep(0.25)
-                    window.frame(source)
-                seen = source.history.length
-                press(window, source, pygame.K_HOME)
-                await crash(server)
-                await asyncio.sleep(6.0)
-                window.frame(source)
-                assert source.view().offline is not None
-                assert source.history.length - seen <= 1, "what was under way"
-                press(window, source, pygame.K_RIGHT)
-                assert source.view().step == source.history.first + 1
-                press(window, source, pygame.K_END)
-                assert source.playhead.follows
-                window.close()
+        async with (
+            serving(tmp_path) as server,
+            watching(server, frames=20, max_steps=300) as (source, window),
+        ):
+            seen = source.history.length
+            press(window, source, pygame.K_HOME)
+            await crash(server)
+            await asyncio.sleep(6.0)
+            window.frame(source)
+            assert source.view().offline is not None
+            assert source.history.length - seen <= 1, "what was under way"
+            press(window, source, pygame.K_RIGHT)
+            assert source.view().step == source.history.first + 1
+            press(window, source, pygame.K_END)
+            assert source.playhead.follows
 
     run(main())
