@@ -18,8 +18,9 @@ from robotouille.replay.analysis.distances import coarse_first, estimates
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.cli.main import app
+from robotouille_client.window.replay.background.line_process import LineProcess
 from robotouille_client.window.replay.background.span_export import SpanExport
-from robotouille_client.window.replay.background.steps_search import StepsSearch
+from robotouille_client.window.replay.background.steps_search import PROGRAM, StepsSearch
 from robotouille_client.window.replay.background.steps_worker import main
 from robotouille_client.window.replay.history.recorded import RecordedHistory
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve, StepsKnown
@@ -101,6 +102,19 @@ def test_the_curve_fills_beside_the_window(short: Path) -> None:
     search.start()
     assert not curve.begun, "it is hidden"
     search.close()
+
+
+@pytest.mark.process
+def test_no_file_of_the_folder_takes_the_place_of_a_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "struct.py").write_text("print('not this one')")
+    monkeypatch.chdir(tmp_path)
+    heard: list[str] = []
+    process = LineProcess(PROGRAM, "none.rbt", "1", "1", heard=heard.append)
+    assert process.ended(60)
+    assert process.fault.startswith("none.rbt: ")
+    assert not heard
 
 
 @pytest.mark.process

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import subprocess
-import sys
 from pathlib import Path
-from threading import Thread
 
 from robotouille.errors import MissingExtraError
+from robotouille_client.window.replay.background.line_process import LineProcess
 from robotouille_client.window.replay.film import draft_of
 from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.viewer_state import Job, ViewerState
@@ -39,10 +37,8 @@ class SpanExport:
         self._rendering = rendering
         self._output = path
         self._words = ""
-        self._process: subprocess.Popen[str] | None = None
-        self._reader: Thread | None = None
+        self._process: LineProcess | None = None
         self._done: float | None = None
-        self._fault = ""
 
     @property
     def running(self) -> bool:
@@ -60,54 +56,37 @@ class SpanExport:
         first, last = self._state.span(self._history.length)
         stem = self._path.name.removesuffix(".part").removesuffix(".rbt")
         self._output = self._path.absolute().with_name(f"{stem}-{first}-{last}.mp4")
-        command = (
-            sys.executable, "-m", PROGRAM, str(self._path), str(self._output), str(first),
-            str(last), f"{self._rate:g}", self._tasks, self._rendering,
-        )  # fmt: skip
-        self._done, self._fault = None, ""
+        self._done = None
         self._words = f"Saving the steps {first} to {last} as {self._output.name}"
-        self._process = subprocess.Popen(  # noqa: S603
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        self._reader = Thread(target=self._read, args=(self._process,), daemon=True)
-        self._reader.start()
+        self._process = LineProcess(
+            PROGRAM, str(self._path), str(self._output), str(first), str(last),
+            f"{self._rate:g}", self._tasks, self._rendering, heard=self._hear,
+        )  # fmt: skip
         self._show()
 
-    def _read(self, process: subprocess.Popen[str]) -> None:
-        assert process.stdout is not None  # noqa: S101
-        with process.stdout as lines:
-            for line in lines:
-                done, _, total = line.partition(" ")
-                if done.isdigit():
-                    self._done = int(done) / max(1, int(total))
-        assert process.stderr is not None  # noqa: S101
-        with process.stderr as errors:
-            self._fault = errors.read().strip()
+    def _hear(self, line: str) -> None:
+        done, _, total = line.partition(" ")
+        if done.isdigit():
+            self._done = int(done) / max(1, int(total))
 
     def _show(self) -> None:
         self._state.jobs["video"] = Job(self._words, self.stop, self._done)
 
     def wait(self, seconds: float) -> bool:
         """Whether it has ended, after so many seconds at most."""
-        if self._reader is not None:
-            self._reader.join(seconds)
-        return self._reader is None or not self._reader.is_alive()
+        return self._process is None or self._process.ended(seconds)
 
     def poll(self) -> None:
         """Say how far it is, and when it is done."""
-        process, reader = self._process, self._reader
-        if process is None or reader is None:
+        process = self._process
+        if process is None:
             return
-        if reader.is_alive():
+        if not process.ended():
             self._show()
             return
-        status = process.wait()
         self._forget()
-        if status == 0:
-            self._state.tell(f"Video saved: {self._output}")
-            return
-        last = self._fault.splitlines()[-1:] or [f"exit status {status}"]
-        self._state.tell(f"No video: {last[0]}")
+        fault = process.fault
+        self._state.tell(f"No video: {fault}" if fault else f"Video saved: {self._output}")
 
     def stop(self) -> None:
         """Give it up; nothing is left of it."""
@@ -121,8 +100,6 @@ class SpanExport:
 
     def close(self) -> None:
         """Do not go on with a video that is being written: nobody would be told of it."""
-        if self._process is not None and self._process.poll() is None:
-            self._process.kill()
-            self._process.wait()
+        if self._process is not None and self._process.stop():
             with contextlib.suppress(OSError):
                 draft_of(self._output).unlink(missing_ok=True)

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
 
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
+from robotouille_client.window.replay.background.line_process import LineProcess
 from robotouille_client.window.replay.history.recorded import RecordedHistory
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve, StepsKnown
 from robotouille_client.window.replay.viewer_state import Job, ViewerState
 
 __all__ = ["StepsSearch"]
 
+PROGRAM = "robotouille_client.window.replay.background.steps_worker"
 EXPANSIONS = 500
 SECONDS = 60.0
 """What a plan may cost, and after how long nothing more is worked out."""
@@ -51,9 +50,7 @@ class StepsSearch:
         self._began = 0.0
         self._told: set[int] = set()
         self._lines: deque[str] = deque()
-        self._process: subprocess.Popen[str] | None = None
-        self._reader: Thread | None = None
-        self._fault = ""
+        self._process: LineProcess | None = None
         self._ended = False
 
     @property
@@ -71,16 +68,10 @@ class StepsSearch:
         if not self._curve.begun:
             self._curve.begun = True
             self._tell_known()
-        command = (
-            sys.executable, "-m", "robotouille_client.window.replay.background.steps_worker",
-            str(self._path), str(EXPANSIONS), str(SECONDS),
-        )  # fmt: skip
         self._began = self._now()
-        self._process = subprocess.Popen(  # noqa: S603
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        self._process = LineProcess(
+            PROGRAM, str(self._path), str(EXPANSIONS), str(SECONDS), heard=self._lines.append
         )
-        self._reader = Thread(target=self._read, args=(self._process,), daemon=True)
-        self._reader.start()
         self._show()
 
     def _tell_known(self) -> None:
@@ -92,33 +83,23 @@ class StepsSearch:
         if history.state(history.length).goal_reached:
             self._curve.add(history.length, StepsKnown(0, 0))
 
-    def _read(self, process: subprocess.Popen[str]) -> None:
-        assert process.stdout is not None  # noqa: S101
-        with process.stdout as lines:
-            self._lines.extend(lines)
-        assert process.stderr is not None  # noqa: S101
-        with process.stderr as errors:
-            self._fault = errors.read().strip()
-
     def wait(self, seconds: float) -> bool:
         """Whether it has ended, after so many seconds at most."""
-        if self._reader is not None:
-            self._reader.join(seconds)
-        return self._reader is None or not self._reader.is_alive()
+        return self._process is None or self._process.ended(seconds)
 
     def poll(self) -> None:
         """Take over what was found since the last time."""
-        process, reader = self._process, self._reader
-        if process is None or reader is None:
+        process = self._process
+        if process is None:
             return
-        ended = not reader.is_alive()
+        ended = process.ended()
         while self._lines:
             step, least, most, dead = json.loads(self._lines.popleft())
             self._told.add(step)
             self._curve.add(step, StepsKnown(least, most, dead))
         late = self._now() - self._began > SECONDS + GRACE
         if ended:
-            self._end(process.wait())
+            self._end(process.fault)
         elif late:
             self.stop()
         else:
@@ -135,10 +116,10 @@ class StepsSearch:
         done = seconds / SECONDS if known == whole else max(known / whole, seconds / SECONDS)
         self._state.jobs[f"steps {self._path}"] = Job(words, self.stop, done)
 
-    def _end(self, status: int) -> None:
+    def _end(self, fault: str) -> None:
         self._forget()
-        if status:
-            self._state.tell(f"Steps to go: {self._fault.rpartition(chr(10))[2] or 'failed'}")
+        if fault:
+            self._state.tell(f"Steps to go: {fault}")
             return
         self._ended = True
         self._tell_end()
@@ -165,8 +146,7 @@ class StepsSearch:
     def close(self) -> None:
         """Stop working."""
         if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+            self._process.stop()
 
 
 def _certified(history: RecordedHistory) -> StepsKnown | None:
