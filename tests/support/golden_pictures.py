@@ -71,6 +71,8 @@ def scene(
     rendering: str = "",
     size: tuple[int, int] = SIZE,
     ui: UiOverlay | None = None,
+    *,
+    strong: bool = False,
     **seen: Any,
 ) -> pygame.Surface:
     """A window in the middle of a task, with a few words; `seen` is what else there is to see."""
@@ -82,7 +84,7 @@ def scene(
         (Bubble(players[-1], "I am here.", "chat"),), (("Ada", "Hello."),), step_seconds=0.2,
     )  # fmt: skip
     surface = pygame.Surface(size)
-    Painter(rendering).paint(surface, replace(view, **seen), ui)
+    Painter(rendering, strong_contrast=strong).paint(surface, replace(view, **seen), ui)
     width = min(KEPT if size[0] > size[1] else KEPT * 2 // 3, size[0])
     return pygame.transform.smoothscale(surface, (width, width * size[1] // size[0]))
 
@@ -99,6 +101,7 @@ MOMENTS: dict[str, dict[str, Any]] = {
     "waited-for": {"waits_for": ("robot2",)},
     "away": {"seats": (SeatView("robot1", "Ada"), AWAY)},
     "far": {"seats": (SeatView("robot1", "Ada"), FAR), "size": (320, 240)},
+    "strong": {"seats": (SeatView("robot1", "Ada"), AWAY), "size": (320, 240), "strong": True},
     "paused": {"pause": PauseView("Ben's connection is lost", "It goes on when he is back.", 22)},
     "offline": {"offline": 7.0},
     "farewell": {"farewell": FarewellView("You were sent out", "The operator has done that.")},

@@ -98,12 +98,13 @@ SCREENS: dict[str, Callable[[], Form]] = {
 }
 
 
-def screen(name: str, size: tuple[int, int]) -> pygame.Surface:
+def screen(name: str, size: tuple[int, int], *, strong: bool = False) -> pygame.Surface:
     """A screen in a window of a size, when what is late has come."""
     display, form = Display(size, headless=True), SCREENS[name]()
     display.open()
     try:
         shown = Screen(display)
+        shown.strong_contrast = strong
         for _ in range(MAX_LATE):
             shown.draw(form)
             if not form.idle():
@@ -117,6 +118,7 @@ def screen(name: str, size: tuple[int, int]) -> pygame.Surface:
 
 PICTURES: dict[str, Callable[[], pygame.Surface]] = {
     **{name: lambda name=name: screen(name, SIZE) for name in SCREENS},  # type: ignore[misc]
+    "settings-strong": lambda: screen("settings", SIZE, strong=True),
     **{
         f"{name}-small": lambda name=name: screen(name, SMALL)  # type: ignore[misc]
         for name in ("menu", "play", "tasks", "settings", "replays")

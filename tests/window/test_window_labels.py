@@ -9,12 +9,14 @@ import pygame
 import pytest
 
 from robotouille import World
+from robotouille_client.window.drawing import lobby_card
 from robotouille_client.window.drawing import painter as painting
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.pictures import theme
 from robotouille_client.window.pictures.badges import seat_fill, seat_ink
-from robotouille_client.window.pictures.colour_vision import contrast
+from robotouille_client.window.pictures.colour_vision import contrast, strong_ink
+from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import Bubble, SeatView, View
 
 SIZES = [(320, 240), (640, 360), (1280, 720), (2560, 1440)]
@@ -82,6 +84,7 @@ PAIRS = {
     "ticket": (theme.INK, theme.PAPER), "code": (theme.INK, theme.ACCENT),
     "prompt": (theme.TEXT, theme.INK), "reason": (theme.REASON, theme.PAPER),
     "somebody away": (theme.PAPER, theme.ABSENT),
+    "nobody yet": (lobby_card._QUIET, theme.PAPER),
     "no connection": (theme.PAPER, theme.mixed(theme.BAD, theme.INK, 0.6)),
 }  # fmt: skip
 
@@ -89,6 +92,39 @@ PAIRS = {
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
 def test_words_are_read_by_those_who_see_little_contrast(pair) -> None:
     assert contrast(*pair) >= 4.5
+
+
+DARK = (theme.PANEL, theme.CARD, theme.INK, theme.BACKGROUND)
+"""Grounds on which nothing but letters changes with strong contrast."""
+
+
+@pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
+def test_with_strong_contrast_words_are_read_at_7_to_1(pair) -> None:
+    ink, ground = pair
+    under = ground if ground in DARK or ink == theme.INK else Typesetter(strong=True).ground(ground)
+    assert contrast(strong_ink(ink), ground if ground == theme.PAPER else under) >= 7
+
+
+@pytest.mark.parametrize("seat", range(len(theme.SEATS)))
+def test_with_strong_contrast_the_names_of_all_seats_are_read_at_7_to_1(seat: int) -> None:
+    ground = Typesetter(strong=True).ground(seat_fill(seat))
+    assert contrast(strong_ink(theme.PAPER), ground) >= 7
+    assert contrast(strong_ink(seat_ink(seat)), theme.CARD) >= 7
+
+
+def test_strong_contrast_is_of_all_letters_and_of_nothing_that_is_strong_already() -> None:
+    plain, strong = Typesetter(), Typesetter(strong=True)
+    for ink, stays in ((theme.FAINT, False), (theme.INK, True), (theme.TEXT, True)):
+        one, other = (
+            pygame.image.tobytes(text.line("Words", 20, ink), "RGBA") for text in (plain, strong)
+        )
+        assert (one == other) is stays
+    pictures = []
+    for chosen in (False, True):
+        surface = pygame.Surface((640, 360))
+        Painter(strong_contrast=chosen).paint(surface, crowded(9))
+        pictures.append(pygame.image.tobytes(surface, "RGB"))
+    assert pictures[0] != pictures[1]
 
 
 @pytest.mark.parametrize("seat", range(len(theme.SEATS)))

@@ -307,7 +307,7 @@ def test_settings_count_at_once(display: Display) -> None:
         return ""
 
     form = SettingsMenu(settings, changed).form
-    for label in ("Sound", "What moves", "Size of letters"):
+    for label in ("Sound", "What moves", "Size of letters", "Colours"):
         row = next(row for row in form.rows if row.label == label)
         form.focus(row)
         post(pygame.K_RIGHT)
@@ -318,7 +318,8 @@ def test_settings_count_at_once(display: Display) -> None:
     follow(form)
     assert (settings.sound, settings.reduced_motion, settings.text_scale) == (False, True, 1.1)
     assert settings.name == "Ada"
-    assert told[:3] == ["sound", "reduced_motion", "text_scale"]
+    assert settings.strong_contrast
+    assert told[:4] == ["sound", "reduced_motion", "text_scale", "strong_contrast"]
     assert form.result == "back"
 
 

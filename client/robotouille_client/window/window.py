@@ -47,11 +47,12 @@ class Window:
     a kitchen which is not installed, `rendering` the name of the one that is chosen for the others;
     `words` are laid over those of its language. A `strip` is drawn below the kitchen, and asked
     first about each event; a `painter` that is given draws instead of the window's own, and draws
-    the strip itself. `text_scale` makes letters larger; with `reduced_motion` only what matters
-    moves. `keys` are those of the window's own commands. A `display` that is given stays open when
-    this window is closed. `cards` are shown beside the kitchen when a game is over, and when its
-    owner wants to leave it; `answer` is what was chosen there, None if the window was closed.
-    `sounds` are told each view. `clock` and `sleep` are injected for tests.
+    the strip itself. `text_scale` makes letters larger, `strong_contrast` lighter or darker; with
+    `reduced_motion` only what matters moves. `keys` are those of the window's own commands. A
+    `display` that is given stays open when this window is closed. `cards` are shown beside the
+    kitchen when a game is over, and when its owner wants to leave it; `answer` is what was chosen
+    there, None if the window was closed. `sounds` are told each view. `clock` and `sleep` are
+    injected for tests.
 
     Of its `frames` only those are `drawn` that look different, or follow an event.
     """
@@ -73,6 +74,7 @@ class Window:
         painter: Painter | None = None,
         text_scale: float = 1.0,
         reduced_motion: bool = False,
+        strong_contrast: bool = False,
         keys: KeyMap | None = None,
         display: Display | None = None,
         gamepads: Gamepads | None = None,
@@ -106,6 +108,7 @@ class Window:
             text_scale=text_scale,
             reduced_motion=reduced_motion,
             words=words,
+            strong_contrast=strong_contrast,
         )
         self._input = PlayInput(
             keys=keys or KeyMap(),

@@ -44,7 +44,7 @@ class Interruptions:
             self._shade(target, layout, _STALE)
         y = max(8, layout.text // 2)
         if view.offline is not None and view.farewell is None:
-            fill = mixed(BAD, INK, 0.6)
+            fill = self._text.ground(mixed(BAD, INK, 0.6))
             shown.append(self._banner(target, layout, y, _lost(view.offline), fill, PAPER))
             y = shown[-1].bottom + layout.text * 2 // 3
         if view.starts_in is not None:

@@ -169,7 +169,7 @@ class Labels:
 
     def _draw_tag(self, words: str, index: int, size: int, here: bool) -> pygame.Surface:
         letters = self._text.line(words, size, PAPER)
-        plate = pill(letters, seat_fill(index) if here else ABSENT)
+        plate = pill(letters, self._text.ground(seat_fill(index) if here else ABSENT))
         side = round(plate.get_height() * 1.15)
         surface = pygame.Surface(
             (plate.get_width() + side * 2 // 3, max(side, plate.get_height())), pygame.SRCALPHA

@@ -12,7 +12,7 @@ from robotouille_client.window.view import LobbyRow, LobbyView
 
 __all__ = ["LobbyCard"]
 
-_QUIET = mixed(INK, PAPER, 0.35)
+_QUIET = mixed(INK, PAPER, 0.3)
 _READY = mixed(GOOD, INK, 0.4)
 _WORDS = {"ready": "ready", "here": "not ready yet", "away": "away", "free": "nobody yet"}
 

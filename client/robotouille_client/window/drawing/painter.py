@@ -54,6 +54,7 @@ class Painter:
         text_scale: How much larger letters are than they would be.
         reduced_motion: Nothing moves but from place to place: no hops, no steam, no sparks.
         words: What is laid over those of the rendering.
+        strong_contrast: Letters stand out more than they would.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Painter:
         text_scale: float = 1.0,
         reduced_motion: bool = False,
         words: Language = NO_WORDS,
+        strong_contrast: bool = False,
     ) -> None:
         self._rendering = rendering
         self._words = words
@@ -72,7 +74,7 @@ class Painter:
         self._strip = strip
         self.text_scale = text_scale
         self.reduced_motion = reduced_motion
-        self.text = self._text = Typesetter()
+        self.text = self._text = Typesetter(strong=strong_contrast)
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
         self._lived: tuple[tuple[State, State | None, bool], Life] | None = None

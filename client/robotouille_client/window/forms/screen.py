@@ -50,6 +50,7 @@ class Screen:
         self.keys = keys or KeyMap()
         self.gamepads = gamepads or Gamepads()
         self.text_scale = text_scale
+        self.strong_contrast = False
         self._sleep = sleep
         self._text: Typesetter | None = None
 
@@ -141,6 +142,7 @@ class Screen:
     def _typesetter(self) -> Typesetter:
         if self._text is None:
             self._text = Typesetter()
+        self._text.strong = self.strong_contrast
         return self._text
 
 

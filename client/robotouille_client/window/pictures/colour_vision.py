@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from robotouille_client.window.pictures.theme import Colour, mixed
+from functools import lru_cache
 
-__all__ = ["DICHROMACIES", "contrast", "readable", "simulated"]
+from robotouille_client.window.pictures.theme import CARD, PAPER, Colour, mixed
+
+__all__ = ["DICHROMACIES", "contrast", "readable", "simulated", "strong_ground", "strong_ink"]
 
 Matrix = tuple[tuple[float, float, float], ...]
 
@@ -21,6 +23,15 @@ DICHROMACIES: dict[str, Matrix] = {
     ),
 }
 """What becomes of linear red, green and blue (Machado, Oliveira and Fernandes 2009, severity 1)."""
+
+
+_WHITE: Colour = (255, 255, 255)
+_BLACK: Colour = (0, 0, 0)
+_STRONG_INK, _STRONG_GROUND = 9.0, 7.05
+"""Contrasts of text for those who see little of it: 7 is asked for (WCAG 2.2, level AAA); inks have
+more, and grounds keep as much of their colour as they may."""
+_LIGHT = 0.28
+"""The luminance from which on letters are meant for dark grounds."""
 
 
 def linear(value: float) -> float:
@@ -59,6 +70,21 @@ def readable(ink: Colour, ground: Colour, towards: Colour, ratio: float = 4.6) -
         if contrast(shown, ground) >= ratio:
             return shown
     return towards
+
+
+@lru_cache(maxsize=512)
+def strong_ink(ink: Colour) -> Colour:
+    """An ink with strong contrast: on CARD and darker grounds if it is light, else on PAPER and
+    lighter ones."""
+    if _luminance(ink) > _LIGHT:
+        return readable(ink, CARD, _WHITE, _STRONG_INK)
+    return readable(ink, PAPER, _BLACK, _STRONG_INK)
+
+
+@lru_cache(maxsize=512)
+def strong_ground(ground: Colour) -> Colour:
+    """A ground for letters of PAPER, so dark that they have strong contrast."""
+    return readable(ground, PAPER, _BLACK, _STRONG_GROUND)
 
 
 def _luminance(colour: Colour) -> float:

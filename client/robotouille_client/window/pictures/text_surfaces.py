@@ -6,6 +6,7 @@ import math
 
 import pygame
 
+from robotouille_client.window.pictures.colour_vision import strong_ground, strong_ink
 from robotouille_client.window.pictures.fonts import (
     FontStack,
     clusters,
@@ -22,20 +23,29 @@ _KEPT = 800
 
 
 class Typesetter:
-    """Draws text in the default font of pygame, else in one that has it, and keeps what it drew."""
+    """Draws text in the default font of pygame, else in one that has it, and keeps what it drew.
 
-    def __init__(self, fonts: FontStack | None = None) -> None:
+    With `strong` contrast all letters are lighter or darker than they would be.
+    """
+
+    def __init__(self, fonts: FontStack | None = None, *, strong: bool = False) -> None:
+        self.strong = strong
         self._fonts = fonts or FontStack()
         self._lines = Kept()
         self._wrapped: dict[tuple[str, int, int, int], tuple[str, ...]] = {}
 
     def line(self, text: str, size: int, colour: Colour) -> pygame.Surface:
         """One line of text; do not draw on the surface, it is shared."""
-        key = (text, size, colour)
+        ink = strong_ink(colour) if self.strong else colour
+        key = (text, size, ink)
         surface = self._lines.get(key)
         if surface is None:
-            surface = self._lines.keep(key, self._render(printable(text), size, colour))
+            surface = self._lines.keep(key, self._render(printable(text), size, ink))
         return surface
+
+    def ground(self, colour: Colour) -> Colour:
+        """A colour as the ground for letters of PAPER."""
+        return strong_ground(colour) if self.strong else colour
 
     def width(self, text: str, size: int) -> int:
         """How wide a line would be."""

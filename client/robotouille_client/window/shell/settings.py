@@ -24,8 +24,8 @@ class Settings(BaseModel):
 
     `size` is that of the window in pixels, `rendering` the name of the one that is chosen for the
     kitchens that may look like it, `language_file` a file with words of the owner's own.
-    `text_scale` makes letters larger or smaller, `keys` are those that differ from the defaults.
-    `task`, `partner` and `rate` (steps a second) were played
+    `text_scale` makes letters larger or smaller, `strong_contrast` lighter or darker. `keys` are
+    those that differ from the defaults. `task`, `partner` and `rate` (steps a second) were played
     last, `server` and `code` joined last. `best` has the fewest steps in which each task was done
     here, by `NAME@PLAYERS`.
     """
@@ -38,6 +38,7 @@ class Settings(BaseModel):
     fullscreen: bool = False
     sound: bool = True
     reduced_motion: bool = False
+    strong_contrast: bool = False
     rendering: Annotated[str, Field(max_length=64)] = ""
     language_file: Annotated[str, Field(max_length=400)] = ""
     text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0

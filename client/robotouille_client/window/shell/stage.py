@@ -78,6 +78,7 @@ class Stage:
         """Do as the settings say."""
         self._screen.keys = KeyMap(self.settings.keys)
         self._screen.text_scale = self.settings.text_scale
+        self._screen.strong_contrast = self.settings.strong_contrast
         if self._sounds is not None:
             self._sounds.on = self.settings.sound
         if self.settings.language_file != self._words_file:
@@ -131,6 +132,7 @@ class Stage:
             words=self.words,
             text_scale=self.settings.text_scale,
             reduced_motion=self.settings.reduced_motion,
+            strong_contrast=self.settings.strong_contrast,
             rendering=self.settings.rendering,
             clock=self.clock,
             sleep=self._sleep,

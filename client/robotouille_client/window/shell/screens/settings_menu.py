@@ -44,11 +44,13 @@ class SettingsMenu:
         self._changed = changed
         self.keys = Button("Keys", "keys")
         looks = [("as it comes", ""), *((name, name) for name in other_renderings())]
+        contrasts = [("as usual", False), ("strong contrast", True)]
         motion = [("all", False), ("only what matters", True)]
         rows = (
             self._text("name", "Your name", 40),
             self._text("server", "Server", 200),
             self._choice("rendering", "Look", looks),
+            self._choice("strong_contrast", "Colours", contrasts),
             self._choice("sound", "Sound", [("on", True), ("off", False)]),
             self._choice("reduced_motion", "What moves", motion),
             self._choice("fullscreen", "Fill the screen", [("no", False), ("yes", True)]),
