@@ -12,11 +12,11 @@ from robotouille.planning.plan import read_plan
 from robotouille.planning.policies.script import Script
 from robotouille.world.world import World
 
-__all__ = ["LEAST_SECONDS", "PATIENCE", "people_step_limit", "retimed_length"]
+__all__ = ["MIN_SECONDS", "PATIENCE", "people_step_limit", "retimed_length"]
 
 PATIENCE = 6
 """How many times as long as the certified plan a beginner may take."""
-LEAST_SECONDS = 180.0
+MIN_SECONDS = 180.0
 """… and for how long any game goes on at least, in real time."""
 MAX_STRETCH = 100
 """How many times as many steps a plan may take in another timing: beyond, it is stuck."""
@@ -36,7 +36,7 @@ def people_step_limit(task: Task, step_rate: float | None) -> int | None:
     length = retimed_length(task)
     if length is None:
         return None
-    least = 0 if step_rate is None else ceil(LEAST_SECONDS * step_rate)
+    least = 0 if step_rate is None else ceil(MIN_SECONDS * step_rate)
     return max(PATIENCE * length, least)
 
 

@@ -30,7 +30,7 @@ from robotouille_client.window.view import Bubble, SeatView, View
 
 __all__ = ["Labels", "Listing"]
 
-_KEPT = 200
+_MAX_KEPT = 200
 _FEET = 0.83
 """Where a name begins below the upper edge of its player's tile, in tiles."""
 
@@ -161,7 +161,7 @@ class Labels:
         waited = player in view.waits_for
         key = (name, here, waited, index, size, layout.tile)
         if key not in self._tags:
-            if len(self._tags) >= _KEPT:
+            if len(self._tags) >= _MAX_KEPT:
                 self._tags.clear()
             words = self._text.fit(name, size, round(layout.tile * 1.5)) + ("  …" if waited else "")
             self._tags[key] = self._draw_tag(words, index, size, here)

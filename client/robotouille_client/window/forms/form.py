@@ -22,7 +22,7 @@ WIDTH, PICTURE = 40, 20
 """Of a form, and of the picture beside its rows, in letters' heights."""
 MAX_TOLD = 6
 """Lines of a message."""
-SMALLEST = 9
+MIN_SIZE = 9
 """Letters' height, below which they are hard to read."""
 
 
@@ -215,7 +215,7 @@ class Form:
 
     def _fitting(self, area: pygame.Rect, text: Typesetter, size: int) -> int:
         """The size of letters, as large as can be, with which there is room for all."""
-        least = max(SMALLEST, size * 3 // 5)
+        least = max(MIN_SIZE, size * 3 // 5)
         sizes = range(size, least, -1)
         fits = (s for s in sizes if self._needed(area.width - 2 * s, text, s) <= area.height)
         return next(fits, min(size, least))

@@ -19,7 +19,7 @@ from robotouille_client.window.pictures.theme import Colour
 __all__ = ["Typesetter"]
 
 _FINE = 3
-_KEPT = 800
+_MAX_KEPT = 800
 
 
 class Typesetter:
@@ -66,7 +66,7 @@ class Typesetter:
         key = (text, size, width, most)
         lines = self._wrapped.get(key)
         if lines is None:
-            if len(self._wrapped) >= _KEPT:
+            if len(self._wrapped) >= _MAX_KEPT:
                 self._wrapped.clear()
             lines = self._wrapped[key] = tuple(self._wrap(printable(text), size, width, most))
         return lines

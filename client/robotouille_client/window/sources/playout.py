@@ -15,7 +15,7 @@ __all__ = ["MAX_DELAY", "MAX_RATE", "Playout", "ShownStep"]
 
 MAX_DELAY = 0.25
 """Seconds for which a step is held back at most, so that others may come later than it did."""
-MOST = 0.9
+IN_TIME = 0.9
 """The share of the steps that are to be in time."""
 REMEMBERED = 50
 """Steps whose arrival says how even the line is."""
@@ -103,5 +103,5 @@ class Playout:
     def _quickest_and_delay(self) -> float:
         """When step 0 is shown: as the quickest would have arrived, and the delay after it."""
         offsets = sorted(self._offsets)
-        most = offsets[min(len(offsets) - 1, round(MOST * len(offsets)))]
+        most = offsets[min(len(offsets) - 1, round(IN_TIME * len(offsets)))]
         return offsets[0] + min(MAX_DELAY, most - offsets[0])

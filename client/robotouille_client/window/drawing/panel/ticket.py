@@ -15,7 +15,7 @@ from robotouille_client.window.view import View
 
 __all__ = ["Ticket"]
 
-_ICON, _SMALLEST = 2.5, 1.4
+_ICON, _MIN_ICON = 2.5, 1.4
 """The side of a picture, as a multiple of the text size."""
 
 _STEP = 0.8
@@ -85,7 +85,7 @@ class Ticket:
         share = _COMPACT_SHARE if layout.compact else _SHARE
         room = min(area.height * share / (rows * _STEP), area.width / len(self._dishes) / 2)
         size = int(min(layout.text * _ICON, room))
-        return size if size >= layout.text * _SMALLEST else None
+        return size if size >= layout.text * _MIN_ICON else None
 
     def _seam(self, surface: pygame.Surface, column: pygame.Rect) -> None:
         for y in range(column.top, column.bottom, 6):

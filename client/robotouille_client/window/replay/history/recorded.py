@@ -44,7 +44,7 @@ _KINDS = {
     "restarted": EntryKind.RESTARTED,
     "announced": EntryKind.ANNOUNCED,
 }
-KEPT = 256
+MAX_KEPT = 256
 """Steps whose entries are kept in words."""
 _TOLD = frozenset({"paused", "resumed", "restarted", "announced"})
 """Notes that interludes are made of."""
@@ -108,7 +108,7 @@ class RecordedHistory(History):
     def entries(self, step: int) -> tuple[Entry, ...]:
         found = self._kept.get(step)
         if found is None:
-            if len(self._kept) >= KEPT:
+            if len(self._kept) >= MAX_KEPT:
                 self._kept.clear()
             found = self._kept[step] = (*self._moves(step), *self._noted(step), *self._end(step))
         return found

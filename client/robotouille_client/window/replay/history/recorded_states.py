@@ -14,7 +14,7 @@ from robotouille.world.world import State, World
 
 __all__ = ["RecordedStates"]
 
-KEPT = 512
+MAX_KEPT = 512
 """States that are kept: those around a place are asked for again and again."""
 
 
@@ -90,7 +90,7 @@ class RecordedStates:
         return StateReader(self._world, tables, frame_value(self._stream, position))
 
     def _keep(self, step: int, state: State) -> None:
-        if len(self._kept) >= KEPT:
-            for old in list(self._kept)[: KEPT // 2]:
+        if len(self._kept) >= MAX_KEPT:
+            for old in list(self._kept)[: MAX_KEPT // 2]:
                 del self._kept[old]
         self._kept[step] = state

@@ -13,7 +13,7 @@ from robotouille_client.window.replay.timeline.legend import draw_legend
 
 __all__ = ["draw_key_help"]
 
-SMALLEST = 7
+MIN_SIZE = 7
 
 
 def draw_key_help(
@@ -22,7 +22,7 @@ def draw_key_help(
     """Rows of (key, what it does) on a card with the legend below, smaller where there is little
     room."""
     width, height = target.get_size()
-    while size > SMALLEST and _height(text, size, rows, width) > height:
+    while size > MIN_SIZE and _height(text, size, rows, width) > height:
         size -= 1
     pad, step = size, text.height(size)
     wide, keys = _width(text, size, rows, width)

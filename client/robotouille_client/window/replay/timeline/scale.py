@@ -4,7 +4,7 @@ from __future__ import annotations
 
 __all__ = ["Scale"]
 
-FEWEST = 10
+MIN_SHOWN = 10
 """Steps that are shown at least."""
 
 
@@ -53,7 +53,7 @@ class Scale:
         """Show so many times as many steps, with the one at a pixel where it is."""
         share = self._share(x)
         middle = self.first + share * self.shown
-        wanted = max(float(FEWEST), self.shown * factor)
+        wanted = max(float(MIN_SHOWN), self.shown * factor)
         self._shown = None if wanted >= self._whole else wanted
         self._go(middle - share * self.shown)
 

@@ -28,10 +28,10 @@ READOUT, ROW, CURVE, AXIS = 1.9, 1.5, 2.8, 1.25
 """Heights, as multiples of the text size."""
 MAX_ROWS = 6.0
 """How high all lanes are together, as a multiple of the text size; they are lower then."""
-LEAST_ROW = 0.8
+MIN_ROW = 0.8
 HEAD_ROW = 0.5
 """The height of the marks that are nobody's, as part of a lane's."""
-LEAST_WORDS = 5.5
+MIN_WORDS = 5.5
 """The room beside the buttons, as a multiple of the text size."""
 NEAR = 4
 """Pixels from which a mark is meant."""
@@ -85,7 +85,7 @@ class TimelineStrip:
     @property
     def _row_lines(self) -> float:
         """The height of a lane."""
-        return max(LEAST_ROW, min(ROW, MAX_ROWS / len(self._history.lanes)))
+        return max(MIN_ROW, min(ROW, MAX_ROWS / len(self._history.lanes)))
 
     def tick(self) -> None:
         """A frame passes: a key that is held does again what it does."""
@@ -142,7 +142,7 @@ class TimelineStrip:
         right = row.x
         if self._buttons is not None:
             buttons = row.copy()
-            buttons.width -= round(LEAST_WORDS * size)
+            buttons.width -= round(MIN_WORDS * size)
             right = self._buttons.draw(target, buttons, text, size, self._look())
         words = pygame.Rect(right + size // 2, row.y, 0, row.height)
         words.width = max(1, row.right - size // 2 - words.x)

@@ -21,7 +21,7 @@ from robotouille_client.window.sources.task_titles import task_title
 
 __all__ = ["ReplaysMenu", "recent_recordings"]
 
-SHOWN = 50
+MAX_SHOWN = 50
 AT_ONCE = 0.02
 """Seconds that may be spent on reading files before the next look for what its owner does."""
 
@@ -35,7 +35,7 @@ def recent_recordings(folders: Iterable[Path]) -> list[Path]:
                 found.append((path.stat().st_mtime, path))
             except OSError:
                 continue
-    return [path for _, path in sorted(found, reverse=True)[:SHOWN]]
+    return [path for _, path in sorted(found, reverse=True)[:MAX_SHOWN]]
 
 
 class ReplaysMenu:
