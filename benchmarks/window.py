@@ -15,7 +15,6 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
 
 TASK, SIZE, PHASES = "multi_agent/10@4", (1280, 720), 12
 STEPS = 120
+COUNTDOWN_FRAMES = 180
+"""Those of 3 s before a game."""
 AIM_FRAME = 8.0
 
 
@@ -92,20 +93,27 @@ def views(taken: Course, phases: int) -> Iterator[View]:
 
 
 def measure_frames(steps: int = STEPS) -> Frames:
-    """Show a course in a window, from the source to the screen; the first frame, which draws every
-    picture once, is left out."""
+    """Show a course in a window, from the source to the screen. What is drawn ahead between two
+    frames is part of the first of them; the countdown, in which that begins, is left out."""
     from robotouille_client.window.window import Window
 
     window, shown = Window(SIZE, headless=True), list(views(course(steps), PHASES))
-    source = Led(shown[0])
+    source = Led(replace(shown[0], previous=None, state=shown[0].world.initial, starts_in=3.0))
     times = []
+
+    def frame() -> None:
+        window.frame(source)
+        window.preload()
+
     gc.collect()
     gc.freeze()  # As a window does that is on a screen.
     try:
+        for _ in range(COUNTDOWN_FRAMES):
+            frame()
         for view in shown:
             source.shown = view
-            times.append(_timed(partial(window.frame, source)))
-        rest = sorted(times[1:])
+            times.append(_timed(frame))
+        rest = sorted(times)
         return Frames(rest[len(rest) // 2], rest[len(rest) * 99 // 100], _bare(shown[-1]))
     finally:
         gc.unfreeze()

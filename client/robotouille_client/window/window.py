@@ -28,6 +28,8 @@ from robotouille_client.window.view import Source, View
 __all__ = ["Window"]
 
 _Drawn = tuple[tuple[int, int], object, object, UiOverlay, str]
+PRELOAD_SECONDS = 0.0004
+"""After each frame, for pictures that may be needed; one that is begun is drawn to its end."""
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 CARD_SECONDS = 0.7
@@ -142,6 +144,7 @@ class Window:
             while not self.closed:
                 drawn = self.drawn
                 self.frame(source)
+                self.preload()
                 idle = _IDLE_SECONDS if self.drawn == drawn else 0.0
                 now = self._clock()
                 if source.finished and linger is not None:
@@ -171,6 +174,12 @@ class Window:
             self._sounds.heard(view)
         self._show_end(source, view)
         self._draw(view)
+
+    def preload(self) -> None:
+        """Draw some of the pictures that later frames may need."""
+        surface = self._display.surface
+        if surface is not None and not self.closed:
+            self._painter.preload(surface.get_size(), PRELOAD_SECONDS)
 
     def screenshot(self, path: Path | str) -> None:
         """Save what the window shows as a picture."""

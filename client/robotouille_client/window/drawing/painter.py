@@ -19,6 +19,7 @@ from robotouille_client.window.drawing.key_strip import KeyStrip
 from robotouille_client.window.drawing.kitchen.kitchen_layer import KitchenLayer, Scene
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
+from robotouille_client.window.drawing.kitchen.preloader import Preloader
 from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots, ways
 from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.notices import Notices
@@ -77,6 +78,7 @@ class Painter:
         self.text = self._text = Typesetter(strong=strong_contrast)
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
+        self._preloader: Preloader | None = None
         self._lived: tuple[tuple[State, State | None, bool], Life] | None = None
 
     def paint(
@@ -200,6 +202,16 @@ class Painter:
         self._stages = [(state, stage), *self._stages[:3]]
         return stage
 
+    def preload(self, size: tuple[int, int], seconds: float) -> None:
+        """Draw pictures that the task of the last view may show on a surface of a size, for about
+        so long."""
+        if self._world is None:
+            return
+        tile = self.layout(size, self._world).tile
+        if self._preloader is None or self._preloader.tile != tile:
+            self._preloader = Preloader(self._world, self._resolver, self._sprites, tile)
+        self._preloader.work(seconds)
+
     def icon(self, world: World, size: int) -> pygame.Surface | None:
         """The window's icon."""
         self._prepare(world)
@@ -211,6 +223,7 @@ class Painter:
         self._world = world
         self._stages = []
         self._lived = None
+        self._preloader = None
         chosen = self._rendering
         art = (
             chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen or "")

@@ -12,8 +12,9 @@ from types import MappingProxyType
 from typing import Literal
 
 from robotouille.domain.rendering import Entity, RenderingFile
-from robotouille.domain.rendering.art import Facings, Fact
+from robotouille.domain.rendering.art import Art, Facings, Fact
 from robotouille.domain.schema import DomainFile
+from robotouille.world.grounding.objects import Object
 from robotouille.world.scene import Placed, scene
 from robotouille.world.world import State
 
@@ -100,7 +101,7 @@ class AppearanceResolver:
         for host, things in hosted.items():
             things.sort(key=lambda thing: thing.level)
             piles[host] = self._pile(things, placed, related, doing)
-            bases[host] = self._constant(things[0], "station_offset", _OFFSET)
+            bases[host] = self._constant(things[0].thing, "station_offset", _OFFSET)
         relations = {name: frozenset(fact[0] for fact in facts) for name, facts in related.items()}
         return Stage(placed, stations, piles, bases, relations)
 
@@ -127,7 +128,9 @@ class AppearanceResolver:
             shown = art.chosen(thing.facts, about, under_way)
             asset, effects = shown.at(under_way), shown.effects
         words = " ".join(sorted(w for f, w in self._words.items() if f in thing.facts))
-        return Appearance(kind, self._role(thing), asset, "" if asset else words, effects=effects)
+        return Appearance(
+            kind, self._role(thing.thing), asset, "" if asset else words, effects=effects
+        )
 
     def listing(self, stage: Stage, host: str) -> tuple[tuple[Appearance | None, str], ...]:
         """What lies on a station or is held, from the top down, with what is in it, in words."""
@@ -186,7 +189,7 @@ class AppearanceResolver:
         pieces, rise = [], 0.0
         for thing in things:
             name = thing.thing.name
-            scale = self._constant(thing, "scale", _SCALES[self._role(thing)])
+            scale = self.scale(thing.thing)
             contents, inside = (
                 tuple(self.appearance(each, placed, related) for each in things)
                 for things in (
@@ -196,7 +199,7 @@ class AppearanceResolver:
             )
             appearance = self.appearance(thing, placed, related, doing)
             pieces.append(SpritePiece(name, appearance, scale, rise, contents, inside))
-            rise += self._constant(thing, "stack_offset", _HEIGHT)
+            rise += self._constant(thing.thing, "stack_offset", _HEIGHT)
         return tuple(pieces)
 
     def _is_inside(self, thing: Placed, placed: dict[str, Placed]) -> bool:
@@ -204,20 +207,30 @@ class AppearanceResolver:
         host = placed.get(thing.host or "")
         return host is not None and host.thing.type not in self._stations | self._players
 
-    def _role(self, thing: Placed) -> Role:
-        if thing.thing.type in self._stations:
+    def scale(self, thing: Object) -> float:
+        """How large a thing is drawn, in tiles."""
+        return self._constant(thing, "scale", _SCALES[self._role(thing)])
+
+    def pictures(self, thing: Object) -> dict[str, Art]:
+        """All pictures that may be chosen for what is no player, and what they belong to."""
+        entity = self._entity(thing.kind)
+        found = [] if entity is None else [art for _, art in entity.assets.parts(thing.kind)]
+        return {file: art for art in found for file in (art.asset, *art.stages) if file}
+
+    def _role(self, thing: Object) -> Role:
+        if thing.type in self._stations:
             return "station"
-        if thing.thing.type in self._players:
+        if thing.type in self._players:
             return "player"
-        in_containers = thing.thing.kind in self.rendering.container.entities
-        return "container" if in_containers or thing.thing.type == "container" else "item"
+        in_containers = thing.kind in self.rendering.container.entities
+        return "container" if in_containers or thing.type == "container" else "item"
 
     def _entity(self, kind: str) -> Entity | None:
         group = self.rendering.group_of(kind)
         return group.entities[kind] if group else None
 
-    def _constant(self, thing: Placed, name: str, default: float) -> float:
-        kind, rendering = thing.thing.kind, self.rendering
+    def _constant(self, thing: Object, name: str, default: float) -> float:
+        kind, rendering = thing.kind, self.rendering
         role = self._role(thing)
         group = rendering.group_of(kind) or (
             rendering.container if role == "container" else rendering.item

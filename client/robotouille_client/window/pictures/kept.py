@@ -33,6 +33,11 @@ class Kept:
         """A picture that is kept; do not draw on it, it is shared."""
         return self._pictures.get(key)
 
+    @property
+    def roomy(self) -> bool:
+        """Whether half of the room is left, so that pictures may be kept that nobody needs yet."""
+        return 2 * len(self._pictures) < MAX_PICTURES and 2 * self._pixels < MAX_PIXELS
+
     def __iter__(self) -> Iterator[pygame.Surface]:
         return iter(self._pictures.values())
 

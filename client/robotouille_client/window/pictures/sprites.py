@@ -36,6 +36,11 @@ class Sprites:
         self._kept = Kept()
         self._missing: set[str] = set()
 
+    @property
+    def roomy(self) -> bool:
+        """Whether pictures may be drawn that nobody needs yet."""
+        return self._kept.roomy
+
     def file(self, name: str | None, size: int) -> pygame.Surface | None:
         """A picture of the folders as a square of `size` pixels, if there is one."""
         if name is None or size < 1:

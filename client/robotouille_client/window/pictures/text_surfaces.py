@@ -32,6 +32,7 @@ class Typesetter:
         self.strong = strong
         self._fonts = fonts or FontStack()
         self._lines = Kept()
+        self._widths: dict[tuple[str, int], int] = {}
         self._wrapped: dict[tuple[str, int, int, int], tuple[str, ...]] = {}
 
     def line(self, text: str, size: int, colour: Colour) -> pygame.Surface:
@@ -49,8 +50,15 @@ class Typesetter:
 
     def width(self, text: str, size: int) -> int:
         """How wide a line would be."""
-        runs = self._fonts.runs(printable(text))
-        return math.ceil(sum(self._run_size(face, part, size)[0] for face, part in runs) / _FINE)
+        key = (text, size)
+        width = self._widths.get(key)
+        if width is None:
+            if len(self._widths) >= _KEPT:
+                self._widths.clear()
+            runs = self._fonts.runs(printable(text))
+            wide = sum(self._run_size(face, part, size)[0] for face, part in runs)
+            width = self._widths[key] = math.ceil(wide / _FINE)
+        return width
 
     def reads(self, text: str) -> bool:
         """Whether most letters of a text are written so that people can read them."""

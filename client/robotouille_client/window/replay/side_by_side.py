@@ -71,6 +71,11 @@ class SideBySidePainter(Painter):
         """What there is to draw of a state on the left."""
         return self._left.stage(state)
 
+    def preload(self, size: tuple[int, int], seconds: float) -> None:
+        """Draw pictures that both halves may show."""
+        for painter, half in zip((self._left, self._right), _halves(size), strict=True):
+            painter.preload(half.size, seconds / 2)
+
     def icon(self, world: World, size: int) -> pygame.Surface | None:
         """The window's icon."""
         return self._left.icon(world, size)

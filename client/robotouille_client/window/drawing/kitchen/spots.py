@@ -12,7 +12,17 @@ from robotouille_client.window.drawing.kitchen.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import SpritePiece, Stage
 
-__all__ = ["HEAD", "RAISED", "Spot", "hands", "occupied", "pile_spot", "spots", "ways"]
+__all__ = [
+    "HEAD",
+    "RAISED",
+    "Spot",
+    "hands",
+    "occupied",
+    "pile_spot",
+    "sizes_of_tiles",
+    "spots",
+    "ways",
+]
 
 RAISED = 0.12
 """How much higher than its tile a player is drawn, in tiles."""
@@ -26,6 +36,10 @@ _SEEN = 0.76
 """How much of the square of a picture a thing usually fills."""
 
 _HELD_SCALE = 0.85
+"""How large what is held is drawn, of what it is elsewhere."""
+
+_SIZES = 2
+"""How often what is on its way becomes larger or smaller: each size is a picture to draw."""
 _HELD = {
     "front": (0.0, 0.18),
     "right": (0.35, 0.09),
@@ -47,12 +61,20 @@ class Spot:
         return Spot(self.x, self.y - tiles * self.tile, self.tile)
 
     def towards(self, other: Spot, share: float) -> Spot:
-        """A spot between two."""
+        """A spot between two; it has one of few sizes."""
         return Spot(
             self.x + (other.x - self.x) * share,
             self.y + (other.y - self.y) * share,
-            self.tile + (other.tile - self.tile) * share,
+            self.tile + (other.tile - self.tile) * round(share * _SIZES) / _SIZES,
         )
+
+
+def sizes_of_tiles(tile: int) -> tuple[float, ...]:
+    """What a tile measures where things may be: the size of most first, then of what is held, then
+    of what is on its way."""
+    full, held = float(tile), tile * _HELD_SCALE
+    between = (held + (full - held) * n / _SIZES for n in range(1, _SIZES))
+    return full, held, *between
 
 
 def hands(layout: Layout, pose: Pose) -> Spot:
