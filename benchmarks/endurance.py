@@ -80,6 +80,7 @@ def play(game: LocalGame, display: Display, dice: random.Random) -> Iterator[Non
     window, source = Window(display=display), game.source
     for step in itertools.count():
         window.frame(source)
+        window.preload()
         if source.finished:
             return
         view = source.view()

@@ -17,6 +17,7 @@ from tests.support.window_play import follow, post
 from robotouille import World
 from robotouille.domain.loading import task_names
 from robotouille.domain.rendering import NO_WORDS, language_of, read_language
+from robotouille.replay.container import frame_ends, plain
 from robotouille_client.window.controls import Controls
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -29,7 +30,7 @@ from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.shell.screens.play_menu import PlayMenu
 from robotouille_client.window.shell.screens.recording_summary import summary_of, when_words
-from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu
+from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu, recent_recordings
 from robotouille_client.window.shell.screens.server_menus import JoinMenu
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.screens.task_picker import TaskPicker
@@ -279,6 +280,26 @@ def test_recordings_are_told_by_their_task_and_result(
     follow(menu.form)
     assert menu.form.focused is not None
     assert menu.form.focused.answer == whole
+
+
+def test_games_that_were_cut_off_are_listed_and_those_under_way_are_not(
+    display: Display, tmp_path: Path, recording: bytes
+) -> None:
+    ages = {"whole.rbt": 5.0, "cut.rbt.part": 600.0, "now.rbt.part": 2.0, "both.rbt.part": 900.0,
+            "both.rbt": 700.0, "draft.rbt.tmp": 800.0}  # fmt: skip
+    for name, ago in ages.items():
+        (tmp_path / name).write_bytes(recording)
+        os.utime(tmp_path / name, (time.time() - ago,) * 2)
+    stream, _ = plain(recording, 1 << 20)
+    (tmp_path / "cut.rbt.part").write_bytes(stream[: [*frame_ends(stream)][-3]])
+    os.utime(tmp_path / "cut.rbt.part", (time.time() - 600.0,) * 2)
+    paths = recent_recordings([tmp_path, tmp_path / "none"])
+    assert [path.name for path in paths] == ["whole.rbt", "cut.rbt.part", "both.rbt"]
+    menu = ReplaysMenu(paths)
+    assert menu.form.entries[1].told().title == "cut"
+    while menu.form.idle():
+        drawn(menu.form, (800, 600))
+    assert "not played to its end" in menu.form.entries[1].told().detail
 
 
 def test_fifty_recordings_are_read_at_once(tmp_path: Path, recording: bytes) -> None:

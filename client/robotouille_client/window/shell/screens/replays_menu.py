@@ -21,21 +21,33 @@ from robotouille_client.window.sources.task_titles import task_title
 
 __all__ = ["ReplaysMenu", "recent_recordings"]
 
+OPEN, CLOSED = ".rbt.part", ".rbt"
+QUIET_SECONDS = 60.0
+"""Without a new step, after which a game is taken to be cut off."""
 MAX_SHOWN = 50
 AT_ONCE = 0.02
 """Seconds that may be spent on reading files before the next look for what its owner does."""
 
 
 def recent_recordings(folders: Iterable[Path]) -> list[Path]:
-    """Recordings in some folders, the newest first."""
+    """Recordings in some folders, the newest first; those of games that were cut off as well, but
+    none of a game that is being played."""
     found: list[tuple[float, Path]] = []
+    now = time.time()
     for folder in folders:
-        for path in folder.glob("*.rbt") if folder.is_dir() else ():
+        for path in folder.glob("*.rbt*") if folder.is_dir() else ():
             try:
-                found.append((path.stat().st_mtime, path))
+                written = path.stat().st_mtime
             except OSError:
                 continue
+            if path.suffix == CLOSED or (_is_cut_off(path) and now - written > QUIET_SECONDS):
+                found.append((written, path))
     return [path for _, path in sorted(found, reverse=True)[:MAX_SHOWN]]
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Whether a file was never closed, and has not been closed under another name."""
+    return path.name.endswith(OPEN) and not path.with_suffix("").exists()
 
 
 class ReplaysMenu:
@@ -76,7 +88,7 @@ class ReplaysMenu:
     def _told(self, path: Path) -> Told:
         found = self._summaries.get(path)
         if found is None:
-            return Told(path.stem.replace("_", " "), "…")
+            return Told(path.name.partition(CLOSED)[0].replace("_", " "), "…")
         title = task_title(found.name) if found.name else path.name
         return Told(title, f"{when_words(found.when, self._now)} · {found.result}")
 
