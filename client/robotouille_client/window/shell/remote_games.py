@@ -164,7 +164,7 @@ class RemoteGames:
         )
         caption = f"Robotouille {game.code}"
         answer = await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
-        watch = partial(self._replays.watch_seen, history, look)
+        watch = partial(self._replays.watch_seen, history, look, self._stem(game))
         save = partial(self._save, game, history, look)
         while True:
             answer = await self._replays.review(answer, cards, watch, save)
@@ -193,11 +193,15 @@ class RemoteGames:
         return _Again(code, game.seat, or_another=True)
 
     async def _save(self, game: Game, history: LiveHistory, look: KitchenLook | None) -> None:
+        stem = self._stem(game)
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        await self._replays.save_seen(history, look, stem.with_name(f"{stem.name}.mp4"))
+
+    def _stem(self, game: Game) -> Path:
+        """The path of videos of a game, without the ending."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{stamp}_{game.world.task.name}_{game.code}.mp4")
-        folder = self._videos or Path.cwd()
-        folder.mkdir(parents=True, exist_ok=True)
-        await self._replays.save_seen(history, look, folder / name)
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{stamp}_{game.world.task.name}_{game.code}")
+        return (self._videos or Path.cwd()) / name
 
     async def ask_server(
         self, ask: Callable[[Client], Awaitable[T]], url: str | None = None

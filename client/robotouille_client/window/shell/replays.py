@@ -102,16 +102,21 @@ class Replays:
         finally:
             viewer.close()
 
-    async def watch_seen(self, history: History, look: KitchenLook | None) -> None:
-        """Watch what was seen of a game."""
+    async def watch_seen(self, history: History, look: KitchenLook | None, stem: Path) -> None:
+        """Watch what was seen of a game; `stem` is the path of videos, without the ending."""
         from robotouille_client.window.replay.history_viewer import HistoryViewer
         from robotouille_client.window.replay.viewer import ReplayCards
 
-        viewer = HistoryViewer(history, self._stage.clock)
+        viewer = HistoryViewer(
+            history, self._stage.clock, stem, rendering=self._stage.settings.rendering, look=look
+        )
         window = self._stage.window(
             ReplayCards(), caption=self._stage.display.caption, look=look, strip=viewer.strip
         )
-        await self._stage.watched(window, viewer)
+        try:
+            await self._stage.watched(window, viewer)
+        finally:
+            viewer.close()
 
     async def save(self, path: Path) -> None:
         """Save a recording as a video beside it.

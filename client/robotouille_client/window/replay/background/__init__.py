@@ -1,1 +1,1 @@
-"""What is worked out beside a viewer, in processes of its own."""
+"""What is worked out beside a viewer, most of it in processes of its own."""

@@ -1,4 +1,4 @@
-"""Works out the steps to go of a recording in a process of its own, and fills a curve with them."""
+"""Works out the steps to go of a history in a process of its own, and fills a curve with them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from robotouille.domain.loading import load_task
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
 from robotouille_client.window.replay.background.line_process import LineProcess
-from robotouille_client.window.replay.history.recorded import RecordedHistory
+from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve, StepsKnown
 from robotouille_client.window.replay.viewer_state import Job, ViewerState
 
@@ -31,13 +31,14 @@ class StepsSearch:
     """Begins on demand. A thread reads what the process finds: no frame waits for either.
 
     Args:
+        path: The file that the process reads: a recording, or the states that were seen.
         now: A clock in seconds.
     """
 
     def __init__(
         self,
         path: Path,
-        history: RecordedHistory,
+        history: History,
         curve: StepsCurve,
         state: ViewerState,
         now: Callable[[], float],
@@ -78,7 +79,7 @@ class StepsSearch:
         """What the task's certificate says of the beginning, and the outcome of the end."""
         history = self._history
         known = _certified(history)
-        if known is not None:
+        if known is not None and history.first == 0:
             self._curve.add(0, known)
         if history.state(history.length).goal_reached:
             self._curve.add(history.length, StepsKnown(0, 0))
@@ -105,9 +106,14 @@ class StepsSearch:
         else:
             self._show()
 
+    @property
+    def _whole(self) -> int:
+        """How many states there are."""
+        return self._history.length - self._history.first + 1
+
     def _show(self) -> None:
         """How much is known, and how much of the time has passed, whichever is more."""
-        known, whole = len(self._told), self._history.length + 1
+        known, whole = len(self._told), self._whole
         seconds = self._now() - self._began
         left = max(0, round(SECONDS - seconds))
         words = f"Steps to go: {known} of {whole}, for {left} s more at most"
@@ -125,7 +131,7 @@ class StepsSearch:
         self._tell_end()
 
     def _tell_end(self) -> None:
-        known, whole = len(self._told), self._history.length + 1
+        known, whole = len(self._told), self._whole
         if known == whole:
             self._state.tell("The steps to go are known at every step")
         else:
@@ -149,7 +155,7 @@ class StepsSearch:
             self._process.stop()
 
 
-def _certified(history: RecordedHistory) -> StepsKnown | None:
+def _certified(history: History) -> StepsKnown | None:
     """What the certificate of a shipped task says of its beginning, if there is one."""
     task = replace(history.world.task, timing=Timing.BENCHMARK)
     try:

@@ -1,4 +1,5 @@
-"""The process that works out the steps to go of a recording: a line of JSON for each finding.
+"""The process that works out the steps to go of a recording, or of states that were seen: a line of
+JSON for each finding.
 
 python -m robotouille_client.window.replay.background.steps_worker FILE EXPANSIONS SECONDS
 """
@@ -7,11 +8,13 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 
 from robotouille.certification.certificate import Deadline
 from robotouille.errors import RobotouilleError
 from robotouille.replay.analysis.distances import estimates
 from robotouille.replay.recording import read_recording
+from robotouille_client.window.replay.history.seen_states import ENDING, SeenStates
 
 __all__ = ["main"]
 
@@ -19,10 +22,12 @@ __all__ = ["main"]
 def main(file: str, expansions: str, seconds: str) -> int:
     """Print `[step, least, most, dead]` as it is found; the exit status."""
     try:
-        recording = read_recording(file, damaged=True)
-        for step, left in estimates(recording, int(expansions), Deadline(float(seconds))):
-            print(json.dumps([step, left.bound, left.steps, left.dead]), flush=True)
-    except (RobotouilleError, ValueError) as error:
+        seen = SeenStates.read(Path(file)) if file.endswith(ENDING) else None
+        source = seen or read_recording(file, damaged=True)
+        first = seen.first if seen else 0
+        for step, left in estimates(source, int(expansions), Deadline(float(seconds))):
+            print(json.dumps([first + step, left.bound, left.steps, left.dead]), flush=True)
+    except (RobotouilleError, OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 1
     return 0
