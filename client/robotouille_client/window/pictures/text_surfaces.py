@@ -53,7 +53,7 @@ class Typesetter:
         key = (text, size)
         width = self._widths.get(key)
         if width is None:
-            if len(self._widths) >= _KEPT:
+            if len(self._widths) >= _MAX_KEPT:
                 self._widths.clear()
             runs = self._fonts.runs(printable(text))
             wide = sum(self._run_size(face, part, size)[0] for face, part in runs)
