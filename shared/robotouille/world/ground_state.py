@@ -89,7 +89,7 @@ class GroundState:
         return self.timers.busy_steps(player)
 
     def progress(self) -> tuple[Progress, ...]:
-        """Everything that cooks, fries, fills, boils or is being cut, in order of creation."""
+        """All that time or work is bringing about, in order of creation: a patty that cooks."""
         return self.timers.progress()
 
     @property

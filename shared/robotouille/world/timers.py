@@ -97,7 +97,7 @@ class Timers:
         return tuple((*effect.label, progress) for effect, progress in self.entries)
 
     def progress(self) -> tuple[Progress, ...]:
-        """Everything that cooks, fries, fills, boils or is being cut, in order of creation."""
+        """All that time or work is bringing about, in order of creation: a patty that cooks."""
         return tuple(
             Progress(
                 action=effect.label[0],

@@ -36,7 +36,7 @@ def useful_actions(state: State, player: str) -> tuple[GroundAction, ...]:
 
 
 def work_in_progress(state: State) -> tuple[Progress, ...]:
-    """What cooks, fills or is being cut and still changes something when it is done."""
+    """What is in progress and still changes something when it is done."""
     going_on = {
         (effect.label[0], effect.label[2])
         for effect, _ in state.timers.entries
