@@ -67,6 +67,10 @@ def test_of_a_picture_only_what_is_drawn_is_kept() -> None:
         ),
         (OPEN + '<g transform="skewX(89.99999)"/></svg>', "strokes more than 4 times"),
         (OPEN + '<path stroke-width="1e999"/></svg>', "strokes more than 4 times"),
+        (OPEN + '<g transform="xscale(900)"/></svg>', "transformation that is none"),
+        (OPEN + '<g transform="scale now (900)"/></svg>', "transformation that is none"),
+        (OPEN + f'<g transform="{"a" * 200_000}"/></svg>', "transformation that is none"),
+        (OPEN + f'<g transform="{"scale(" * 30_000}"/></svg>', "transformation that is none"),
         (OPEN + f'<path d="{"L0 0" * 5000}"/><path d="{"L0 0" * 5000}"/></svg>', "outlines"),
         (OPEN + " " * MAX_PICTURE_BYTES + "</svg>", "at most"),
     ],
@@ -124,3 +128,9 @@ def test_shipped_pictures_are_drawn_alike(tmp_path: Path) -> None:
             for one in (path, copy)
         )
         assert drawn == again, path
+
+
+def test_a_style_does_not_enlarge() -> None:
+    """Windows would take it for the attribute, whose strokes are measured."""
+    kept = plain_svg(f'{OPEN}<path style="transform:scale(900);fill:red"/></svg>'.encode())
+    assert b'style="fill:red"' in kept

@@ -20,8 +20,9 @@ MAX_SIDE = 2048
 
 _GRADIENT = re.compile(rb"<(?:\w+:)?(?:linear|radial)Gradient\b[^<>]*>")
 _SHARE = re.compile(
-    rb"""(\s(?:[xy][12]|[cf][xy]|r)\s*=\s*["']\s*)([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?=\s*["'])"""
+    rb"""(\s(?:[xy][12]|[cf][xy]|r)\s*=\s*["']\s*)([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?+)(?=\s*+["'])"""
 )
+"""Possessive: linear on any picture that a server sends."""
 
 
 class Sprites:

@@ -17,7 +17,11 @@ MAX_WIDTH = 4.0
 """Widths of the picture."""
 UNIT = 100.0
 """Pixels that a unit of CSS has at most, an inch having 96."""
-FUNCTION = re.compile(r"(\w+)\s*\(([^)]*)\)")
+TRANSFORM = re.compile(
+    r"\s*+(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*+\([^()]*+\)[\s,]*+)*+"
+)
+"""What is written otherwise, windows read in ways of their own. Possessive: linear on any text."""
+FUNCTION = re.compile(r"([a-zA-Z]++)\s*+\(([^()]*+)\)")
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 STYLE_WIDTH = re.compile(r"stroke-width\s*:([^;]*)")
 
@@ -65,7 +69,9 @@ def _side(attributes: Mapping[str, str]) -> float:
 
 
 def _scale(transform: str) -> float:
-    """By how much a transformation enlarges, at most."""
+    """By how much a transformation enlarges, at most; PictureError if it is none."""
+    if not TRANSFORM.fullmatch(transform):
+        raise PictureError(f"has a transformation that is none: {transform[:40]!r}")
     factor = 1.0
     for name, arguments in FUNCTION.findall(transform):
         numbers = [abs(number) for number in _numbers(arguments)]

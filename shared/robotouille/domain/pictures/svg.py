@@ -36,6 +36,8 @@ ATTRIBUTES = frozenset({
 })  # fmt: skip
 """No dashes: a long line of tiny ones is never drawn to its end."""
 OUTLINES = ("d", "points")
+STYLES = ATTRIBUTES - {*OUTLINES, "transform"}
+"""What is measured is measured as an attribute."""
 
 
 def plain_svg(content: bytes) -> bytes:
@@ -113,8 +115,8 @@ class _Reading:
 
 
 def _plain_style(value: str) -> str:
-    """The declarations of a `style` that are attributes, too."""
-    kept = (each for each in value.split(";") if each.partition(":")[0].strip() in ATTRIBUTES)
+    """The declarations of a `style` that are attributes, too, and may be in one."""
+    kept = (each for each in value.split(";") if each.partition(":")[0].strip() in STYLES)
     return ";".join(kept)
 
 
