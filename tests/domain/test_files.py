@@ -65,6 +65,16 @@ def test_no_file_a_folder_and_a_forbidden_file(tmp_path: Path) -> None:
             read_json(secret)
 
 
+def test_a_file_without_an_end_is_not_read_to_its_end() -> None:
+    with pytest.raises(FileError, match=f"longer than {MAX_FILE_BYTES:,} bytes"):
+        read_json(Path("/dev/zero"))
+
+
+def test_a_name_that_no_file_can_have() -> None:
+    with pytest.raises(FileError, match="cannot be read: embedded null"):
+        read_json(Path("a\0b"))
+
+
 def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
     path = tmp_path / "problem.json"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())

@@ -6,7 +6,7 @@ import asyncio
 import os
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pygame
@@ -300,6 +300,31 @@ def test_games_that_were_cut_off_are_listed_and_those_under_way_are_not(
     while menu.form.idle():
         drawn(menu.form, (800, 600))
     assert "not played to its end" in menu.form.entries[1].told().detail
+
+
+def test_what_is_no_file_is_no_recording(tmp_path: Path) -> None:
+    """A pipe has no other end, a device has no end at all."""
+    os.mkfifo(tmp_path / "pipe.rbt")
+    (tmp_path / "folder.rbt").mkdir()
+    (tmp_path / "zero.rbt").symlink_to("/dev/zero")
+    (tmp_path / "circle.rbt").symlink_to(tmp_path / "circle.rbt")
+    (tmp_path / "gone.rbt").symlink_to(tmp_path / "nothing")
+    assert recent_recordings([tmp_path]) == []
+    for name in ("pipe", "zero"):
+        assert summary_of(tmp_path / f"{name}.rbt").fault == "no file"
+
+
+def test_times_beyond_all_calendars(
+    tmp_path: Path, recording: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.rbt"
+    path.write_bytes(recording)
+    told = path.stat()
+    monkeypatch.setattr(Path, "stat", lambda *_, **__: os.stat_result((*told[:8], 10**15, 10**15)))
+    assert summary_of(path).result
+    west, east = timezone(timedelta(hours=-12)), timezone(timedelta(hours=12))
+    assert when_words(datetime.min.replace(tzinfo=UTC), NOW.astimezone(west))
+    assert when_words(datetime.max.replace(tzinfo=UTC), NOW.astimezone(east))
 
 
 def test_fifty_recordings_are_read_at_once(tmp_path: Path, recording: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,6 +34,7 @@ from robotouille_client.window.shell.settings import (
     settings_path,
 )
 from robotouille_client.window.shell.shell import Shell
+from robotouille_client.window.shell.stage import Stage
 from robotouille_client.window.shell.starting import open_shell
 
 SMALL = Plan("synchronous/01", clock=Clock.TURN, max_steps=100)
@@ -409,6 +411,65 @@ def test_settings_that_are_a_folder(tmp_path: Path) -> None:
     assert "Is a directory" in words
     assert "cannot be saved" in save_settings(settings, path)
     assert [each.name for each in tmp_path.iterdir()] == ["window.json"], "nothing is left over"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
+def test_settings_that_are_a_pipe(tmp_path: Path) -> None:
+    """Whoever opens one waits for its other end."""
+    path = tmp_path / "window.json"
+    os.mkfifo(path)
+    os.mkfifo(tmp_path / "window.json.part")
+    settings, words = load_settings(path)
+    assert settings == Settings()
+    assert "no file" in words
+    assert not save_settings(Settings(name="ada"), path)
+    assert load_settings(path)[0].name == "ada"
+
+
+@pytest.mark.parametrize("key", ["\\ud800", "\\u202e", "", "a\\nb"])
+def test_a_setting_with_any_name_is_left_out(tmp_path: Path, key: str) -> None:
+    path = tmp_path / "window.json"
+    path.write_text(f'{{"version": 1, "name": "ada", "rate": 900, "{key}": 1}}')
+    settings, words = load_settings(path)
+    assert settings == Settings(name="ada")
+    assert "rate" in words
+
+
+def test_a_link_to_settings_stays_one(tmp_path: Path) -> None:
+    whole, path = tmp_path / "whole.json", tmp_path / "window.json"
+    path.symlink_to(whole)
+    assert not save_settings(Settings(name="ada"), path)
+    assert path.is_symlink()
+    assert load_settings(whole)[0].name == "ada"
+
+
+def test_two_windows_do_not_write_into_one_draft(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, drafts = tmp_path / "window.json", []
+    replace = Path.replace
+
+    def other_first(draft: Path, target: Path) -> Path:
+        drafts.append(draft)
+        if len(drafts) == 1:
+            monkeypatch.setattr(os, "getpid", lambda: 1)
+            assert not save_settings(Settings(name="bob"), path)
+        return replace(draft, target)
+
+    monkeypatch.setattr(Path, "replace", other_first)
+    assert not save_settings(Settings(name="ada"), path)
+    assert len(set(drafts)) == 2
+    assert load_settings(path)[0].name == "ada"
+    assert [each.name for each in tmp_path.iterdir()] == ["window.json"]
+
+
+@pytest.mark.parametrize("file", ["a\0b", "/dev/zero", "pipe"])
+def test_words_that_are_no_file_are_told(tmp_path: Path, file: str) -> None:
+    if file == "pipe":
+        file = str(tmp_path / file)
+        os.mkfifo(file)
+    stage = Stage(Settings(language_file=file), Display((320, 240), headless=True))
+    assert "No words of your own" in stage.words_fault
 
 
 def test_a_look_that_is_gone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

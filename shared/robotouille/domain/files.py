@@ -47,11 +47,17 @@ def read_json(path: Path) -> Any:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             _fail(path, f"the file has {size:,} bytes; at most {MAX_FILE_BYTES:,} are read")
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:  # A device has no size, and no end.
+            content = file.read(MAX_FILE_BYTES + 1)
+        if len(content) > MAX_FILE_BYTES:
+            _fail(path, f"the file is longer than {MAX_FILE_BYTES:,} bytes")
+        text = content.decode("utf-8-sig")
     except OSError as error:
         _fail(path, f"cannot be read: {error.strerror or error}")
     except UnicodeDecodeError as error:
         _fail(path, f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")
+    except ValueError as error:
+        _fail(path, f"cannot be read: {error}")
     return parse_json(text, str(path))
 
 

@@ -423,7 +423,10 @@ def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
     try:
         if path.stat().st_size > MAX_FILE:
             raise RecordingError(f"{path}: larger than {MAX_FILE:,} bytes")
-        content = path.read_bytes()
+        with path.open("rb") as file:  # A device has no size, and no end.
+            content = file.read(MAX_FILE + 1)
+        if len(content) > MAX_FILE:
+            raise RecordingError(f"{path}: larger than {MAX_FILE:,} bytes")
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:

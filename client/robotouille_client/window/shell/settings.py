@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -67,6 +68,8 @@ def load_settings(path: Path) -> tuple[Settings, str]:
     taken; of one with settings that are wrong, or not known, the others.
     """
     try:
+        if not (path.is_file() or path.is_dir() or not path.exists()):
+            return Settings(), "The settings are no file: these are the defaults."
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
         if len(content) > MAX_BYTES:
@@ -86,23 +89,35 @@ def load_settings(path: Path) -> tuple[Settings, str]:
 
 def _sound(raw: dict[str, Any], path: Path) -> tuple[Settings, str]:
     """The settings without those that make no sense, and words where there are such."""
+    wrong = [name for name in raw if name not in Settings.model_fields]
+    kept = {name: value for name, value in raw.items() if name in Settings.model_fields}
     try:
-        return Settings.model_validate(raw), ""
+        settings = Settings.model_validate(kept)
     except ValidationError as error:
-        wrong = dict.fromkeys(str(fault["loc"][0]) for fault in error.errors())
-    kept = {name: value for name, value in raw.items() if name not in wrong}
-    names = ", ".join(name[:20] for name in list(wrong)[:4]) + (", …" if len(wrong) > 4 else "")
-    words = _set_aside(path, f"cannot be read as to {names}", "these are left out")
-    return Settings.model_validate(kept), words
+        faulty = dict.fromkeys(str(fault["loc"][0]) for fault in error.errors())
+        wrong = [*faulty, *wrong]
+        sound = {name: value for name, value in kept.items() if name not in faulty}
+        settings = Settings.model_validate(sound)
+    if not wrong:
+        return settings, ""
+    names = ", ".join(name[:20] for name in wrong[:4]) + (", …" if len(wrong) > 4 else "")
+    return settings, _set_aside(path, f"cannot be read as to {names}", "these are left out")
 
 
 def save_settings(settings: Settings, path: Path) -> str:
-    """Write the settings; words where that fails, which is no reason to stop."""
-    draft = path.with_name(f"{path.name}.part")
+    """Write the settings; words where that fails, which is no reason to stop.
+
+    A link to a file stays one. Of two windows the last one counts, and neither writes into the
+    other's draft.
+    """
+    whole = Path(os.path.realpath(path))
+    draft = whole.with_name(f"{whole.name}.{os.getpid()}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_text(settings.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        draft.replace(path)
+        whole.parent.mkdir(parents=True, exist_ok=True)
+        draft.unlink(missing_ok=True)
+        with draft.open("x", encoding="utf-8") as file:
+            file.write(settings.model_dump_json(indent=2) + "\n")
+        draft.replace(whole)
     except OSError as error:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)

@@ -30,7 +30,7 @@ from robotouille.domain.rendering.art import (
 )
 from robotouille.domain.schema import Extends, Name, Schema
 from robotouille.domain.task import Task
-from robotouille.errors import did_you_mean
+from robotouille.errors import Fault, FileError, did_you_mean
 
 __all__ = [
     "RENDERING_FILES",
@@ -341,5 +341,7 @@ def language_of(task: Task) -> Language:
 
 def read_language(path: Path) -> Language:
     """Words in a file of their own, to be laid over those of renderings; FileError lists all its
-    faults."""
+    faults, or says that it is no file: a pipe would never end."""
+    if path.exists() and not path.is_file():
+        raise FileError(str(path), [Fault("", "is no file")])
     return read_model(path, Language)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from robotouille.domain.task import Task
@@ -18,6 +20,8 @@ __all__ = ["RecordingSummary", "summary_of", "when_words"]
 
 MAX_BYTES = 16 * 1024 * 1024
 """Of a file, and of what is in it: what is larger is told without being read."""
+NEVER = datetime.fromtimestamp(0, UTC)
+"""Of what has no time, or one that no calendar has."""
 MAX_FIRST = 12
 """Frames at the beginning among which are those that say who plays."""
 
@@ -63,14 +67,17 @@ def summary_of(path: Path) -> RecordingSummary:
     """What a file says of itself; nothing that is wrong with it is an error."""
     try:
         found = path.stat()
+        if not S_ISREG(found.st_mode):
+            return RecordingSummary(NEVER, fault="no file")
         return _summary(path, found.st_mtime, found.st_size)
     except OSError as error:
-        return RecordingSummary(datetime.fromtimestamp(0, UTC), fault=f"{error.strerror}")
+        return RecordingSummary(NEVER, fault=f"{error.strerror}")
 
 
 def when_words(when: datetime, now: datetime) -> str:
     """`today 14:05`, `yesterday 9:30`, `16 Nov 14:05`, `16 Nov 2025`, as `now`'s clocks go."""
-    when = when.astimezone(now.tzinfo)
+    with contextlib.suppress(OverflowError):
+        when = when.astimezone(now.tzinfo)
     days = (now.date() - when.date()).days
     day = f"{when.day} {when:%b}"
     if when.year != now.year and days > 1:
@@ -80,7 +87,10 @@ def when_words(when: datetime, now: datetime) -> str:
 
 @lru_cache(maxsize=256)
 def _summary(path: Path, modified: float, size: int) -> RecordingSummary:
-    when = datetime.fromtimestamp(modified, UTC)
+    try:
+        when = datetime.fromtimestamp(modified, UTC)
+    except (OverflowError, ValueError):
+        when = NEVER
     if size > MAX_BYTES:
         return RecordingSummary(when, fault="too long to look into here")
     try:
@@ -91,7 +101,7 @@ def _summary(path: Path, modified: float, size: int) -> RecordingSummary:
         return RecordingSummary(when, fault=f"cannot be read: {error.strerror}")
     except RecordingError as error:
         return RecordingSummary(when, fault=_short(error))
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         return RecordingSummary(when, fault="damaged")
 
 

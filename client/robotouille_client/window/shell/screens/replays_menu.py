@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from datetime import datetime
 from pathlib import Path
+from stat import S_ISREG
 
 from pygame import Surface
 
@@ -31,15 +32,18 @@ AT_ONCE = 0.02
 
 def recent_recordings(folders: Iterable[Path]) -> list[Path]:
     """Recordings in some folders, the newest first; those of games that were cut off as well, but
-    none of a game that is being played."""
+    none of a game that is being played. Folders, pipes and devices are none."""
     found: list[tuple[float, Path]] = []
     now = time.time()
     for folder in folders:
         for path in folder.glob("*.rbt*") if folder.is_dir() else ():
             try:
-                written = path.stat().st_mtime
+                stat = path.stat()
             except OSError:
                 continue
+            if not S_ISREG(stat.st_mode):
+                continue
+            written = stat.st_mtime
             if path.suffix == CLOSED or (_is_cut_off(path) and now - written > QUIET_SECONDS):
                 found.append((written, path))
     return [path for _, path in sorted(found, reverse=True)[:MAX_SHOWN]]
