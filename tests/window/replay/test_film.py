@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
-from robotouille_client.window.replay.film import filming
+from robotouille_client.window.replay.film import draft_of, filming
 from robotouille_client.window.replay.history.recorded import RecordedHistory
 
 av = pytest.importorskip("av")
@@ -54,3 +55,14 @@ def test_what_cannot_be_written_is_told(recording: Recording, tmp_path: Path) ->
         list(filming(history, tmp_path / "none" / "film.mp4", 5, "160x120"))
     with pytest.raises(RobotouilleError, match="no span from step 3 to 400"):
         list(filming(history, tmp_path / "film.mp4", 5, "160x120", (3, 400)))
+    with pytest.raises(RobotouilleError, match="cannot be written: File name too long"):
+        list(filming(history, tmp_path / f"{'a' * 250}.mp4", 5, "160x120"))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
+def test_a_pipe_is_replaced(recording: Recording, tmp_path: Path) -> None:
+    output = tmp_path / "film.mp4"
+    for path in (output, draft_of(output)):
+        os.mkfifo(path)
+    list(filming(RecordedHistory(recording), output, 24, "160x120", (0, 1)))
+    assert [path.is_file() for path in tmp_path.iterdir()] == [True]

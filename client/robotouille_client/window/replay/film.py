@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
 
@@ -98,6 +99,7 @@ def _written(
     """Write frames beside where they are to be, and move the file there when it is whole."""
     draft = draft_of(output)
     try:
+        draft.unlink(missing_ok=True)  # What is there may be a pipe.
         for done in writing_video(draft, frames, fps):
             yield min(done, total - 1), total
         draft.replace(output)
@@ -107,7 +109,8 @@ def _written(
     except OSError as error:
         raise RobotouilleError(f"{output}: cannot be written: {error.strerror}") from None
     finally:
-        draft.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def draft_of(output: Path) -> Path:
