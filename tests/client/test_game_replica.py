@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotouille import GroundAction, ProtocolError
+from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille.world.unmet import Unmet, UnmetKind, from_words
 from robotouille_client.sansio.game_events import (
@@ -348,3 +349,22 @@ def test_after_a_lost_line_each_seats_action_is_sent_again(
     assert team.messages_to_send() == acts
     team.rejoined(server.joined(seats=["robot1", "robot2"]), 1.0, anew=True)
     assert [result.code for _, result in team.results()] == ["seat/lost"] * 2
+
+
+@pytest.mark.parametrize("step", [-1, 10**7, 10**400])
+def test_a_step_that_no_game_has(server: ScriptedServer, step: int) -> None:
+    """Who shows a game remembers each of its steps: a number alone would take all memory."""
+    with pytest.raises(ProtocolError, match="no game has"):
+        GameReplica(server.joined()).receive(server.snapshot(step=step), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("did", "seq"),
+    [([[99, "wait"]], [1]), ([["a", "wait"]], [1]), ([[]], [1]), ([[0]], [1]), ([[0, "x"]], [])],
+)
+def test_a_step_of_nobody(
+    server: ScriptedServer, game: GameReplica, did: list[list[int | str]], seq: list[int]
+) -> None:
+    delta = server.delta().model_copy(update={"did": did, "seq": seq})
+    with pytest.raises(RobotouilleError):
+        game.receive(delta, 1.0)

@@ -46,6 +46,8 @@ PRESENT = -1
 """As the basis of an action: the step that is known when it is sent."""
 
 MAX_EVENTS = 10_000
+MAX_STEP = 1_000_000
+"""The rules allow no more: who remembers each step cannot remember any number."""
 NOT_THEIRS = (Controller.ABSENT, Controller.STAND_IN)
 """Who moves a seat while what it does is not its participant's."""
 
@@ -367,6 +369,8 @@ class GameReplica:
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
         if self._reader is not None and message.step < self.step:
             return
+        if not 0 <= message.step <= MAX_STEP:
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "no game has so many steps")
         if message.task is not None:
             world = shared_world(Task.from_json(message.task, "the server's task"))
         elif self._reader is not None:
@@ -443,11 +447,15 @@ class GameReplica:
         )
 
     def _did(self, message: messages.Delta) -> tuple[tuple[str, GroundAction, bool], ...]:
+        """Who did what, and whether it applied; RobotouilleError if that makes no sense."""
         rows = []
-        for i, (seat, name, *arguments) in enumerate(message.did):
-            player = self.world.players[int(seat)]
-            action = self.world.action(str(name), *map(str, arguments))
-            rows.append((player, action, str(i) not in message.unmet))
+        try:
+            for i, (row, _) in enumerate(zip(message.did, message.seq, strict=True)):
+                player = self.world.players[int(row[0])]
+                action = self.world.action(str(row[1]), *map(str, row[2:]))
+                rows.append((player, action, str(i) not in message.unmet))
+        except (ValueError, IndexError) as error:
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "a step by nobody") from error
         return tuple(rows)
 
     def _answer(self, message: messages.Delta) -> None:
