@@ -15,12 +15,14 @@ from typing import Any
 import msgpack
 import pygame
 import pytest
+from tests.support.scripted_server import ScriptedServer
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
 from robotouille.errors import ProtocolError
+from robotouille.world.unmet import only_words
 from robotouille_client import Client, Game, connect
 from robotouille_client.console import explain
 from robotouille_client.errors import ConnectionFailedError
@@ -28,7 +30,7 @@ from robotouille_client.window.drawing.interruptions import _lost
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.theme import SEATS, TEXT, Colour, mixed
 from robotouille_client.window.sources.remote import RemoteSource
-from robotouille_client.window.view import View
+from robotouille_client.window.view import Bubble, View
 from robotouille_client.window.window import Window
 from robotouille_server import Server
 
@@ -469,3 +471,29 @@ class TestAnotherServer:
                     await stays_open(source)
 
         run(main())
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"clock": {"clock": "realtime"}},
+        {"clock": {"clock": "realtime", "step_rate": 0.0}},
+        {"clock": {"clock": "realtime", "step_rate": float("nan")}},
+        {"clock": {"clock": "realtime", "step_rate": -1.0, "max_steps": 10**400}},
+        {"outcome": {}},
+        {"outcome": {"reason": "goal"}},
+        {"outcome": {"steps": -4, "seats": [{}]}},
+    ],
+)
+def test_whatever_a_server_tells_of_a_game_is_shown(fields: dict[str, Any]) -> None:
+    server = ScriptedServer()
+    game = Game(server.joined(), lambda: None)
+    game.receive(server.snapshot(**fields), 0.0)
+    game.receive(server.delta(), 0.1)
+    source = RemoteSource(game, lambda: 1.0)
+    Painter().paint(pygame.Surface((320, 240)), source.view())
+    assert source.view().step == 1
+
+
+def test_a_reason_without_words_is_told_in_others() -> None:
+    assert Bubble.rejection("robot1", only_words("")).text == "This cannot be done now."

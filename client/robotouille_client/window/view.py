@@ -117,7 +117,7 @@ class Bubble:
         cls, player: str, unmet: Sequence[Unmet], say: Callable[[Unmet], str] = str
     ) -> Bubble:
         """The first of what is unmet, as `say` has it."""
-        words = say(unmet[0]) if unmet else "this cannot be done now"
+        words = (say(unmet[0]) if unmet else "") or "this cannot be done now"
         return cls(player, f"{words[0].upper()}{words[1:]}.")
 
 

@@ -59,10 +59,10 @@ class ShareRow(Row):
         name, top = look.text.fit(self.label, look.size, area.width), area.y + look.size // 3
         target.blit(look.text.line(name, look.size, TEXT), (area.x, top))
         y = top + look.text.height(look.size)
-        whole = sum(self._share.steps.values()) or 1
+        whole = max(1, *self._share.steps.values(), sum(self._share.steps.values()))
         x = float(area.x)
         for kind, _, colour in _KINDS:
-            width = area.width * self._share.steps[kind] / whole
+            width = area.width * (max(0, self._share.steps[kind]) / whole)
             if width >= 1:
                 piece = pygame.Rect(round(x), y, round(width), max(6, look.size // 2))
                 target.blit(box(piece.size, colour, 2), piece)

@@ -245,7 +245,8 @@ class RemoteSource:
     def _period(self) -> float | None:
         """The seconds of a step, if a clock says so."""
         clock = self._game.clock
-        return 1 / float(clock["step_rate"]) if clock.get("clock") == "realtime" else None
+        rate = clock.get("step_rate", 0.0) if clock.get("clock") == "realtime" else 0.0
+        return 1 / rate if rate > 0 else None
 
     def _status(self) -> str:
         game = self._game

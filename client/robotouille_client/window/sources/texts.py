@@ -74,20 +74,20 @@ UNREADABLE = FarewellView(
 
 def outcome_words(outcome: Mapping[str, object]) -> str:
     """`Goal reached in 31 steps`."""
-    reason = REASONS.get(str(outcome["reason"]), str(outcome["reason"]))
-    link = "in" if outcome["reason"] == "goal" else "after"
+    told = str(outcome.get("reason", "over"))
+    reason, link = REASONS.get(told, told), "in" if told == "goal" else "after"
     detail = f": {outcome['detail']}" if outcome.get("detail") else ""
-    return f"{reason} {link} {outcome['steps']} steps{detail}"
+    return f"{reason} {link} {outcome.get('steps', 0)} steps{detail}"
 
 
 def won(outcome: Mapping[str, object] | None) -> bool:
     """Whether a game has ended with its goal reached."""
-    return outcome is not None and outcome["reason"] == Reason.GOAL
+    return outcome is not None and outcome.get("reason") == Reason.GOAL
 
 
 def clock_words(clock: str, rules: Mapping[str, object]) -> str:
     """`real time, 5 steps a second`."""
-    if clock == "realtime":
+    if clock == "realtime" and "step_rate" in rules:
         return f"real time, {rules['step_rate']:g} steps a second"
     budget = rules.get("move_budget")
     return f"{clock}, {budget:g} s a move" if budget else clock
