@@ -63,6 +63,7 @@ def contrast(one: Colour, other: Colour) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
+@lru_cache(maxsize=256)
 def readable(ink: Colour, ground: Colour, towards: Colour, ratio: float = 4.6) -> Colour:
     """An ink, mixed with as much of another as it needs to be read on a ground."""
     for share in range(21):
