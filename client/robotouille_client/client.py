@@ -355,9 +355,7 @@ class Client:
                 close_timeout=2,
             )
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
-            raise ConnectionFailedError(
-                f"cannot connect to {self.url}: {why_not(error, self.url)}"
-            ) from None
+            raise ConnectionFailedError(why_not(error, self.url)) from None
 
     async def _converse(self, socket: ClientConnection) -> None:
         """Take in what comes until the connection ends, or is not wanted any more."""

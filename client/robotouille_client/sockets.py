@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import ssl
 from urllib.parse import urlsplit
 
@@ -25,7 +26,19 @@ class open_socket(connect):  # noqa: N801
 
 
 def why_not(error: Exception, url: str) -> str:
-    """Why a connection could not be made, and what to do."""
+    """That a connection could not be made, why, and what to do."""
+    if _is_refused(error):
+        return f"nobody answers at {url}: is a server running there?"
+    return f"cannot connect to {url}: {_reason(error, url)}"
+
+
+def _is_refused(error: Exception) -> bool:
+    """Whether nothing listens at any of a host's addresses, or nothing has come back."""
+    several = isinstance(error, OSError) and str(error).startswith("Multiple exceptions:")
+    return several or isinstance(error, ConnectionRefusedError | TimeoutError)
+
+
+def _reason(error: Exception, url: str) -> str:
     if isinstance(error, InvalidStatus) and error.response.body:
         said = error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
         return "that is no Robotouille server, but a web page" if said.startswith("<") else said
@@ -46,4 +59,6 @@ def why_not(error: Exception, url: str) -> str:
     if isinstance(error, ssl.SSLError) or reset:
         reason = getattr(error, "reason", None) or "the handshake was cut off"
         return f"{reason}. Does the server speak TLS? If not, it is at ws://"
+    if isinstance(error, socket.gaierror):
+        return f"there is no host {urlsplit(url).hostname!r}"
     return f"{error}. Is robotouille-server running there?"

@@ -184,5 +184,5 @@ def test_a_bot_without_a_server_or_plan_says_so() -> None:
     arguments = [sys.executable, "-c", program, "random", "--url", "ws://127.0.0.1:9"]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
-    assert "Is robotouille-server running there?" in done.stderr
+    assert "nobody answers at ws://127.0.0.1:9: is a server running there?" in done.stderr
     assert "Traceback" not in done.stderr

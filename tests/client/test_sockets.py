@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import ssl
 
 import pytest
@@ -40,7 +41,11 @@ def untrusted(message: str) -> ssl.SSLCertVerificationError:
         (untrusted("IP address mismatch, not valid for 'x'."), SAFE, "Say --url with a name"),
         (ConnectionResetError(), SAFE, "the handshake was cut off. Does the server speak TLS?"),
         (ssl.SSLError(1, "wrong version"), SAFE, "If not, it is at ws://"),
-        (ConnectionRefusedError("refused"), HERE, "refused. Is robotouille-server running there?"),
+        (ConnectionRefusedError("refused"), HERE, f"nobody answers at {HERE}: is a server running"),
+        (OSError("Multiple exceptions: [Errno 111]"), HERE, f"nobody answers at {HERE}:"),
+        (TimeoutError(), HERE, f"nobody answers at {HERE}:"),
+        (socket.gaierror(-2, "unknown"), "ws://kitchn:1", "there is no host 'kitchn'"),
+        (OSError("no route"), HERE, f"cannot connect to {HERE}: no route. Is robotouille-server"),
     ],
 )
 def test_what_is_wrong_is_said(error: Exception, url: str, words: str) -> None:

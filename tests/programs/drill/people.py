@@ -78,7 +78,8 @@ class Window:
     @property
     def found_no_server(self) -> bool:
         """Whether it gave up at its very start, as it may: nobody plays yet."""
-        return b"cannot connect to" in self._told.read_bytes()
+        told = self._told.read_bytes()
+        return b"nobody answers at" in told or b"cannot connect to" in told
 
     def close(self) -> None:
         if self.process.poll() is None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import pygame
 
 from robotouille_client.window.forms.row_list import RowList
-from robotouille_client.window.forms.widgets import Look, Row
+from robotouille_client.window.forms.widgets import Button, Look, Row
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -39,6 +39,7 @@ class Form:
         idle: Does a bit of what may be late, e.g. loads a picture; whether anything looks different
             now. It is called while its owner does nothing.
         shrinks: Whether letters become smaller before anything has to be scrolled to.
+        main: The button that Enter in a field leads to; the next row if None.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class Form:
         pinned: int = 0,
         idle: Callable[[], bool] = lambda: False,
         shrinks: bool = False,
+        main: Row | None = None,
     ) -> None:
         self.title = title
         self.rows = tuple(rows)
@@ -61,9 +63,11 @@ class Form:
         self.result: object = None
         self.idle = idle
         self._shrinks = shrinks
+        self._main = main
         self._accent = accent
         self._list = RowList(pinned)
         self._focus = -1
+        self._field: Row | None = None
         self._focus_first()
 
     @property
@@ -73,14 +77,14 @@ class Form:
 
     def focus(self, row: Row) -> None:
         """Move the focus."""
-        self._focus = self.rows.index(row)
+        self._give_focus(self.rows.index(row))
 
     def set_rows(self, rows: Sequence[Row]) -> None:
         """Show other rows; the focus stays where it is if that is among them."""
         row = self.focused
         self.rows = tuple(rows)
         if row in self.rows:
-            self.focus(row)
+            self._focus = self.rows.index(row)
         else:
             self._focus_first()
 
@@ -118,9 +122,18 @@ class Form:
         return None
 
     def _letters(self, text: str) -> None:
+        """They are for the field with the focus, or for the last one if a button has it."""
+        field = self._field_for_letters()
+        if field is not None:
+            self._focus = self.rows.index(field)
+            field.letters(text)
+
+    def _field_for_letters(self) -> Row | None:
         row = self.focused
-        if row is not None and row.wants_letters:
-            row.letters(text)
+        if row is None or row.wants_letters:
+            return row
+        is_here = isinstance(row, Button) and self._field in self.rows
+        return self._field if is_here else None
 
     def _key(self, name: str, keys: KeyMap, *, ctrl: bool) -> Command | None:
         row = self.focused
@@ -131,7 +144,9 @@ class Form:
             self._go(pages.get(name, -len(self.rows) if name == "home" else len(self.rows)))
             return None
         command = keys.command(name)
-        if row is not None and row.wants_letters and (len(name) == 1 or name == "space"):
+        if row is not None and row.wants_letters and name == "space":
+            return None
+        if len(name) == 1 and self._field_for_letters() is not None:
             return None
         return self.command(command) if command is not None else None
 
@@ -140,9 +155,12 @@ class Form:
             self._choose(row)
 
     def _choose(self, row: Row) -> None:
-        """What a row asks for: its answer, or, of a field that is filled in, the next button."""
+        """What a row asks for: its answer, or, of a field that is filled in, the main button."""
         if row.answer is not None:
             self.result = row.answer
+            return
+        if self._main in self.rows:
+            self.focus(self._main)
             return
         following = self.rows[self.rows.index(row) + 1 :]
         button = next((r for r in following if r.focusable), None)
@@ -150,13 +168,22 @@ class Form:
             self.focus(button)
 
     def _focus_first(self) -> None:
-        self._focus = next((i for i, row in enumerate(self.rows) if row.focusable), -1)
+        self._give_focus(next((i for i, row in enumerate(self.rows) if row.focusable), -1))
+
+    def _give_focus(self, index: int) -> None:
+        """Give the focus to a row on purpose, not because the mouse goes over it."""
+        self._focus = index
+        row = self.focused
+        if row is not None:
+            row.gained_focus()
+            self._field = row if row.wants_letters else self._field
 
     def _move(self, step: int) -> None:
         """Give the focus to the next row that can have it, round and round."""
-        for _ in self.rows:
-            self._focus = (self._focus + step) % len(self.rows)
-            if self.rows[self._focus].focusable:
+        for further in range(1, len(self.rows) + 1):
+            index = (self._focus + step * further) % len(self.rows)
+            if self.rows[index].focusable:
+                self._give_focus(index)
                 return
 
     def _go(self, steps: int) -> None:
@@ -164,7 +191,7 @@ class Form:
         able = [index for index, row in enumerate(self.rows) if row.focusable]
         if self._focus in able:
             at = able.index(self._focus) + steps
-            self._focus = able[min(len(able) - 1, max(0, at))]
+            self._give_focus(able[min(len(able) - 1, max(0, at))])
 
     def _point(self, pos: tuple[int, int], *, held: bool) -> None:
         if held and self._list.bar.collidepoint(pos):
@@ -183,6 +210,7 @@ class Form:
             return
         area, self._focus = found
         row = self.rows[self._focus]
+        self._field = row if row.wants_letters else self._field
         if row.click((pos[0] - area.x) / area.width):
             self._choose(row)
 

@@ -19,6 +19,9 @@ _CARET = "|"
 class TextField(Row):
     """A line of text of at most `length` letters; `changed` is told each new one.
 
+    With `replaced`, all of it is selected when the field gets the focus, so that what is typed
+    takes its place; a second click is for those who want to edit it.
+
     Arrows, Home and End move the caret; with Ctrl, A selects all, C copies, X cuts and V pastes.
     """
 
@@ -31,6 +34,8 @@ class TextField(Row):
         length: int = 40,
         hint: str = "",
         changed: Callable[[str], None] | None = None,
+        *,
+        replaced: bool = False,
     ) -> None:
         super().__init__(label)
         self.text = text[:length]
@@ -39,6 +44,7 @@ class TextField(Row):
         self._length = length
         self._hint = hint
         self._changed = changed
+        self._replaced = replaced
 
     def draw(self, target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
         super().draw(target, area, look)
@@ -49,6 +55,9 @@ class TextField(Row):
             plate.midright = (area.right - look.size // 2, area.centery)
             target.blit(box(plate.size, mixed(PAPER, INK, 0.1), look.size // 3), plate)
         self._right(target, area, look, self._shown(look, room))
+
+    def gained_focus(self) -> None:
+        self.selected = self._replaced and bool(self.text)
 
     def letters(self, text: str) -> None:
         typed = "".join(letter for letter in text if letter.isprintable())
@@ -77,7 +86,9 @@ class TextField(Row):
         return command is Command.ENTER
 
     def click(self, share: float) -> bool:
+        edits = not self._replaced or self.selected
         self._set(self.text, len(self.text))
+        self.selected = not edits and bool(self.text)
         return False
 
     def _shortcut(self, name: str) -> bool:

@@ -68,6 +68,9 @@ class Row:
         """Whether a command changed the row, or asks for what it stands for."""
         return False
 
+    def gained_focus(self) -> None:
+        """Commands and letters are for the row from now on."""
+
     def letters(self, text: str) -> None:
         """Letters were typed while the row had the focus."""
 

@@ -96,7 +96,7 @@ class ReplayCards:
 
     def leaving(self, view: View) -> Form:
         """Whether one has seen enough."""
-        rows = [Button("Leave the replay", "menu"), Button("Go on watching", STAY)]
+        rows = [Button("Go on watching", STAY), Button("Leave the replay", "menu")]
         return Form("Seen enough?", rows, cancel=STAY)
 
     def news(self) -> str:

@@ -71,9 +71,9 @@ class RemoteGames:
         while True:
             asked = JoinMenu(settings, message)
             answer = await self._stage.ask(asked.form)
+            asked.remember(settings)
             if answer == "back":
                 return None
-            asked.remember(settings)
             try:
                 return await self.join(settings.code, watch=answer == "watch")
             except (RobotouilleError, OSError, ValueError) as error:

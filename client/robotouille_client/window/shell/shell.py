@@ -84,13 +84,15 @@ class Shell:
         try:
             self.stage.open()
             answer = await first if first is not None else None
+            chosen: object = None
             while self._menu and answer != "quit":
                 if answer in self._places:
                     answer = await self._go(answer)
                 elif answer == "leave":
                     answer = await self.stage.ask(leaving())
                 else:
-                    answer = await self.stage.ask(menu(self.settings, self.stage.told()))
+                    asked = menu(self.settings, self.stage.told(), chosen)
+                    answer = chosen = await self.stage.ask(asked)
         except ClosedByOwnerError:
             pass
         finally:

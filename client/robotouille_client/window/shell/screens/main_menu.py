@@ -16,8 +16,9 @@ __all__ = ["leaving", "menu"]
 EMBLEM = ("assets", "kitchen", "app_icon.svg")
 
 
-def menu(settings: Settings, message: str = "") -> Form:
-    """What one can do; who is here for the first time is led to the tutorial."""
+def menu(settings: Settings, message: str = "", chosen: object = None) -> Form:
+    """What one can do; the last that was `chosen` has the focus, or the tutorial for who is here
+    for the first time."""
     rows = [
         Button("Play here", "play"),
         Button("Join by code", "join"),
@@ -29,7 +30,10 @@ def menu(settings: Settings, message: str = "") -> Form:
         Button("Quit", "quit"),
     ]
     form = Form(f"Hello, {settings.name}", rows, cancel="leave", picture=_emblem)
-    if not settings.learned:
+    last = next((row for row in rows if row.answer == chosen), None)
+    if last is not None:
+        form.focus(last)
+    elif not settings.learned:
         form.focus(rows[5])
     form.message = message
     return form

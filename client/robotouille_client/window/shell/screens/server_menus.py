@@ -20,14 +20,17 @@ class JoinMenu:
     """A server, a code, a name; play or watch."""
 
     def __init__(self, settings: Settings, message: str = "") -> None:
-        self._code = TextField("Code", settings.code, 40, "ask who opened it")
-        self._server = TextField("Server", settings.server, 200)
+        self._code = TextField(
+            "Code", settings.code, 40, "ask who opened it", self._changed, replaced=True
+        )
+        self._server = TextField("Server", settings.server, 200, changed=self._changed)
         self._name = TextField("Your name", settings.name)
+        play = Button("Play", "play")
         rows = (
-            self._code, Button("Play", "play"), Button("Watch", "watch"),
+            self._code, play, Button("Watch", "watch"),
             self._server, self._name, Button("Back", "back"),
         )  # fmt: skip
-        self.form = Form("Join by code", rows)
+        self.form = Form("Join by code", rows, main=play)
         self.form.message = message
 
     def remember(self, settings: Settings) -> None:
@@ -36,30 +39,32 @@ class JoinMenu:
         settings.server = self._server.text.strip() or settings.server
         settings.name = self._name.text.strip() or settings.name
 
+    def _changed(self, text: str) -> None:
+        """What was told was about another code, or another server."""
+        self.form.message = ""
+
 
 class OpenMenu:
     """A task for several people, opened on a server."""
 
     def __init__(self, settings: Settings, message: str = "") -> None:
         self._settings = settings
-        self._message = message
         self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
-        self._server = TextField("Server", settings.server, 200)
+        self._server = TextField("Server", settings.server, 200, changed=self._changed)
         self._ends = (Button("Open and join", "open"), Button("Back", "back"))
         self._task = TaskChoice(settings, str, self._arrange)
         self.form = self._made()
+        self.form.message = message
 
     async def ask(self, ask: Ask) -> bool:
-        """Ask until a kitchen is to be opened, which is remembered; False to go back."""
+        """Ask until a kitchen is to be opened; False to go back. What was chosen is remembered."""
         while (answer := await ask(self.form)) == "task":
             await self._task.pick(ask)
             self.form = self._made()
-        if answer != "open":
-            return False
         self._task.remember()
         self._settings.server = self._server.text.strip() or self._settings.server
         self._settings.rate = self._rate.value
-        return True
+        return answer == "open"
 
     async def create(self, client: Client) -> Created:
         """Open what was chosen."""
@@ -72,12 +77,14 @@ class OpenMenu:
         )
 
     def _made(self) -> Form:
-        form = Form(
+        return Form(
             "Open a kitchen", self._rows(), pinned=1, picture=self._task.picture,
-            idle=self._task.load,
+            idle=self._task.load, main=self._ends[0],
         )  # fmt: skip
-        form.message = self._message
-        return form
+
+    def _changed(self, text: str) -> None:
+        """What was told was about another server."""
+        self.form.message = ""
 
     def _arrange(self) -> None:
         self.form.set_rows(self._rows())
