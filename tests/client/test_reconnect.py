@@ -143,7 +143,9 @@ def test_two_connections_with_one_token(tmp_path: Path) -> None:
 
 def test_no_server_there() -> None:
     async def main() -> None:
-        with pytest.raises(ConnectionFailedError, match="nobody answers at ws://127.0.0.1:9: is a"):
+        with pytest.raises(
+            ConnectionFailedError, match=r"nobody answers at ws://127\.0\.0\.1:9: is a"
+        ):
             async with connect("ws://127.0.0.1:9", name="ada"):
                 pass
 

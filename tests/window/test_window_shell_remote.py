@@ -90,10 +90,14 @@ def test_again_replay_video_and_quit(evening: Evening) -> None:
         assert evening.form.message == f"The video is saved: {video}"
         assert video.stat().st_size > 1000
         reviewed = evening.window
+        settings = evening.shell.settings
+        assert settings.code == "", "a code that is over is not offered"
         yield from evening.choose("Play again")
         while evening.window is reviewed:
             yield
-        assert len({room.code for room in server.lobby.rooms.values()}) == 2
+        codes = [room.code for room in server.lobby.rooms.values()]
+        assert len(set(codes)) == 2
+        assert settings.code == codes[-1]
         yield from lose(evening)
         yield from evening.choose("Quit")
         yield from wait(100)
@@ -127,11 +131,14 @@ def test_what_fails_is_told_on_the_card(
 
 
 def test_who_watched_may_see_it_again(evening: Evening) -> None:
+    """Who has chosen no name is no player."""
+
     def script(server: Server) -> Iterator[None]:
         while evening.window is None:
             yield
         yield from wait(100)
         (room,) = server.lobby.rooms.values()
+        assert [member.name for member in room.members] == ["watcher"]
         room.abort("enough")
         yield from wait(100)
         assert labels(evening) == ["Menu", "Quit"], "there was no step"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["main"]
 
 HERE = ("127.0.0.1", 8765)
-PLAYER = "player"
+PLAYER, WATCHER = "player", "watcher"
 SIZE = "1280x720"
 
 
@@ -127,8 +127,9 @@ async def _run(
         async with connect(url, name=name, kind="human", token=token) as client:
             code = await _find_code(client, opening)
     opened = remote_game(url, code, name, seat=seat, watch=watch, token=token)
-    async with opened as (client, game, look):
-        await _show(game, client.connected.is_set, look=look, **show)  # type: ignore[arg-type]
+    async with opened as entered:
+        connected = entered.client.connected.is_set
+        await _show(entered.game, connected, look=entered.look, **show)  # type: ignore[arg-type]
 
 
 def command(
@@ -206,7 +207,8 @@ def command(
         if headless or screenshot is not None or linger is not None:
             asyncio.run(
                 _run(
-                    address, code, name or PLAYER, seat, watch, token, opening,
+                    address, code, name or (WATCHER if watch else PLAYER), seat, watch, token,
+                    opening,
                     size=parse_size(size or SIZE), headless=headless, screenshot=screenshot,
                     screenshot_step=screenshot_step, linger=linger, rendering=rendering,
                 )

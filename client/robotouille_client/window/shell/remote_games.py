@@ -5,22 +5,22 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from contextlib import AsyncExitStack
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.protocol.error_codes import ErrorCode
+from robotouille.errors import RobotouilleError
 from robotouille.protocol.message_parts import EpisodeInfo
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
+from robotouille_client.console.kept_seat import kept_seat, state_folder
 from robotouille_client.game import Game
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.replay.history.live import LiveHistory
 from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
-from robotouille_client.window.shell.games.remote_game import remote_game, shown
+from robotouille_client.window.shell.games.remote_game import RemoteGame, remote_game, shown
 from robotouille_client.window.shell.replays import Replays
 from robotouille_client.window.shell.screens.server_menus import (
     JoinMenu,
@@ -28,22 +28,15 @@ from robotouille_client.window.shell.screens.server_menus import (
     lobby_menu,
     waiting_form,
 )
+from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.stage import Stage
 
 __all__ = ["RemoteGames"]
 
 T = TypeVar("T")
 
+WATCHER = "watcher"
 PLAY_AGAIN = "The others play again: so can you."
-
-
-@dataclass(frozen=True, slots=True)
-class _Again:
-    """Where to play next, and in which seat; or in another one, if that is taken."""
-
-    code: str
-    seat: str | None
-    or_another: bool = False
 
 
 class RemoteGames:
@@ -101,13 +94,22 @@ class RemoteGames:
             episodes = await self.ask_server(lambda client: client.episodes())
             if episodes is None:
                 return None
-            form = lobby_menu(episodes, self._stage.settings.server)
+            own = {one.code for one in episodes if self._has_kept_seat(one)}
+            form = lobby_menu(episodes, self._stage.settings.server, own)
             answer = await self._stage.ask(form)
             if answer == "back":
                 return None
             if isinstance(answer, EpisodeInfo):
                 full = all(seat.name for seat in answer.seats)
-                return await self.join(answer.code, watch=full)
+                return await self.join(answer.code, watch=full and answer.code not in own)
+
+    def _has_kept_seat(self, episode: EpisodeInfo) -> bool:
+        """Whether a seat is kept there for a window of this name whose process stopped."""
+        name = self._stage.settings.name
+        if all(seat.present or not seat.name for seat in episode.seats):
+            return False
+        with kept_seat(state_folder(), self._address(None), episode.code, name) as kept:
+            return kept is not None and kept.token is not None
 
     async def join(
         self,
@@ -127,34 +129,29 @@ class RemoteGames:
         Raises:
             RobotouilleError: There is no way in.
         """
-        answer: object = _Again(code, seat)
-        while isinstance(answer, _Again):
-            answer = await self._join_once(answer, watch, self._address(url), ready)
-        return answer
-
-    async def _join_once(self, where: _Again, watch: bool, url: str, ready: bool) -> object:
         opened = remote_game(
-            url, where.code, self._stage.settings.name, seat=where.seat, watch=watch,
+            self._address(url), code, self._name(watch=watch), seat=seat, watch=watch,
             token=self._token, ready=ready,
         )  # fmt: skip
-        try:
-            entered = await self._stage.wait(opened.__aenter__(), waiting_form("Connecting …"))
-        except ProtocolError as error:
-            if error.code != ErrorCode.SEAT_TAKEN or not where.or_another:
-                raise
-            return _Again(where.code, None)
-        if entered is None:
-            return None
-        try:
-            return await self._play(*entered)
-        finally:
-            await opened.__aexit__(None, None, None)
+        async with AsyncExitStack() as stack:
+            entering = stack.enter_async_context(opened)
+            entered = await self._stage.wait(entering, waiting_form("Connecting …"))
+            answer: object = None if entered is None else "again"
+            while entered is not None and answer == "again":
+                answer = await self._play(entered)
+        return answer
 
-    async def _play(self, client: Client, game: Game, look: KitchenLook | None) -> object:
-        """A game, and what comes after it."""
+    def _name(self, *, watch: bool) -> str:
+        """What one is called; who has chosen no name, and only watches, is no player."""
+        name = self._stage.settings.name
+        return WATCHER if watch and name == Settings.model_fields["name"].default else name
+
+    async def _play(self, entered: RemoteGame) -> object:
+        """A game, and what comes after it: `again` where one has entered the next."""
         loop = asyncio.get_running_loop()
+        game, look = entered.game, entered.look
         source, strip, history = shown(
-            game, loop.time, client.connected.is_set, look, self._stage.words
+            game, loop.time, entered.client.connected.is_set, look, self._stage.words
         )
         cards = GameCards(
             lambda: game.outcome,
@@ -163,7 +160,12 @@ class RemoteGames:
             news=lambda: PLAY_AGAIN if self._menu and game.rematch_code else "",
         )
         caption = f"Robotouille {game.code}"
-        answer = await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
+        self._stage.settings.code = game.code
+        try:
+            answer = await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
+        finally:
+            if game.over:  # Its code leads nowhere any more.
+                self._stage.settings.code = ""
         watch = partial(self._replays.watch_seen, history, look, self._stem(game))
         save = partial(self._save, game, history, look)
         while True:
@@ -171,10 +173,9 @@ class RemoteGames:
             if answer != "again":
                 return answer
             try:
-                ask = self._open_again(client, game)
+                ask = entered.play_again()
                 made = await self._stage.wait(ask, waiting_form("Opening the kitchen …"))
-                if made is not None:
-                    return made
+                return None if made is None else answer
             except (RobotouilleError, OSError, ValueError) as error:
                 self._stage.message = explain(error)
             answer = await self._stage.ask(cards.again(self._stage.told(), answer))
@@ -186,11 +187,6 @@ class RemoteGames:
         again = [("Play again", "again")] if game.outcome and game.own_seats else []
         of_it = REVIEW if history.length > history.first else ()
         return [*again, *of_it, *LEAVE]
-
-    async def _open_again(self, client: Client, game: Game) -> _Again:
-        """Where the team of a game that is over plays again."""
-        code = game.rematch_code or (await client.create(rematch=game.episode)).code
-        return _Again(code, game.seat, or_another=True)
 
     async def _save(self, game: Game, history: LiveHistory, look: KitchenLook | None) -> None:
         stem = self._stem(game)

@@ -34,6 +34,7 @@ from robotouille_client.window.sources.texts import (
     outcome_words,
     pause_words,
     readiness,
+    speaker,
     waiting_words,
     won,
 )
@@ -146,7 +147,7 @@ class RemoteSource:
                     self._chat_log.rejected(game.seat, event.unmet, say)
                     self._blockages.refused(game.seat, event.unmet, game.state)
                 case Heard():
-                    self._chat_log.said(event.name, event.seat, event.text)
+                    self._chat_log.said(speaker(event.name, event.seat), event.seat, event.text)
                     self._blockages.said(event.seat, event.text, game.state, self._wording)
                 case NotSaid():
                     self._chat_log.happened(event.reason)

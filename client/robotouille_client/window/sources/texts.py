@@ -19,6 +19,7 @@ __all__ = [
     "outcome_words",
     "pause_words",
     "readiness",
+    "speaker",
     "waiting_words",
     "won",
 ]
@@ -174,6 +175,11 @@ def comings_and_goings(
         elif seat.name and old.ready and not seat.ready:
             told.append(f"{seat.name} is not ready any more")
     return told
+
+
+def speaker(name: str, seat: str) -> str:
+    """Who has said something: `Bob`, or, of one without a seat, `Bob (watching)`."""
+    return name if seat else f"{name} (watching)"
 
 
 def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:

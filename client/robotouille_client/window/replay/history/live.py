@@ -26,7 +26,7 @@ from robotouille_client.window.replay.history.history import (
     recorded_rate,
 )
 from robotouille_client.window.replay.history.spoken import Spoken
-from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.sources.texts import outcome_words, speaker
 from robotouille_client.window.view import SeatView
 
 __all__ = ["LiveHistory"]
@@ -91,7 +91,7 @@ class LiveHistory(History):
             case Changed() if event.step > self.length:
                 self._take(event)
             case Heard():
-                self._said.append((self.length, event.name, event.text))
+                self._said.append((self.length, speaker(event.name, event.seat), event.text))
                 self._note(EntryKind.SAID, event.text, event.seat)
             case Announced():
                 self._said.append((self.length, "", event.text))

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
+from robotouille.errors import RobotouilleError
 from robotouille.program import printable, tell
 from robotouille_client.client import Client, connect
-from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
+from robotouille_client.console.kept_seat import (
+    KeptSeat,
+    came_back,
+    keep_seat,
+    kept_seat,
+    state_folder,
+)
 from robotouille_client.game import Game
+from robotouille_client.window.forms.screen import ClosedByOwnerError
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.replay.history.live import LiveHistory
 from robotouille_client.window.replay.spectator import Spectator
@@ -22,7 +31,10 @@ from robotouille_client.window.sources.remote_look import fetch_look
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
 
-__all__ = ["PlayedSource", "Shown", "remote_game", "shown"]
+__all__ = ["PlayedSource", "RemoteGame", "Shown", "remote_game", "shown"]
+
+LEAVE_SECONDS = 2.0
+"""For which whoever leaves waits for the server's answer."""
 
 
 class PlayedSource(RemoteSource):
@@ -69,6 +81,59 @@ def shown(
     return Shown(watched, watched.strip, watched.history)
 
 
+class RemoteGame:
+    """A kitchen on a server that one has entered: its connection, its `game`, its `look`.
+
+    `kept` is what brings its owner back whose process stops; it is kept by the `url` and `name`.
+    """
+
+    def __init__(
+        self, client: Client, game: Game, look: KitchenLook | None, url: str, name: str
+    ) -> None:
+        self.client = client
+        self.game = game
+        self.look = look
+        self._url = url
+        self._name = name
+        self._kept: KeptSeat | None = None
+        self._keeping = ExitStack()
+
+    def keep(self, kept: KeptSeat | None) -> None:
+        """Write down what brings one back, until `close`."""
+        self._kept = kept
+        task = asyncio.create_task(keep_seat(self.client, self.game, kept))
+        self._keeping.callback(task.cancel)
+
+    async def play_again(self) -> Game:
+        """Enter the game in which the team meets once this one is over.
+
+        Raises:
+            RobotouilleError: There is no way in.
+        """
+        self.game = game = await self.client.rematch(ready=False)
+        self.close()
+        self.keep(
+            self._keeping.enter_context(kept_seat(state_folder(), self._url, game.code, self._name))
+        )
+        _tell_entered(game, self._name)
+        return game
+
+    async def leave(self) -> None:
+        """Give one's seat up, so that nobody waits for one; where there is no connection, it is
+        kept for a while as if that had been lost."""
+        if self.game.ended or not self.client.connected.is_set():
+            return
+        with contextlib.suppress(RobotouilleError, TimeoutError):
+            await asyncio.wait_for(self.client.leave(), LEAVE_SECONDS)
+            if self._kept is not None:
+                self._kept.forget()
+            self._kept = None
+
+    def close(self) -> None:
+        """Write nothing down any more."""
+        self._keeping.close()
+
+
 @asynccontextmanager
 async def remote_game(
     url: str,
@@ -79,9 +144,10 @@ async def remote_game(
     watch: bool,
     token: str | None,
     ready: bool = True,
-) -> AsyncIterator[tuple[Client, Game, KitchenLook | None]]:
+) -> AsyncIterator[RemoteGame]:
     """Enter an episode, and come back into one's seat if one had one; the game waits for who is
-    not `ready`.
+    not `ready`. Whoever is done with it, or closes the window, leaves it; a process that is stopped
+    keeps its seat.
 
     Raises:
         RobotouilleError: There is no way in; its words say why.
@@ -94,11 +160,22 @@ async def remote_game(
             game = await client.join(code, seat=seat, role=role, ready=ready or watch)
             if not watch and (back := came_back(client, game, kept)):
                 tell(printable(f"came back into {back}"), err=True)
-            does = "watches" if watch else f"plays {game.seat}"
-            tell(printable(f"{game.name or name} {does} in {game.code}"), err=True)
-            keeping = asyncio.create_task(keep_seat(client, game, None if watch else kept))
-            try:
-                with TemporaryDirectory(prefix="robotouille-") as folder:
-                    yield client, game, await fetch_look(client, Path(folder))
-            finally:
-                keeping.cancel()
+            _tell_entered(game, name)
+            with TemporaryDirectory(prefix="robotouille-") as folder:
+                look = await fetch_look(client, Path(folder))
+                entered = RemoteGame(client, game, look, url, name)
+                entered.keep(None if watch else kept)
+                try:
+                    yield entered
+                except ClosedByOwnerError:
+                    await entered.leave()
+                    raise
+                else:
+                    await entered.leave()
+                finally:
+                    entered.close()
+
+
+def _tell_entered(game: Game, name: str) -> None:
+    does = f"plays {game.seat}" if game.own_seats else "watches"
+    tell(printable(f"{game.name or name} {does} in {game.code}"), err=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from robotouille.protocol.messages import Created, EpisodeInfo
 from robotouille_client.client import Client
@@ -94,9 +94,11 @@ class OpenMenu:
         return (start, *self._task.rows, self._rate, self._server, back)
 
 
-def lobby_menu(episodes: Iterable[EpisodeInfo], server: str) -> Form:
-    """The kitchens of a server; the result is one of them, or `again`."""
-    rows: list[Row] = [Button(episode_words(one), one) for one in episodes]
+def lobby_menu(episodes: Iterable[EpisodeInfo], server: str, own: Collection[str] = ()) -> Form:
+    """The kitchens of a server; the result is one of them, or `again`. `own` are the codes of those
+    in which one's seat is kept, which come first."""
+    ordered = sorted(episodes, key=lambda one: one.code not in own)
+    rows: list[Row] = [Button(episode_words(one, one.code in own), one) for one in ordered]
     if not rows:
         rows.append(Words("No kitchen is open. Open one, or ask for a code."))
     ends = (Button("Look again", "again"), Button("Back", "back"))
@@ -105,11 +107,14 @@ def lobby_menu(episodes: Iterable[EpisodeInfo], server: str) -> Form:
     return form
 
 
-def episode_words(episode: EpisodeInfo) -> str:
-    """A kitchen in a line: its task, and who is there."""
+def episode_words(episode: EpisodeInfo, own: bool = False) -> str:
+    """A kitchen in a line: its task, who is there, and whether one can play; `own` is one in which
+    one's seat is kept."""
     there = ", ".join(seat.name for seat in episode.seats if seat.name) or "nobody yet"
     free = sum(not seat.name for seat in episode.seats)
     room = f"{free} free" if free else "full: watch"
+    if own:
+        room = "your seat is free: come back"
     return f"{task_title(episode.task)} · {episode.phase} · {there} · {room}"
 
 

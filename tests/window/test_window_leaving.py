@@ -1,0 +1,140 @@
+"""Who leaves a game on a server frees the seat at once; who is stopped comes back into it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Coroutine, Iterator
+from pathlib import Path
+from typing import Any
+
+import pygame
+import pytest
+from tests.support.evening import Evening, wait
+from tests.support.servers import serving
+from tests.support.virtual_time import run
+from tests.support.window_play import post
+
+from robotouille.protocol.messages import Create
+from robotouille_client import connect
+from robotouille_server import Server
+from robotouille_server.rooms.room import Room
+
+ME = "robot1"
+
+
+@pytest.fixture
+def evening(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Evening:
+    found = Evening(tmp_path)
+    found.watch(monkeypatch)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return found
+
+
+def kitchen(server: Server) -> Room:
+    return server.lobby.create(Create(task="multi_agent/02", seats=2))
+
+
+def names(room: Room) -> set[str]:
+    return {seat.name for seat in room.episode.seats.values() if seat.name}
+
+
+async def sit(
+    evening: Evening,
+    server: Server,
+    script: Iterator[None],
+    first: Coroutine[Any, Any, object] | None = None,
+) -> None:
+    """Open the window, and do what a script says; if that ends, the process is stopped."""
+    evening.shell.settings.server = server.url
+    evening.shell.stage.clock = asyncio.get_running_loop().time
+    evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
+
+    def stopping() -> Iterator[None]:
+        yield from script
+        showing.cancel()
+        yield from wait(1000)
+
+    evening.fingers.script = stopping()
+    showing = asyncio.create_task(evening.shell.run(first))
+    with contextlib.suppress(asyncio.CancelledError):
+        await asyncio.wait_for(showing, 600)
+
+
+def opened(evening: Evening) -> Iterator[None]:
+    while evening.window is None:
+        yield
+    yield from wait(5)
+
+
+@pytest.mark.parametrize("way", ["button", "window"])
+def test_whoever_leaves_frees_the_seat_at_once(evening: Evening, way: str) -> None:
+    async def main() -> None:
+        async with serving(evening.folder / "server") as server:
+            room = kitchen(server)
+            told: list[object] = []
+
+            def script() -> Iterator[None]:
+                yield from opened(evening)
+                assert names(room) == {"player", "bob"}
+                if way == "window":
+                    pygame.event.post(pygame.Event(pygame.QUIT))
+                    yield from wait(100)
+                    raise AssertionError("the window is open")
+                post(pygame.K_ESCAPE)
+                yield from wait(2)
+                yield from evening.choose("Leave it")
+                assert names(room) == {"bob"}
+                yield from evening.choose("Quit")
+
+            async with connect(server.url, name="bob") as bob:
+                game = await bob.join(room.code, seat="robot2")
+                await sit(evening, server, script(), evening.shell.remote.join(room.code))
+                await asyncio.sleep(0.1)
+                assert names(room) == {"bob"}
+                told += [seat.name for seat in game.seats]
+            assert told == ["", "bob"]
+            assert not list(evening.folder.rglob("*.seat"))
+
+    run(main())
+
+
+def test_who_is_stopped_comes_back_by_the_list_of_kitchens(
+    evening: Evening, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped() -> Iterator[None]:
+        yield from opened(evening)
+        yield from wait(30)
+
+    async def main() -> None:
+        async with (
+            serving(evening.folder / "server") as server,
+            connect(server.url, name="bob") as bob,
+        ):
+            kitchen(server)
+            room = kitchen(server)
+            await bob.join(room.code, seat="robot2")
+            await sit(evening, server, stopped(), evening.shell.remote.join(room.code))
+            assert names(room) == {"player", "bob"}, "a seat is kept for who is stopped"
+            again = Evening(tmp_path / "again")
+            again.watch(monkeypatch)
+
+            def back() -> Iterator[None]:
+                yield
+                yield from again.choose("Kitchens on a server")
+                while again.titles[-1] != "Kitchens":
+                    yield
+                assert again.form is not None
+                assert again.form.rows[0].label.endswith("your seat is free: come back")
+                assert again.form.rows[1].label.endswith("2 free")
+                yield from again.choose(again.form.rows[0].label)
+                yield from opened(again)
+                seat = room.episode.seats[ME]
+                assert (seat.name, seat.present) == ("player", True)
+                pygame.event.post(pygame.Event(pygame.QUIT))
+                yield from wait(100)
+                raise AssertionError("the window is open")
+
+            await sit(again, server, back())
+
+    run(main())
