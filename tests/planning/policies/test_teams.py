@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robotouille import World, load_certificate, load_task
+from robotouille import GroundAction, State, World, load_certificate, load_task
 from robotouille.domain.rendering import language_of
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy, TeamPolicy
@@ -17,6 +17,7 @@ from robotouille.planning.policies.team_talk import (
     VERSION,
     announced_version,
     announcement,
+    helpless,
     request,
     requested,
 )
@@ -97,6 +98,48 @@ def test_where_there_is_no_way_the_bots_ask_for_one_and_take_it() -> None:
     assert person.asked == "I need the sink, please"
     assert sum(text == person.asked for _, _, text in game.said) == 1
     assert steps(game) < 80
+
+
+class Helper(Idle):
+    """Does one thing after the other, each so many steps after the last."""
+
+    def __init__(self, player: str, course: str, every: int) -> None:
+        super().__init__(player)
+        self._course, self._every, self._step = course.split("; "), every, 0
+
+    def act(self, state: State) -> GroundAction | None:
+        self._step += 1
+        if not self._course or self._step % self._every:
+            return None
+        name, *arguments = self._course[0].split()
+        action = state.world.action(name, self.player, *arguments)
+        if not state.world.applicable(state, action):
+            return None
+        del self._course[0]
+        return action
+
+
+HELP = (
+    "move table1 table6; pick-up-item lettuce1 table6; move table6 board1; "
+    "place-item lettuce1 board1; cut lettuce1 board1; cut lettuce1 board1; cut lettuce1 board1; "
+    "pick-up-item lettuce1 board1; move board1 table5; place-item lettuce1 table5; "
+    "move table5 table7"
+)
+
+
+def test_a_bot_does_the_rest_while_a_person_helps() -> None:
+    """Who helps slowly costs no more than the wait for what they hold."""
+    helper = Helper("robot2", HELP, 6)
+    task = load_task("multi_agent/01@2", timing="people")
+    game = play_team(task, {"robot2": helper}, clock=Clock.REALTIME, expansions=QUICK)
+    assert game.outcome is not None
+    assert game.outcome.success, game.said
+    meanwhile = {str(a) for did in game.steps[:60] for p, a, ok in did if ok and p == "robot1"}
+    assert any(action.startswith("cook(robot1, patty1") for action in meanwhile)
+    assert any(action.startswith("stack(robot1, patty1, bottombun1") for action in meanwhile)
+    assert not [text for _, _, text in game.said if text == helpless()]
+    last = max(step for step, did in enumerate(game.steps) if any(p == "robot2" for p, _, _ in did))
+    assert game.outcome.steps <= last + 25
 
 
 class Asked(Idle):

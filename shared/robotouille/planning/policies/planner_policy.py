@@ -6,8 +6,9 @@ order: an action that the plan does not say, a step too many in which nothing go
 comes or says something. So they plan from the same state, whenever each gets around to it.
 
 Whoever is not of the team is taken to stand still. Those that are left plan around them, anew
-whenever they get in the way. Where there is no way, they ask for it, plan as if they had it, and do
-of that plan what can be done: nothing that would have to be undone.
+whenever they get in the way. Where there is no way, they ask for it, plan as if they had it, or as
+if everybody were of the team, and do of that plan what can be done: nothing that would have to be
+undone.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from robotouille.planning.policies.team_talk import (
     VERSION,
     Talk,
     announced_version,
+    appeal,
     intention,
     request,
     requested,
@@ -61,6 +63,9 @@ MAX_CATCHING_UP = 3
 
 RETRY = 5
 """Steps after which a plan is sought again where there was none, if others have moved."""
+
+WAYS = ("others aside", "with everybody")
+"""How a team plans that finds no plan of its own."""
 
 YIELDING = 4
 """Steps for which somebody who has made way stays away."""
@@ -112,6 +117,8 @@ class PlannerPolicy:
         self._others = 0
         self._steps_left = 0
         self._may_improve = self._meddled = False
+        self._counts_on_others = False
+        self._in_vain: dict[State, int] = {}
         self._step = self._planned = 0
         self._yielding: dict[str, int] = {}
         self._plan_anew()
@@ -177,12 +184,12 @@ class PlannerPolicy:
         self._script.observe(own)
         if self._heed_astray():
             return
-        if not self._has_plan:
-            self._talk.ask_again(self._step)
-            if self._step - self._planned >= RETRY and self._may_see_a_way():
-                self._plan_anew()
-        elif self._state is not None:
+        if self._state is None:
+            return
+        if self._has_plan:
             self._heed_delay(self._state, own, outsiders_acted)
+        else:
+            self._heed_standstill(self._state, own)
 
     def speak(self) -> list[str]:
         """What there is to be said since this was last asked."""
@@ -264,6 +271,28 @@ class PlannerPolicy:
             elif not self._hurried or self._stuck > SLOW * self._patience:
                 self._leave_out(late)
 
+    def _heed_standstill(self, state: State, did: Did) -> None:
+        """Without a plan of one's own: plan anew where others have opened a way, or where nothing
+        goes on; say once more what is needed."""
+        busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
+        self._stuck = 0 if busy or _is_something_running(state) else self._stuck + 1
+        self._talk.ask_again(self._step)
+        if self._stuck > self._patience and self._counts_on_others:
+            self._appeal(state)
+        stands_still = self._stuck > self._patience and self._in_vain.get(state, 0) < len(WAYS)
+        if stands_still or (self._step - self._planned >= RETRY and self._may_see_a_way()):
+            self._plan_anew()
+
+    def _appeal(self, state: State) -> None:
+        """Tell others of the next thing that a plan for everybody has them do."""
+        if self._script is None or self.player != min(self._team):
+            return
+        for player in self._outsiders:
+            action = self._script.task(player)
+            if action is not None:
+                self._talk.ask(appeal(self._own(action), state, self._wording), self._step)
+                return
+
     # What the seat does
 
     def act(self, state: State) -> GroundAction | None:
@@ -313,7 +342,7 @@ class PlannerPolicy:
     def _scripted(self, state: State) -> GroundAction | None:
         if self._script is None:
             return None
-        if not self._lockstep:
+        if not self._lockstep or self._counts_on_others:
             return self._script.act(state)
         action, self.anticipating = self._script.joint(state).get(self.player, (None, False))
         return action
@@ -327,11 +356,12 @@ class PlannerPolicy:
         self._cut_off = self._is_cut_off(base, team)
         result = None if self._cut_off else self._find(base, team)
         self._has_plan = result is not None and result.plan is not None
-        self._may_improve = False
+        self._may_improve = self._counts_on_others = False
         if not self._has_plan:
             logger.debug("%s finds no plan from here", self.player)
         if result is not None and result.plan is not None:
             self._talk.met()
+            self._in_vain.clear()
             self._may_improve = self._punctual and self._is_worth_improving(result)
             self._follow(result.plan, base)
         elif result is not None and result.unsolvable:
@@ -340,20 +370,48 @@ class PlannerPolicy:
             self._plan_for_a_way(base, team)
 
     def _plan_for_a_way(self, base: State, team: tuple[str, ...]) -> None:
-        """Plan as if others made way, and ask them to; without such a plan, come nearer."""
-        aside = with_others_aside(self._anytime.in_model(base), self._outsiders)
-        moved = aside != self._anytime.in_model(base)
-        result = self._find(aside, team) if moved and not self._is_cut_off(aside, team) else None
-        if result is not None and result.plan is not None:
-            station = station_in_the_way(result.plan, base, self._outsiders)
-            self._follow(result.plan, aside)
-            if station is not None and self.player == min(self._team):
-                self._talk.ask(request(station, base, self._wording), self._step)
+        """Plan as if others made way or did their part, the other one first where that was in vain;
+        without such a plan, search wider; without any, come nearer."""
+        ways = (self._plan_with_others_aside, self._plan_with_everybody)
+        tried = self._in_vain.get(base, 0)
+        self._in_vain[base] = tried + 1
+        if any(ways[(tried + number) % len(WAYS)](base, team) for number in range(len(WAYS))):
             return
+        if not (self._silent or tried):
+            result = self._search.wide(base, team)
+            if result.plan is not None:
+                self._has_plan = True
+                self._follow(result.plan, base)
+                return
         if self._outsiders and self.player == min(self._team):
             self._talk.despair()
-        lost = self._cut_off and not moved
-        self._follow(Plan(()) if lost else self._search.towards(base, team), base)
+        self._follow(Plan(()) if self._cut_off else self._search.towards(base, team), base)
+
+    def _plan_with_others_aside(self, base: State, team: tuple[str, ...]) -> bool:
+        """Follow a plan for when the others have walked aside, and ask them to; whether there is
+        one."""
+        here = self._anytime.in_model(base)
+        aside = with_others_aside(here, self._outsiders)
+        if aside == here or self._is_cut_off(aside, team):
+            return False
+        plan = self._find(aside, team).plan
+        if plan is None:
+            return False
+        self._follow(plan, aside)
+        station = station_in_the_way(plan, base, self._outsiders)
+        if station is not None and self.player == min(self._team):
+            self._talk.ask(request(station, base, self._wording), self._step)
+        return True
+
+    def _plan_with_everybody(self, base: State, team: tuple[str, ...]) -> bool:
+        """Follow one's part of a plan in which all others have theirs; whether there is one."""
+        everybody = tuple(sorted(self._world.players))
+        plan = self._find(base, everybody).plan if everybody != team else None
+        if plan is None:
+            return False
+        self._counts_on_others = True
+        self._follow(plan, base)
+        return True
 
     def _is_cut_off(self, state: State, team: Collection[str]) -> bool:
         """Whether others stand where the team has to get."""

@@ -97,6 +97,11 @@ class Script:
         done = self._done[self.player]
         return [row.action for row in self._rows[self.player][done : done + count]]
 
+    def task(self, player: str) -> GroundAction | None:
+        """The next action of a seat that is more than a walk."""
+        rows = self._rows[player][self._done[player] :]
+        return next((r.action for r in rows if not r.action.schema.definition.travel), None)
+
     def due(self, player: str, state: State, chosen: Collection[str] = ()) -> GroundAction | None:
         """The next action of a seat if the plan waits for nothing else, valid or not.
 

@@ -25,6 +25,9 @@ shorter plan wins back (docs/planners.md)."""
 STUBBORN = Limits(expansions=2_000)
 """What is spent on any plan at all, where a player who is alone has found none: seconds."""
 
+WIDE = 8
+"""How much wider the beam is for a plan that was not found otherwise."""
+
 ATTEMPTS = 3
 """Plans that are made for a team where nobody is in a hurry; the shortest is followed."""
 
@@ -76,6 +79,12 @@ class TeamSearch:
         *_, found = self._anytime.search(
             state, limits, team=team, seed=seed, beam=self._expansions, choices=choices
         )
+        return found
+
+    def wide(self, state: State, team: tuple[str, ...]) -> SearchResult:
+        """A plan for a state that is hard to get out of."""
+        beam = WIDE * self._expansions
+        *_, found = self._anytime.search(state, HURRIED, team=team, seed=self._seed, beam=beam)
         return found
 
     def shorter(self, state: State) -> Iterator[SearchResult]:

@@ -15,6 +15,7 @@ __all__ = [
     "Talk",
     "announced_version",
     "announcement",
+    "appeal",
     "helpless",
     "intention",
     "request",
@@ -60,6 +61,12 @@ def intention(actions: Sequence[GroundAction], state: State, wording: Wording) -
 def request(station: str, state: State, wording: Wording) -> str:
     """Asks whoever stands at a station to make way."""
     return f"I need {wording.place(station, state)}, please"
+
+
+def appeal(action: GroundAction, state: State, wording: Wording) -> str:
+    """Asks somebody to do something."""
+    words = wording.action(action, state)
+    return f"Can you {words[0].lower()}{words[1:]}?"
 
 
 def requested(text: str, station: str, state: State, wording: Wording) -> bool:
