@@ -144,6 +144,7 @@ def test_one_leaves_after_a_question(path: Path, way: str) -> None:
         press(viewer, pygame.K_ESCAPE if way == "Esc" else pygame.K_q)
     viewer.window.frame(viewer)
     assert not viewer.window.closed
+    press(viewer, pygame.K_DOWN)  # To go on is what Enter does, as in a game.
     press(viewer, pygame.K_RETURN)
     assert viewer.window.closed
     assert viewer.window.answer == "menu"
