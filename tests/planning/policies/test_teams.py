@@ -142,6 +142,16 @@ def test_a_bot_does_the_rest_while_a_person_helps() -> None:
     assert game.outcome.steps <= last + 25
 
 
+def test_who_holds_what_is_needed_is_told_what_to_do() -> None:
+    """Once, when nothing goes on; the bot has done its part by then."""
+    holder = Helper("robot2", "move table1 table6; pick-up-item lettuce1 table6", 1)
+    game = play_team("multi_agent/01@2", {"robot2": holder}, expansions=QUICK, limit=60)
+    told = [text for _, _, text in game.said if text.startswith("Can you ")]
+    assert len(told) == 1, game.said
+    assert "lettuce" in told[0]
+    assert "cook(robot1, patty1, stove1)" in {str(a) for did in game.steps for _, a, _ in did}
+
+
 class Asked(Idle):
     """Walks aside once somebody asks."""
 
