@@ -89,6 +89,7 @@ class Desk:
 
     def leaves(self) -> bool:
         """Whether it goes when its question is answered; a new card takes no answers at first."""
+        self.do("key", "Down")
         for _ in range(40):
             self.do("key", "Return")
             with suppress(subprocess.TimeoutExpired):
