@@ -17,7 +17,9 @@ from tests.support.window_play import follow, post
 from robotouille import World
 from robotouille.domain.loading import task_names
 from robotouille.domain.rendering import NO_WORDS, language_of, read_language
+from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.replay.container import frame_ends, plain
+from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.controls import Controls
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -28,12 +30,14 @@ from robotouille_client.window.forms.text_field import TextField
 from robotouille_client.window.forms.widgets import Button, Choice, Look, Row, Slider
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.shell.games.local_game import LocalGame
 from robotouille_client.window.shell.screens.play_menu import PlayMenu
 from robotouille_client.window.shell.screens.recording_summary import summary_of, when_words
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu, recent_recordings
 from robotouille_client.window.shell.screens.server_menus import JoinMenu
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.screens.task_picker import TaskPicker
+from robotouille_client.window.shell.screens.thumbnails import Thumbnails
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.stage import Stage
 from robotouille_client.window.sources.task_titles import dish_title, task_title
@@ -96,6 +100,17 @@ def test_a_task_is_found_by_typing_and_taken_by_enter(display: Display) -> None:
     post(pygame.K_RETURN)
     follow(form)
     assert form.result == BURGER
+
+
+def test_titles_that_are_what_was_typed_come_first(display: Display) -> None:
+    form = TaskPicker(Settings(), "asynchronous/01_chicken_burger").form
+    post("LETTUCE  burger")
+    follow(form)
+    titles = [row.told().title for row in form.rows if isinstance(row, PickerEntry)]
+    exact = [title for title in titles if title.partition(" ")[2] == "Lettuce burger"]
+    assert exact == titles[:1]
+    assert len(titles) > 3
+    assert form.focused is next(row for row in form.rows if isinstance(row, PickerEntry))
 
 
 def test_what_is_typed_is_erased_and_escape_forgets_it_first(display: Display) -> None:
@@ -219,6 +234,26 @@ async def test_who_plays_alone_is_not_asked_about_partners() -> None:
     assert "Partners" not in seen[0]
     assert "Players" not in seen[0]
     assert {"Partners", "Players"} <= set(seen[2])
+
+
+def test_the_picture_marks_which_player_is_you(display: Display) -> None:
+    """It is the one that is played, each time."""
+    menu = PlayMenu(Settings(task=BURGER, seats=2))
+    assert menu.form.picture is not None
+    assert menu.form.picture((300, 200)) is None
+    assert menu.form.idle()
+    picture = menu.form.picture((300, 200))
+    unmarked = Thumbnails()
+    unmarked.at(BURGER, (300, 200))
+    unmarked.load()
+    other = unmarked.at(BURGER, (300, 200))
+    assert picture is not None
+    assert other is not None
+    assert picture.get_size() == other.get_size()
+    assert pygame.image.tobytes(picture, "RGB") != pygame.image.tobytes(other, "RGB")
+    games = [LocalGame(menu.plan, "ada", time.monotonic, None, prompt_partners) for _ in "12"]
+    seat = seat_out_of_the_way(games[0].world.initial)
+    assert [game.source.view().me for game in games] == [seat, seat]
 
 
 def test_titles_say_what_a_task_is() -> None:

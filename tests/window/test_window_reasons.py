@@ -11,6 +11,7 @@ from robotouille_client.window.sources.texts import (
     farewell,
     outcome_words,
     pause_words,
+    speaker,
     waiting_words,
 )
 
@@ -89,3 +90,8 @@ def test_what_a_game_waits_for_before_it_begins() -> None:
     assert waiting_words(seats(True, False), None) == "Waiting for bob"
     free = [*seats(True), SeatInfo(player="robot2"), SeatInfo(player="robot3")]
     assert waiting_words(free, None) == "Waiting for 2 more players"
+
+
+def test_what_a_watcher_says_is_marked() -> None:
+    assert speaker("ada", "robot1") == "ada"
+    assert speaker("bob", "") == "bob (watching)"

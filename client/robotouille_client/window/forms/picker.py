@@ -66,6 +66,15 @@ class PickerEntry(Row):
         said = f"{' '.join(self.told())} {self.group} {self.about()}".casefold()
         return all(word in said for word in typed.casefold().split())
 
+    def distance(self, typed: str) -> int:
+        """How far its title, but for a number, is from what was typed: 0 where it is that, 1 where
+        it has those words as they follow each other, else 2."""
+        title = [word for word in self.told().title.casefold().split() if not word.isdigit()]
+        words = typed.casefold().split()
+        if title == words:
+            return 0
+        return 1 if " ".join(words) in " ".join(title) else 2
+
     def draw(self, target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
         self._plate(target, area, look)
         x = area.x + look.size // 2
@@ -145,14 +154,17 @@ class Picker(Form):
         if typed != self.typed:
             self.typed = typed
             self._arrange()
+            if typed:
+                self._focus_first()
 
     def _arrange(self) -> None:
-        """The entries that are shown, each group below its name."""
+        """The entries that are shown, the nearest first, each group below its name."""
         rows: list[Row] = []
         group = ""
-        for entry in self.entries:
-            if not entry.matches(self.typed):
-                continue
+        found = [entry for entry in self.entries if entry.matches(self.typed)]
+        if self.typed.strip():
+            found.sort(key=lambda entry: entry.distance(self.typed))
+        for entry in found:
             if entry.group and entry.group != group:
                 rows.append(Words(entry.group))
             group = entry.group

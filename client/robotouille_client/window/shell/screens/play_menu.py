@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from functools import partial
 
 from pygame import Surface
 
 from robotouille.domain.loading import load_task
+from robotouille.planning.policies.standing import seat_out_of_the_way
+from robotouille.world.world import State
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Choice, Row, Slider, Words
@@ -33,7 +36,8 @@ def pace_words(rate: float) -> str:
 class TaskChoice:
     """A row for the task, which opens the list of all, one for the players, and the goal.
 
-    `changed` is told when it is another task, or are other players.
+    `changed` is told when it is another task, or are other players. `you` tells which player is
+    marked in the picture, where that is known.
     """
 
     def __init__(
@@ -41,12 +45,14 @@ class TaskChoice:
         settings: Settings,
         words: Callable[[int], str],
         changed: Callable[[], None] = lambda: None,
+        you: Callable[[State], str] | None = None,
     ) -> None:
         names = listed_tasks()
         last = next((name for name in names if name.startswith(settings.task)), names[0])
         self._settings = settings
         self._words = words
         self._changed = changed
+        self._you = you
         self._pictures = Thumbnails(settings.rendering)
         options = [(task_title(name), name) for name in names]
         self._task = Choice("Task", options, last, lambda _: self._follow(), opens="task")
@@ -72,7 +78,10 @@ class TaskChoice:
 
     def picture(self, room: tuple[int, int]) -> Surface | None:
         """The kitchen, once it is drawn."""
-        return self._pictures.at(self.task, room)
+        if self._you is None or self.seats == 1:
+            return self._pictures.at(self.task, room)
+        load = partial(load_task, self.task, seats=self.seats)
+        return self._pictures.at(f"{self.task} for {self.seats}", room, load, self._you)
 
     def load(self) -> bool:
         """Draw the kitchen; whether it was not drawn before."""
@@ -110,7 +119,7 @@ class PlayMenu:
         self._partner = Choice("Partners", PARTNERS, settings.partner)
         self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
         self._ends = (Button("Start", "start"), Button("Back", "back"))
-        self._task = TaskChoice(settings, _company, self._arrange)
+        self._task = TaskChoice(settings, _company, self._arrange, seat_out_of_the_way)
         self.form = self._made()
 
     @property
