@@ -91,7 +91,7 @@ class Desk:
         """Whether it goes when its question is answered; a new card takes no answers at first."""
         self.do("key", "Down")
         for _ in range(40):
-            self.do("key", "Return")
+            self.do("key", "q", "key", "Down", "key", "Return")
             with suppress(subprocess.TimeoutExpired):
                 return self._program.wait(0.5) == 0
         return False
