@@ -15,7 +15,7 @@ from robotouille.domain.schema import DomainFile, InputFile
 from robotouille.domain.task import read_domain
 from robotouille.resources import data_folder
 from robotouille.world.lint import lint_task
-from robotouille.world.lint.companions import lint_look
+from robotouille.world.lint.looks import lint_look
 from robotouille_client.cli.main import lint_file
 from robotouille_client.cli.play import play
 from tests.support.broken_files import DOMAIN, PROBLEM, changed, write

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pygame
 import pytest
 from tests.support.evening import Evening, keys_of, wait
+from tests.support.own_renderings import own_renderings
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 from tests.support.window_play import Script, post
@@ -23,10 +24,12 @@ from robotouille.protocol.messages import Create
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_client.window.forms.display import Display
-from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.forms.widgets import Choice
+from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.shell.games.local_game import Plan
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.screens.saving_form import SavingForm
+from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
 from robotouille_client.window.shell.settings import (
     Settings,
     load_settings,
@@ -481,6 +484,53 @@ def test_a_look_that_is_gone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     try:
         assert shell.settings.rendering == ""
         assert "'marble'" in shell.stage.message
+    finally:
+        shell.stage.close()
+
+
+@pytest.fixture
+def renderings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    return own_renderings(tmp_path, monkeypatch)
+
+
+async def test_what_is_missing_in_a_look_is_told_when_it_is_chosen(
+    evening: Evening, renderings: Path
+) -> None:
+    shell = evening.shell
+    whole = {"extends": "robotouille", "progress": {"cook": "icon_flame.svg"}}
+    lacking = {"extends": "robotouille", "progress": {"cokk": "icon_flame.svg"}}
+    for name, look in (("whole", whole), ("lacking", lacking), ("broken", {"flor": 1})):
+        (renderings / f"{name}.json").write_text(json.dumps(look))
+    menu = SettingsMenu(shell.settings, shell._follow)
+    row = next(row for row in menu.form.rows if row.label == "Look")
+    told = {}
+    assert isinstance(row, Choice)
+    for _ in range(4):
+        row.command(Command.USE)
+        told[row.value] = (menu.form.message, shell.settings.rendering)
+    said, kept = told["broken"]
+    assert said.startswith("'broken' cannot be used, kitchens look as usual: flor: unknown field")
+    assert kept == ""
+    assert told["chalk"] == ("What you change counts at once.", "chalk")
+    assert told["whole"] == ("What you change counts at once.", "whole")
+    said, kept = told["lacking"]
+    assert "'lacking' is not whole" in said
+    assert "no action 'cokk'; did you mean 'cook'?" in said
+    assert kept == "lacking"
+
+
+def test_what_is_missing_in_a_remembered_look_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, renderings: Path
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    monkeypatch.setattr("robotouille_client.window.shell.starting.require_screen", lambda: None)
+    (renderings / "mine.json").write_text('{"extends": "robotouille", "icons": {"app": "no.svg"}}')
+    assert not save_settings(Settings(rendering="mine"), settings_path())
+    shell = open_shell()
+    try:
+        assert shell.settings.rendering == "mine"
+        assert "there is no picture 'no.svg'" in shell.stage.message
     finally:
         shell.stage.close()
 

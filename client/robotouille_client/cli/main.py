@@ -175,20 +175,12 @@ def _lint_input(path: Path, domain: str | None) -> list[Fault]:
 
 
 def _lint_rendering(path: Path) -> list[Fault]:
-    from robotouille.domain.extends import read_extending
-    from robotouille.domain.files import read_json
-    from robotouille.domain.rendering import RENDERING_FILES
     from robotouille.domain.task import read_domain
-    from robotouille.world.lint import lint_facts, lint_pictures
+    from robotouille.world.lint import lint_rendering
 
-    rendering = read_extending(path, RENDERING_FILES)
-    faults = lint_pictures(rendering, path.parent)
     own = path.with_name(path.name.replace(".rendering.json", ".json"))
-    if own == path or not own.is_file():
-        return faults
-    groups = (read_json(path).get(role, {}) for role in ("station", "item", "container"))
-    kinds = [kind for group in groups for kind in group.get("entities", {})]
-    return faults + lint_facts(rendering, read_domain(str(own)), kinds)
+    domain = read_domain(str(own)) if own != path and own.is_file() else None
+    return lint_rendering(path, domain, path.parent)
 
 
 @app.command()

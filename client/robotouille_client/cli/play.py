@@ -11,10 +11,10 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.episode.rules import Clock
-from robotouille.errors import FileError, RobotouilleError
+from robotouille.errors import RobotouilleError
 from robotouille.world.lint import sound_task
 from robotouille_client.bots.kinds import BotKind
-from robotouille_client.console import RenderingOption, explain, fail
+from robotouille_client.console import LenientOption, RenderingOption, check_look, explain, fail
 
 if TYPE_CHECKING:
     from robotouille_client.window.shell.games.local_game import Plan
@@ -41,10 +41,7 @@ def play(
     size: Annotated[
         str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
     ] = None,
-    lenient: Annotated[
-        bool,
-        typer.Option(help="Draw tiles with names in place of the pictures that are missing."),
-    ] = False,
+    lenient: LenientOption = False,
     rendering: RenderingOption = "",
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw without a screen, save one picture and exit.")
@@ -68,9 +65,8 @@ def play(
             raise RobotouilleError("partners are random or planner bots")
         from robotouille_client.window.shell.games.local_game import Plan
 
-        if task is not None and not lenient:
-            _check_look(task)
         plan = task and Plan(task, seats, mode, step_rate, partner, timing, max_steps, seed)
+        check_look(plan.load() if plan else None, rendering, lenient)
         if screenshot is not None:
             if not plan:
                 raise RobotouilleError("a picture is of a task: name one")
@@ -88,20 +84,6 @@ def play(
         fail(explain(error))
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
-
-
-def _check_look(name: str) -> None:
-    """Tell all that is wrong with the looks of a task of one's own, before a window opens."""
-    if not name.endswith(".json"):
-        return  # Those that are shipped have been looked at.
-    from robotouille.domain.loading import load_task
-    from robotouille.world.lint.companions import lint_look
-
-    faults = lint_look(load_task(name))
-    if faults:
-        raise RobotouilleError(
-            f"{FileError(name, faults)}\n--lenient draws tiles with names in their place"
-        )
 
 
 def _picture(plan: Plan, size: str, path: Path, rendering: str) -> None:

@@ -24,7 +24,7 @@ from robotouille.replay.model_calls import call_texts
 from robotouille.replay.notes import rejections
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import course, course_text, note_lines
-from robotouille_client.console import RenderingOption, explain, fail
+from robotouille_client.console import LenientOption, RenderingOption, check_look, explain, fail
 
 __all__ = ["replay"]
 
@@ -351,6 +351,7 @@ def play(
         Path | None, typer.Option(help="Only save a picture of that step; needs no screen.")
     ] = None,
     rendering: RenderingOption = "",
+    lenient: LenientOption = False,
     tasks: TasksOption = None,
 ) -> None:
     """Watch a recording in a window, or two side by side: H shows the keys.
@@ -364,6 +365,8 @@ def play(
         from robotouille_client.window.replay.viewer import watch
 
         recordings = [_open_shown(file, tasks) for file in files]
+        for recording in recordings:
+            check_look(recording.task, rendering, lenient)
         opened = list(zip(files, recordings, strict=True))
         watch(opened, speed, size, at=at, screenshot=screenshot, rendering=rendering)
     except RobotouilleError as error:
@@ -383,6 +386,7 @@ def video(
         int | None, typer.Option("--to", help="The last step; else the end.", min=0)
     ] = None,
     rendering: RenderingOption = "",
+    lenient: LenientOption = False,
     tasks: TasksOption = None,
 ) -> None:
     """Write a recording, or a span of it, as a video."""
@@ -393,7 +397,9 @@ def video(
         from robotouille_client.window.replay.film import film
         from robotouille_client.window.replay.history.recorded import RecordedHistory
 
-        history = RecordedHistory(_open_shown(file, tasks))
+        recording = _open_shown(file, tasks)
+        check_look(recording.task, rendering, lenient)
+        history = RecordedHistory(recording)
         frames = film(history, output, speed, size, (first, last), rendering)
     except RobotouilleError as error:
         fail(explain(error))

@@ -1,8 +1,10 @@
 """What the commands share: how they fail, how a server is named, and a seat that outlives them."""
 
 from robotouille_client.console.command_line import (
+    LenientOption,
     RenderingOption,
     TokenOption,
+    check_look,
     explain,
     fail,
     failing,
@@ -11,8 +13,10 @@ from robotouille_client.console.command_line import (
 )
 
 __all__ = [
+    "LenientOption",
     "RenderingOption",
     "TokenOption",
+    "check_look",
     "explain",
     "fail",
     "failing",

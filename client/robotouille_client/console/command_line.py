@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Annotated, NoReturn, ParamSpec
+from typing import TYPE_CHECKING, Annotated, NoReturn, ParamSpec
 
 import typer
 
 from robotouille.errors import FileError, ProtocolError, RobotouilleError
 from robotouille.program import printable, quoted, tell
 
+if TYPE_CHECKING:
+    from robotouille.domain.task import Task
+
 __all__ = [
+    "LenientOption",
     "RenderingOption",
     "TokenOption",
+    "check_look",
     "explain",
     "fail",
     "failing",
@@ -36,6 +41,26 @@ RenderingOption = Annotated[
     str,
     typer.Option(help="What the kitchen looks like, by the name of a rendering, e.g. chalk."),
 ]
+
+LenientOption = Annotated[
+    bool,
+    typer.Option(help="Draw tiles with names in place of the pictures that are missing."),
+]
+
+
+def check_look(task: Task | None, rendering: str, lenient: bool) -> None:
+    """Print all that is wrong with how things are going to look, and exit; what is only missing
+    is for `lenient` to be drawn otherwise.
+
+    Raises:
+        RobotouilleError: There is no such rendering, or one cannot be used at all.
+    """
+    from robotouille.world.lint import lint_look
+
+    errors = lint_look(task, rendering)
+    if errors and not lenient:
+        lines = "\n".join(map(str, errors))
+        fail(f"{lines}\n--lenient draws tiles with names in place of what is missing")
 
 
 def explain(error: Exception) -> str:

@@ -14,7 +14,15 @@ import typer
 from robotouille.absence import Absence
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption
-from robotouille_client.console import RenderingOption, TokenOption, explain, fail, server_url
+from robotouille_client.console import (
+    LenientOption,
+    RenderingOption,
+    TokenOption,
+    check_look,
+    explain,
+    fail,
+    server_url,
+)
 
 if TYPE_CHECKING:
     from robotouille_client.client import Client
@@ -171,6 +179,7 @@ def command(
         str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
     ] = None,
     rendering: RenderingOption = "",
+    lenient: LenientOption = False,
     headless: Annotated[bool, typer.Option(help="Draw without a screen.")] = False,
     screenshot: Annotated[
         Path | None, typer.Option(help="Save a picture here at the end (or --screenshot-step).")
@@ -198,6 +207,7 @@ def command(
         require_pygame()
         if not headless:
             require_screen()
+        check_look(None, rendering, lenient)
         if headless and linger is None:
             linger = 1.0
         opening = _opening(

@@ -137,7 +137,9 @@ def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
         elsewhere = [name for name in _fields_near(model, location) if name != location[-1]]
         message += did_you_mean(str(location[-1]), elsewhere)
     elif error["type"] != "missing":
-        message = f"{message[0].lower()}{message[1:]}, found {_short(error['input'])}"
+        message = f"{message[0].lower()}{message[1:]}"
+        if not (error["type"] == "value_error" and isinstance(error["input"], dict)):
+            message += f", found {_short(error['input'])}"
     return Fault(_path(raw, location), message)
 
 
@@ -178,6 +180,8 @@ def _path(raw: Any, location: list[Any]) -> str:
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return "an object"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -115,7 +115,8 @@ class Shell:
         try:
             while answer != "back":
                 asked = SettingsMenu(self.settings, self._follow)
-                asked.form.message = self.stage.words_fault or asked.form.message
+                faults = self.stage.look_fault or self.stage.words_fault
+                asked.form.message = faults or asked.form.message
                 if answer == "keys":
                     asked.form.focus(asked.keys)
                 answer = await self.stage.ask(asked.form)
@@ -131,7 +132,7 @@ class Shell:
         if field == "fullscreen" and full != self.stage.display.fullscreen:
             self.stage.display.toggle_fullscreen()
         self.stage.follow_settings()
-        return self.stage.words_fault
+        return self.stage.look_fault if field == "rendering" else self.stage.words_fault
 
     def _set_keys(self, keys: KeyMap) -> None:
         self.settings.keys = keys.changed

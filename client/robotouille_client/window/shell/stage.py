@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from robotouille.domain.rendering import NO_WORDS, read_language
-from robotouille.errors import RobotouilleError
+from robotouille.errors import FileError, RobotouilleError
+from robotouille.world.lint import lint_look
 from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -53,6 +54,8 @@ class Stage:
         self.words = NO_WORDS
         self.words_fault = ""
         self._words_file = ""
+        self.look_fault = ""
+        self._look = ""
         self._sounds = None if display.headless else Sounds()
         self._screen = Screen(display, gamepads=self._gamepads, sleep=sleep)
         self.follow_settings()
@@ -83,6 +86,24 @@ class Stage:
             self._sounds.on = self.settings.sound
         if self.settings.language_file != self._words_file:
             self._read_words(self.settings.language_file)
+        if self.settings.rendering != self._look:
+            self._check_look(self.settings.rendering)
+
+    def _check_look(self, look: str) -> None:
+        """See that a look can be drawn; `look_fault` says what is missing in it. One that cannot
+        be used at all is not taken."""
+        self._look, self.look_fault = look, ""
+        try:
+            errors = lint_look(None, look)
+        except RobotouilleError as error:
+            self._look = self.settings.rendering = ""
+            first = error.faults[0] if isinstance(error, FileError) and error.faults else error
+            self.look_fault = f"{look!r} cannot be used, kitchens look as usual: {first}"
+            return
+        faults = [fault for error in errors for fault in error.faults]
+        if faults:
+            more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+            self.look_fault = f"{look!r} is not whole, tiles are drawn: {faults[0]}{more}"
 
     def _read_words(self, file: str) -> None:
         """Take the words of a file; of one that cannot be read none, and `words_fault` says why."""

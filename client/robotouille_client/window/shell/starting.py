@@ -70,5 +70,5 @@ def open_shell(
         token=token,
         menu=menu,
     )
-    shell.stage.message = told
+    shell.stage.message = told or ("" if rendering else shell.stage.look_fault)
     return shell

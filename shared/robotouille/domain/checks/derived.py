@@ -18,6 +18,7 @@ __all__ = [
     "conditions_of_action",
     "created_by",
     "created_kinds",
+    "domain_kinds",
     "effects_of",
     "fluents",
     "parameter_types",
@@ -52,6 +53,18 @@ def created_kinds(domain: DomainFile) -> list[str]:
     """The kinds of the objects that some action makes."""
     made = [c.created_obj.name for a in domain.action_defs for c in created_by(a.sfx)]
     return list(dict.fromkeys(made))
+
+
+def domain_kinds(domain: DomainFile) -> dict[str, str]:
+    """The kinds that a domain speaks of, each with its type."""
+    kinds = {kind: kind for kind in domain.object_types}
+    for predicate in domain.predicate_defs:
+        if predicate.name.startswith("is") and len(predicate.param_types) == 1:
+            kinds.setdefault(predicate.name[2:], predicate.param_types[0])
+    for action in domain.action_defs:
+        for created in created_by(action.sfx):
+            kinds[created.created_obj.name] = created.created_obj.type
+    return kinds
 
 
 def conditions_of_action(path: str, action: ActionDef) -> Iterator[tuple[str, Condition]]:

@@ -8,7 +8,13 @@ from __future__ import annotations
 from collections import Counter
 from math import prod
 
-from robotouille.domain.checks.derived import created_by, effects_of, fluents, parameter_types
+from robotouille.domain.checks.derived import (
+    created_by,
+    domain_kinds,
+    effects_of,
+    fluents,
+    parameter_types,
+)
 from robotouille.domain.checks.faults import unknown
 from robotouille.domain.schema import Delayed, DomainFile, ProblemFile, Repetitive
 from robotouille.errors import Fault, did_you_mean
@@ -68,7 +74,7 @@ def _unknown_kinds(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     A problem may bring kinds of its own, so this is no error.
     """
     faults = []
-    known = {kind for kind, of in _domain_kinds(domain).items() if of != kind}
+    known = {kind for kind, of in domain_kinds(domain).items() if of != kind}
     for type_, objects in problem.objects.items():
         listed = domain.kinds.get(type_, ())
         for i, obj in enumerate(objects):
@@ -144,21 +150,9 @@ def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
 
 
 def _kinds(problem: ProblemFile, domain: DomainFile) -> dict[str, str]:
-    kinds = _domain_kinds(domain)
+    kinds = domain_kinds(domain)
     for kind, objects in problem.objects.items():
         kinds.update({obj.name: kind for obj in objects})
-    return kinds
-
-
-def _domain_kinds(domain: DomainFile) -> dict[str, str]:
-    """The kinds that a domain speaks of, each with its type."""
-    kinds = {kind: kind for kind in domain.object_types}
-    for predicate in domain.predicate_defs:
-        if predicate.name.startswith("is") and len(predicate.param_types) == 1:
-            kinds.setdefault(predicate.name[2:], predicate.param_types[0])
-    for action in domain.action_defs:
-        for created in created_by(action.sfx):
-            kinds[created.created_obj.name] = created.created_obj.type
     return kinds
 
 

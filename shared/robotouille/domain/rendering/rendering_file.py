@@ -324,7 +324,7 @@ def rendering_of(task: Task, name: str = "") -> RenderingFile:
     if own in chain_of(chosen, RENDERING_FILES):
         return read_extending(chosen, RENDERING_FILES)
     rendering, look = (read_extending(path, RENDERING_FILES) for path in (own, chosen))
-    if all(own != shipped_rendering(each) for each in look.redraws):
+    if own.parent != chosen.parent or own.stem not in look.redraws:
         return rendering
     folders = (rendering.assets, *rendering.inherited_assets)
     return rendering.model_copy(update={"assets": look.assets, "inherited_assets": folders})
