@@ -53,6 +53,7 @@ def test_warnings_alone_are_no_failure(tmp_path: Path) -> None:
 
 def test_a_note_on_a_domain_is_not_told_of_its_problem_again(tmp_path: Path) -> None:
     write(tmp_path, "small.rendering.json", {"extends": "robotouille", "assets": "mine"})
+    (tmp_path / "mine").mkdir()
     domain = write(tmp_path, "small.json", DOMAIN)
     problem = write(tmp_path, "problem.json", {**PROBLEM, "domain": "small"})
     words = "has no picture; a tile with its name is drawn: give it one in small.rendering.json"
