@@ -24,7 +24,14 @@ from robotouille.replay.model_calls import call_texts
 from robotouille.replay.notes import rejections
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import course, course_text, note_lines
-from robotouille_client.console import LenientOption, RenderingOption, check_look, explain, fail
+from robotouille_client.console import (
+    LenientOption,
+    RenderingOption,
+    check_look,
+    explain,
+    fail,
+    terminable,
+)
 
 __all__ = ["replay"]
 
@@ -400,7 +407,8 @@ def video(
         recording = _open_shown(file, tasks)
         check_look(recording.task, rendering, lenient)
         history = RecordedHistory(recording)
-        frames = film(history, output, speed, size, (first, last), rendering)
+        with terminable():
+            frames = film(history, output, speed, size, (first, last), rendering)
     except RobotouilleError as error:
         fail(explain(error))
     tell(f"{output}: {frames} frames")

@@ -10,6 +10,7 @@ from robotouille_client.console.command_line import (
     failing,
     name_and_value,
     server_url,
+    terminable,
 )
 
 __all__ = [
@@ -22,4 +23,5 @@ __all__ = [
     "failing",
     "name_and_value",
     "server_url",
+    "terminable",
 ]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, NoReturn, ParamSpec
 
 import typer
@@ -24,6 +27,7 @@ __all__ = [
     "failing",
     "name_and_value",
     "server_url",
+    "terminable",
 ]
 
 P = ParamSpec("P")
@@ -96,6 +100,20 @@ def failing(command: Callable[P, None]) -> Callable[P, None]:
             fail(explain(error))
 
     return guarded
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM interrupts as Ctrl+C does, so that what has been begun is brought to an end."""
+
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def name_and_value(text: str, option: str) -> tuple[str, str]:

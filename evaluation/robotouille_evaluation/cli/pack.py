@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from types import FrameType
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -19,7 +17,7 @@ from rich.console import Console
 from robotouille.errors import RobotouilleError
 from robotouille.planning import solve
 from robotouille.program import printable, tell
-from robotouille_client.console import explain, fail
+from robotouille_client.console import explain, fail, terminable
 from robotouille_client.console.progress import progress_bar
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.difference_tables import markdown_tables, text_tables
@@ -153,7 +151,7 @@ def prove(
     The pack gets another digest. What is proven is written every minute, and when the command is
     interrupted or ended (SIGINT, SIGTERM); the next run goes on.
     """
-    with _errors(), _terminable():
+    with _errors(), terminable():
         found = read_pack(folder)
         proven: list[PackInstance] = []
         with suppress(KeyboardInterrupt), _bar("instances") as progress:
@@ -232,20 +230,6 @@ def _errors() -> Iterator[None]:
         fail(explain(error))
     except KeyboardInterrupt:
         fail("interrupted; nothing was written", 130)
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """SIGTERM interrupts as Ctrl+C does: what is done is kept."""
-
-    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import resource
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -269,3 +270,22 @@ def test_a_video_that_cannot_be_written(short: Path, name: str, why: str) -> Non
     assert done.exit_code == 1
     assert isinstance(done.exception, SystemExit)
     assert why in done.output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_video_that_is_interrupted_leaves_nothing(
+    short: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    def writing(draft: Path, *_: object) -> Iterator[int]:
+        draft.write_bytes(b"half")
+        yield 1
+        signal.raise_signal(number)
+        yield 2
+
+    monkeypatch.setattr("robotouille_client.window.replay.film.writing_video", writing)
+    before = signal.getsignal(signal.SIGTERM)
+    files = sorted(short.parent.iterdir())
+    done = CliRunner().invoke(app, ["replay", "video", str(short), str(short.parent / "x.mp4")])
+    assert done.exit_code != 0
+    assert sorted(short.parent.iterdir()) == files
+    assert signal.getsignal(signal.SIGTERM) is before

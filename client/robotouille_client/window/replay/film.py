@@ -99,7 +99,8 @@ def _written(
     """Write frames beside where they are to be, and move the file there when it is whole."""
     draft = draft_of(output)
     try:
-        draft.unlink(missing_ok=True)  # What is there may be a pipe.
+        if draft.is_fifo():
+            draft.unlink()
         for done in writing_video(draft, frames, fps):
             yield min(done, total - 1), total
         draft.replace(output)
