@@ -7,19 +7,20 @@ from robotouille.replay.timeline import course, course_text, interludes, note_li
 from tests.support.games import record
 
 
-def recording() -> Recording:
-    """Two steps a second: three of them, four seconds of a pause, a word, three more."""
+def recording(why: PauseReason = PauseReason.OPERATOR, seconds: float = 4.0) -> Recording:
+    """Two steps a second: three of them, seconds of a pause, a word, three more."""
     episode = Episode(World("multi_agent/01"), Rules(clock=Clock.REALTIME, step_rate=2.0))
     episode.join("robot1", "ada", "human", 0.0)
     episode.join("robot2", "bob", "model", 0.0)
     for step in range(1, 4):
         episode.tick(step / 2)
-    episode.pause(PauseReason.OPERATOR, 1.5)
-    episode.resume(PauseReason.OPERATOR, 5.5)
-    episode.say("ada", "robot1", "hello", 5.5)
+    episode.pause(why, 1.5)
+    again = 1.5 + seconds
+    episode.resume(why, again)
+    episode.say("ada", "robot1", "hello", again)
     for step in range(1, 4):
-        episode.tick(5.5 + step / 2)
-    episode.abort(7.0, "enough")
+        episode.tick(again + step / 2)
+    episode.abort(again + 1.5, "enough")
     return Recording(record(episode, episode.events()))
 
 
@@ -41,7 +42,7 @@ def test_the_course_in_words() -> None:
 
 
 def test_what_a_film_shows_between_steps() -> None:
-    ((step, words),) = interludes(recording())
+    ((step, words, _),) = interludes(recording())
     assert step == 3
     assert "operator" in words
 
@@ -50,3 +51,9 @@ def test_notes_in_words() -> None:
     lines = "\n".join(note_lines(recording()))
     assert "ada" in lines
     assert "hello" in lines
+
+
+def test_what_was_the_players_own_pause_is_told_in_whole_seconds_and_without_a_reason() -> None:
+    noted = recording(PauseReason.PLAYER, 21.706)
+    assert [each.words for each in interludes(noted)] == ["Paused for 22 s"]
+    assert any("by the player" in words for _, words in course_text(noted))

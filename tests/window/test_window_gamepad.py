@@ -54,6 +54,7 @@ class Leave:
         return Form("Leave?", [Button("Stay", "stay"), Button("Quit", "quit")], cancel="stay")
 
     def stay(self) -> None: ...
+    def stand_still(self, still: bool) -> None: ...
 
     def news(self) -> str:
         return ""

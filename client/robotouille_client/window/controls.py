@@ -132,10 +132,15 @@ class Controls:
         """Rows of (input, what it does): of the input file, then those that are made up."""
         rows = []
         for button, bindings in self._clicks.items():
-            rows.append((f"{button.capitalize()} click", _names(bindings)))
+            rows.append((f"{button.capitalize()} click", self._names(bindings)))
         for key, bindings in self._keys.items():
-            rows.append((key.upper() if len(key) == 1 else key.capitalize(), _names(bindings)))
+            rows.append((key.upper() if len(key) == 1 else key.capitalize(), self._names(bindings)))
         return tuple(rows)
+
+    def _names(self, bindings: list[_KeyBinding]) -> str:
+        """What actions do, of whatever it may be."""
+        wording = self.wording(None)
+        return ", ".join(dict.fromkeys(wording.in_general(each.schema) for each in bindings))
 
     def _keys_at_a_place(self) -> list[_KeyBinding]:
         return [each for bindings in self._keys.values() for each in bindings if each.parameter]
@@ -270,10 +275,6 @@ def _fits(action: GroundAction, binding: _KeyBinding, meant: list[str]) -> bool:
     if binding.parameter is None:
         return True
     return action.schema.bind(action.arguments).get(binding.parameter) in meant
-
-
-def _names(bindings: list[_KeyBinding]) -> str:
-    return ", ".join(binding.schema.name.replace("-", " ") for binding in bindings)
 
 
 def _upon(target: str, placed: dict[str, Placed]) -> list[str]:

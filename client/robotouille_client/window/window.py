@@ -103,6 +103,7 @@ class Window:
         self._card: Form | None = None
         self._card_from = self._card_since = 0.0
         self._over = False
+        self._still = False
         self._painter = painter or Painter(
             look.rendering if look else rendering,
             look.pictures if look else None,
@@ -173,6 +174,7 @@ class Window:
         if self._sounds is not None:
             self._sounds.heard(view)
         self._show_end(source, view)
+        self._wait_for_reader()
         self._draw(view)
 
     def preload(self) -> None:
@@ -264,6 +266,14 @@ class Window:
             self._show(self._cards.leaving(view))
 
     # Cards
+
+    def _wait_for_reader(self) -> None:
+        """Let a game stand still while its owner reads the help, where it is theirs alone."""
+        still = self._input.helping and self._card is None and not self._over
+        if self._cards is not None and still is not self._still:
+            self._still = still
+            if self._card is None:
+                self._cards.stand_still(still)
 
     def _show_end(self, source: Source, view: View) -> None:
         """The card of a game that is over, once."""

@@ -16,13 +16,15 @@ class PauseReason(StrEnum):
     """A reason for which time stands still."""
 
     OPERATOR = "operator"
+    PLAYER = "player"
+    """Whoever plays alone, or with bots in the same window, looks at a card or the help."""
     STORAGE = "storage"
     RESTART = "restart"
     ABSENCE = "absence"
     DESERTED = "deserted"
 
 
-OUTER = (PauseReason.OPERATOR, PauseReason.STORAGE, PauseReason.RESTART)
+OUTER = (PauseReason.OPERATOR, PauseReason.PLAYER, PauseReason.STORAGE, PauseReason.RESTART)
 """Reasons that are nobody's absence; while one applies, no absence counts."""
 
 

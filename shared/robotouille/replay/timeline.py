@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from robotouille.replay.controllers import Span, spans
 from robotouille.replay.recording import Recording
 
 __all__ = [
+    "Interlude",
     "NoteSource",
     "Stillness",
     "course",
@@ -24,6 +25,7 @@ MAX_SHOWN = 200
 """Characters of a seat's note that are shown in a list."""
 HOLDS = {
     "operator": "by the operator",
+    "player": "by the player",
     "storage": "the recording could not be written",
     "restart": "the server was restarted",
     "absence": "somebody was away",
@@ -131,24 +133,41 @@ def _length(pause: Stillness) -> str:
     return "until the file ends" if pause.seconds is None else f"for {pause.seconds:g} s"
 
 
+def _interlude_words(pause: Stillness) -> str:
+    """A pause as it is told to who watches: whole seconds, and no reason where it goes without
+    saying."""
+    seconds = None if pause.seconds is None else max(1, round(pause.seconds))
+    words = f"Paused {_length(replace(pause, seconds=seconds))}"
+    return words if pause.holds == ("player",) else f"{words}: {_reasons(pause.holds)}"
+
+
 def _reasons(holds: Sequence[str]) -> str:
     """Reasons in words; after a restart it goes without saying that nobody is there yet."""
     told = [hold for hold in holds if hold != "deserted" or "restart" not in holds]
     return " and ".join(HOLDS.get(hold, hold) for hold in told)
 
 
-def interludes(recording: NoteSource) -> list[tuple[int, str]]:
-    """What somebody who watches the recording should be told, and after which step."""
+class Interlude(NamedTuple):
+    """What somebody who watches should be told after a step; one that does not last is over as soon
+    as the game goes on."""
+
+    step: int
+    words: str
+    lasts: bool = True
+
+
+def interludes(recording: NoteSource) -> list[Interlude]:
+    """What somebody who watches the recording should be told."""
     still = [
-        (pause.t, pause.step, f"Paused {_length(pause)}: {_reasons(pause.holds)}")
+        (pause.t, Interlude(pause.step, _interlude_words(pause), lasts=False))
         for pause in pauses(recording)
     ]
     said = [
-        (note["t"], note["step"], f"The operator: {note['text']}")
+        (note["t"], Interlude(note["step"], f"The operator: {note['text']}"))
         for note in recording.notes()
         if note["note"] == "announced"
     ]
-    return [(step, words) for _, step, words in sorted(still + said)]
+    return [told for _, told in sorted(still + said)]
 
 
 DEPARTURES = {

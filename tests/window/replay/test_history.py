@@ -116,6 +116,7 @@ def test_pauses_and_announcements_are_told_at_their_step_for_a_while(
     told = notices_at(history.interludes, 2)
     assert set(told) == {20, 21}
     assert told[20] == "Paused for 7 s: by the operator · The operator: lunch"
+    assert told[21] == "The operator: lunch"  # The game goes on: the pause is over.
     assert notices_at(history.interludes, 0).keys() == {20}
 
 

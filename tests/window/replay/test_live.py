@@ -88,7 +88,7 @@ def test_what_was_refused_to_oneself_is_kept_with_why(history: LiveHistory) -> N
 def test_what_the_operator_says_is_told_again(history: LiveHistory) -> None:
     take(history, 4)
     history.observe(Announced("lunch"))
-    assert history.interludes == [(4, "The operator: lunch")]
+    assert history.interludes == [(4, "The operator: lunch", True)]
     assert history.max_steps == 90
 
 

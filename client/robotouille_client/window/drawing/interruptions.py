@@ -42,7 +42,7 @@ class Interruptions:
             shown.append(self._pause(target, layout, view.pause))
         elif view.offline is not None:
             self._shade(target, layout, _STALE)
-        y = max(8, layout.text // 2)
+        y = _top(layout)
         if view.offline is not None and view.farewell is None:
             fill = self._text.ground(mixed(BAD, INK, 0.6))
             shown.append(self._banner(target, layout, y, _lost(view.offline), fill, PAPER))
@@ -68,9 +68,8 @@ class Interruptions:
         ink: Colour,
     ) -> pygame.Rect:
         """Words at the top, in as many lines as they need."""
-        size, pad = round(layout.text * 1.15), layout.text * 2 // 3
-        most = max(40, min(layout.panel.left - 4 * pad, size * 34))
-        lines = self._text.wrap(words, size, most, 4)
+        size, pad = _banner_text(layout), layout.text * 2 // 3
+        lines = self._banner_lines(layout, words)
         step = self._text.height(size)
         width = max((self._text.width(line, size) for line in lines), default=0) + 3 * pad
         area = pygame.Rect(0, y, width, step * len(lines) + 2 * pad - 2)
@@ -82,6 +81,18 @@ class Interruptions:
             drawn = self._text.line(line, size, ink)
             target.blit(drawn, drawn.get_rect(midtop=(area.centerx, area.y + pad + i * step)))
         return area
+
+    def head_lines(self, layout: Layout, notice: str) -> float:
+        """The room that a notice needs above the floor, as a multiple of the text size."""
+        if not notice:
+            return 0.0
+        high = self._text.height(_banner_text(layout)) * len(self._banner_lines(layout, notice))
+        return (_top(layout) + high + layout.text * 2) / layout.text
+
+    def _banner_lines(self, layout: Layout, words: str) -> tuple[str, ...]:
+        size, pad = _banner_text(layout), layout.text * 2 // 3
+        most = max(40, min(layout.panel.left - 4 * pad, size * 34))
+        return self._text.wrap(words, size, most, 4)
 
     def _countdown(self, target: pygame.Surface, layout: Layout, left: int) -> pygame.Rect:
         """A large number in the middle."""
@@ -157,6 +168,15 @@ class Interruptions:
             target.blit(self._text.line(line, height, colour), (area.x + left, y))
             y += self._text.height(height)
         return area
+
+
+def _top(layout: Layout) -> int:
+    """Where the first banner begins."""
+    return max(8, layout.text // 2)
+
+
+def _banner_text(layout: Layout) -> int:
+    return round(layout.text * 1.15)
 
 
 def pause_seen(pause: PauseView) -> PauseView:

@@ -60,30 +60,57 @@ class KeyStrip:
         )
 
     def _keys(self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay) -> None:
-        size, gap = layout.text, layout.text
+        """What is told and what the context key does come first, then the other keys of the
+        moment; where there is little room the keys that are always there go, the last of them last.
+        """
+        size = gap = layout.text
         middle = layout.strip.top - layout.text
-        right = layout.panel.left - gap
-        for key, words in reversed(ui_overlay.keys):
-            width = self._key_width(key, words, size - 2)
-            if right - width < gap:
-                break
-            right -= width
+        x, right = gap, layout.panel.left - gap
+        told, hints = _told(ui_overlay), ui_overlay.hints
+        first = self._key_width(*hints[0], size) if hints else 0
+        needed = first + (self._text.width(told, size) + gap if told else 0)
+        keys = list(ui_overlay.keys)
+        while keys and needed + sum(self._key_width(*k, size - 2) + gap for k in keys) > right - x:
+            keys.pop(0)
+        for key, words in reversed(keys):
+            right -= self._key_width(key, words, size - 2)
             self._key(target, (right, middle), key, words, size - 2, FAINT)
             right -= gap
-        x = gap
-        if ui_overlay.queued or ui_overlay.prompt:
-            queued = f"Next: {', '.join(ui_overlay.queued)} (Esc forgets)"
-            words = self._text.fit(ui_overlay.prompt or queued, size, right - x)
-            line = self._text.line(words, size, ACCENT)
-            target.blit(line, line.get_rect(midleft=(x, middle)))
-            x += line.get_width() + gap
-        for key, words in ui_overlay.hints:
-            room = right - x - self._key_width(key, "", size)
-            if room < 4 * size:
+        if told:
+            most = right - x - min(first + gap, (right - x) // 2) if hints else right - x
+            x += self._words(target, (x, middle), told, size, most, ACCENT) + gap
+        for number, (key, words) in enumerate(hints):
+            cap = self._key_width(key, "", size)
+            lines, _ = self._shrunk(words, size, right - x - cap)
+            if number and (not lines or lines[-1].endswith("…")):
                 break
-            fitting = self._text.fit(words, size, room)
-            self._key(target, (x, middle), key, fitting, size, TEXT)
-            x += self._key_width(key, fitting, size) + gap
+            x += self._key(target, (x, middle), key, words, size, TEXT, right - x - cap) + gap
+
+    def _shrunk(self, words: str, size: int, room: int) -> tuple[tuple[str, ...], int]:
+        """Words in one line, in two smaller ones where there is too little room, cut where that
+        is too little as well; and how large their letters are."""
+        if self._text.width(words, size) <= room:
+            return (words,), size
+        small = max(9, size * 3 // 4)
+        return self._text.wrap(words, small, max(small, room), 2), small
+
+    def _words(
+        self,
+        target: pygame.Surface,
+        at: tuple[int, int],
+        words: str,
+        size: int,
+        room: int,
+        ink: Colour,
+    ) -> int:
+        """Words from the middle of their left edge on; how wide they are."""
+        lines, letters = self._shrunk(words, size, room)
+        step = self._text.height(letters)
+        y = at[1] - step * (len(lines) - 1) // 2
+        for number, each in enumerate(lines):
+            line = self._text.line(each, letters, ink)
+            target.blit(line, line.get_rect(midleft=(at[0], y + number * step)))
+        return max((self._text.width(each, letters) for each in lines), default=0)
 
     def _key_width(self, key: str, words: str, size: int) -> int:
         cap = max(size * 3 // 2, self._text.width(key, size) + size * 2 // 3)
@@ -97,17 +124,20 @@ class KeyStrip:
         words: str,
         size: int,
         ink: Colour,
-    ) -> None:
-        """A key cap, and words beside it; `at` is the middle of its left edge."""
+        room: int | None = None,
+    ) -> int:
+        """A key cap, and words beside it, in the room that there is for them; `at` is the middle of
+        its left edge. How wide it is."""
         letters = self._text.line(key, size, ink)
         cap = pygame.Rect(0, 0, self._key_width(key, "", size) - size // 2, size * 3 // 2)
         cap.midleft = at
-        whole = cap.inflate(size // 2 + self._text.width(words, size), size // 2)
-        self._places.append((whole.move((whole.width - cap.width) // 2, 0), key))
         target.blit(box(cap.size, CARD, size // 3, FAINT), cap)
         target.blit(letters, letters.get_rect(center=cap.center))
-        line = self._text.line(words, size, ink)
-        target.blit(line, line.get_rect(midleft=(cap.right + size // 2, at[1])))
+        start, full = (cap.right + size // 2, at[1]), self._text.width(words, size)
+        wide = self._words(target, start, words, size, full if room is None else room, ink)
+        whole = cap.inflate(size // 2 + wide, size // 2)
+        self._places.append((whole.move((whole.width - cap.width) // 2, 0), key))
+        return cap.width + size // 2 + wide
 
     def list_area(self, layout: Layout, ui_overlay: UiOverlay) -> pygame.Rect | None:
         """Where the open list is, if it is open."""
@@ -155,3 +185,10 @@ class KeyStrip:
         if foot:
             line = self._text.line(foot, size - 2, FAINT)
             target.blit(line, line.get_rect(bottomleft=(area.x + pad, area.bottom - pad)))
+
+
+def _told(ui_overlay: UiOverlay) -> str:
+    """What the window tells its owner now."""
+    if ui_overlay.prompt or not ui_overlay.queued:
+        return ui_overlay.prompt
+    return f"Next: {', '.join(ui_overlay.queued)} (Esc forgets)"

@@ -80,6 +80,7 @@ class Painter:
         self._stages: list[tuple[State, Stage]] = []
         self._preloader: Preloader | None = None
         self._lived: tuple[tuple[State, State | None, bool], Life] | None = None
+        self._notice = ""
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
@@ -88,6 +89,7 @@ class Painter:
         ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
         view = with_readable_names(view, self._text)
+        self._notice = view.notice
         place = self.layout(surface.get_size(), view.world)
         scene = self._scene(view, place)
         stage, poses = scene.stage, scene.poses
@@ -187,10 +189,14 @@ class Painter:
         return self._motion.poses(view.state, placed, before, view.step, view.phase)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
-        """Where things are on a surface of a size."""
+        """Where things are on a surface of a size: below the notice, if the newest picture has one."""
         problem = world.task.problem
         lines = 0.0 if self._strip is None else self._strip.lines
-        return layout(size, problem.width, problem.height, lines, self.text_scale)
+        place = layout(size, problem.width, problem.height, lines, self.text_scale)
+        if not self._notice or world is not self._world:
+            return place
+        head = self._interruptions.head_lines(place, self._notice)
+        return layout(size, problem.width, problem.height, lines, self.text_scale, head)
 
     def stage(self, state: State) -> Stage:
         """What there is to draw of a state; the newest few are kept."""
@@ -223,6 +229,7 @@ class Painter:
         self._world = world
         self._stages = []
         self._lived = None
+        self._notice = ""
         self._preloader = None
         chosen = self._rendering
         art = (

@@ -81,8 +81,10 @@ def layout(
     rows: int,
     strip_lines: float = 0.0,
     text_scale: float = 1.0,
+    head_lines: float = 0.0,
 ) -> Layout:
-    """The largest tiles that leave room for a readable panel, and for a strip of some lines.
+    """The largest tiles that leave room for a readable panel, for a strip of some lines, and for
+    some above the floor, which may lie over the wall.
 
     Letters grow with the window; `text_scale` makes them larger or smaller than they would be.
     """
@@ -91,24 +93,25 @@ def layout(
         max(11, round(min(high / share, wide / 60) * text_scale))
         for share in (_LETTERS, _LARGE_LETTERS)
     )
-    found = _with_letters((wide, high), columns, rows, strip_lines, small)
-    if large > small and found.left > 2 * (large - small) * _PANEL:
-        return _with_letters((wide, high), columns, rows, strip_lines, large)
-    return found
+    plain = _with_letters((wide, high), columns, rows, (0.0, strip_lines), small)
+    roomy = large > small and plain.left > 2 * (large - small) * _PANEL
+    letters = large if roomy else small  # Whatever is above the floor.
+    return _with_letters((wide, high), columns, rows, (head_lines, strip_lines), letters)
 
 
 def _with_letters(
-    size: tuple[int, int], columns: int, rows: int, strip_lines: float, text: int
+    size: tuple[int, int], columns: int, rows: int, lines: tuple[float, float], text: int
 ) -> Layout:
     width, height = size
     panel = min(round(text * _PANEL), width * 2 // 5)
-    strip = round(strip_lines * text)
+    head, strip = (round(each * text) for each in lines)
     room_x = width - panel - 2 * _MARGIN
     room_y = height - strip - 2 * _MARGIN - text * 3 // 2
-    tile = max(8, min(room_x // columns, int(room_y / (rows + _LOW_WALL))))
+    floor = min(int(room_y / (rows + _LOW_WALL)), (room_y + _MARGIN - head) // rows)
+    tile = max(8, min(room_x // columns, floor))
     wall = round(tile * min(_WALL, max(_LOW_WALL, room_y / tile - rows)))
     left = _MARGIN + (room_x - tile * columns) // 2
-    top = _MARGIN + (room_y - rows * tile - wall) // 2 + wall
+    top = max(head, _MARGIN + (room_y - rows * tile - wall) // 2 + wall)
     side = pygame.Rect(width - panel, 0, panel, height)
     below = pygame.Rect(0, height - strip, width - panel, strip)
     return Layout((width, height), columns, rows, tile, left, top, side, below, text, wall)

@@ -24,3 +24,6 @@ class Cards(Protocol):
 
     def stay(self) -> None:
         """One goes on with the game, which one did not mean to leave."""
+
+    def stand_still(self, still: bool) -> None:
+        """Its owner reads something, and is done with it: a game that is theirs alone waits."""

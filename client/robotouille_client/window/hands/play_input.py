@@ -76,6 +76,11 @@ class PlayInput:
         """Whether letters are those of a chat line."""
         return self._chat.typed is not None
 
+    @property
+    def helping(self) -> bool:
+        """Whether the help is shown."""
+        return self._help
+
     def tell(self, notice: str) -> None:
         """Show a line for a while; nothing where it is empty."""
         if notice:
@@ -341,8 +346,14 @@ class PlayInput:
             (keys.words(Command.FULLSCREEN) + ", Alt+Enter", "fill the screen"),
             (keys.words(Command.SCREENSHOT), "save a picture of the window"),
             (keys.words(Command.HELP), "this help"),
+            (key_words("escape"), self._escape_words(view)),
         )
         return (*own, *self.controls(view).help(), *window) if view.me else window
+
+    def _escape_words(self, view: View) -> str:
+        does = ["close what is open"]
+        does += ["forget what waits to be done"] if view.me else []
+        return ", ".join([*does, "leave"] if self._may_leave else does)
 
 
 def _name(event: pygame.Event) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from robotouille.errors import RobotouilleError
+from robotouille.replay.timeline import Interlude
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
@@ -32,11 +33,12 @@ def bubbles_at(history: History, step: int) -> tuple[Bubble, ...]:
     return tuple({bubble.player: bubble for bubble in found}.values())
 
 
-def notices_at(interludes: list[tuple[int, str]], steps: int) -> dict[int, str]:
-    """What to tell at which step, for `steps` steps each: announcements, pauses and restarts."""
+def notices_at(interludes: list[Interlude], steps: int) -> dict[int, str]:
+    """What to tell at which step: announcements for `steps` steps each, pauses until the game goes
+    on."""
     told: dict[int, str] = {}
-    for step, words in interludes:
-        for later in range(step, step + max(1, steps)):
+    for step, words, lasts in interludes:
+        for later in range(step, step + (max(1, steps) if lasts else 1)):
             told[later] = words if later > step or step not in told else f"{told[step]} · {words}"
     return told
 

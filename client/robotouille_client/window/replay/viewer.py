@@ -106,6 +106,9 @@ class ReplayCards:
     def stay(self) -> None:
         """Nothing: a recording goes on behind the question."""
 
+    def stand_still(self, still: bool) -> None:
+        """Nothing: nobody plays."""
+
 
 class Viewer(ReplaySource):
     """A window on one or two recordings, and its source; each frame it looks after what is being

@@ -21,7 +21,8 @@ LEAVE = (("Menu", "menu"), ("Quit", "quit"))
 class GameCards:
     """What is asked in a game and after it; `buttons` are words and answers, asked for then.
 
-    `stand_still` is told whether the game's owner is being asked whether to leave it. Without a
+    `stand_still` is told whether the game's owner is being asked whether to leave it, or reads the
+    help. Without a
     `menu` to go to, whoever leaves a game closes the window. `news` are told on the card, as soon
     as there are any.
     """
@@ -57,6 +58,9 @@ class GameCards:
 
     def stay(self) -> None:
         self._stand_still(False)
+
+    def stand_still(self, still: bool) -> None:
+        self._stand_still(still)
 
     def news(self) -> str:
         """What has happened since a card is shown."""

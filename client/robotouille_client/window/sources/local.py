@@ -109,7 +109,7 @@ class LocalSource:
             status=self._status(),
             outcome=outcome_words(outcome.to_json()) if outcome else "",
             won=outcome is not None and outcome.success,
-            pause=PauseView("Paused", "The game goes on with you.") if episode.paused else None,
+            pause=PauseView("Paused", "The game waits for you.") if episode.paused else None,
             starts_in=self._starts_in(),
             notice=self._chat_log.notice,
             waits_for=self._waits_for(),
@@ -213,7 +213,7 @@ class LocalSource:
         if not self._episode.rules.scheduled:
             return
         change = self._episode.pause if still else self._episode.resume
-        change(PauseReason.OPERATOR, self._now())
+        change(PauseReason.PLAYER, self._now())
 
     def act(self, action: GroundAction) -> None:
         self._submit(self._me, action)

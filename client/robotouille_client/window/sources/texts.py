@@ -119,6 +119,8 @@ def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> t
             return "The server was restarted", f"{waiting} for {whom}."
         case "operator":
             return "Paused by the operator", "The game goes on when the operator says so."
+        case "player":
+            return "Paused by the player", "The game goes on when the player does."
         case "storage":
             return (
                 "The recording cannot be written",

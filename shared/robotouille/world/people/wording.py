@@ -13,7 +13,7 @@ from functools import cached_property
 from types import MappingProxyType
 
 from robotouille.domain.rendering import Language
-from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.people.places import places
 from robotouille.world.people.templates import filled, parameters
@@ -27,7 +27,7 @@ __all__ = ["Wording"]
 MAX_KINDS = 3
 """Kinds that are listed as what is needed."""
 
-SOMEBODY = "somebody"
+SOMEBODY, SOMETHING, SOMEWHERE = "somebody", "something", "some place"
 
 
 class Wording:
@@ -145,6 +145,15 @@ class Wording:
         words = self.language.actions.get(action.name)
         told = self._filled(words.do, action, state) if words else ""
         return told or _lower(self._filled(_without_player(action), action, state))
+
+    def in_general(self, schema: ActionSchema) -> str:
+        """What an action does, whatever it is done to: `cut something`; its name, where the
+        language has no words for it."""
+        words = self.language.actions.get(schema.name)
+        template = words.do if words else ""
+        stations = {self.world.thing(name).type for name in self.world.floor.stations}
+        whatever = {n: SOMEWHERE if t in stations else SOMETHING for n, t in schema.parameters}
+        return filled(template, **whatever) or schema.name.replace("-", " ")
 
     def way(self, action: GroundAction, unmet: Collection[Unmet], state: State) -> str:
         """What to do so that an action becomes possible."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from robotouille.episode import Clock
 from robotouille.episode.tallies import Activity
+from robotouille.replay.timeline import Interlude
 from robotouille.world.world import State, World
 from robotouille_client.window.view import SeatView
 
@@ -102,7 +103,7 @@ class History(ABC):
         self.times = array("q", [0])
         self.first = 0
         self.fault = ""
-        self.interludes: list[tuple[int, str]] = []
+        self.interludes: list[Interlude] = []
         self._said: list[tuple[int, str, str]] = []
 
     @property

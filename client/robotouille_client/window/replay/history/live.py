@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Clock, Controller
 from robotouille.episode.tallies import Activity, activity
+from robotouille.replay.timeline import Interlude
 from robotouille.world.world import State
 from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import (
@@ -96,7 +97,8 @@ class LiveHistory(History):
             case Announced():
                 self._said.append((self.length, "", event.text))
                 self._note(EntryKind.ANNOUNCED, event.text)
-                self.interludes.append((self.length, f"The operator: {event.text}"))
+                told = Interlude(self.length, f"The operator: {event.text}")
+                self.interludes.append(told)
             case Refused() if event.seat:
                 self._refuse(event)
             case RosterChanged():
