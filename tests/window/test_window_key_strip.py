@@ -1,4 +1,4 @@
-"""The line of keys below the kitchen, and what is told over the kitchen, with letters of any size."""
+"""The line of keys below the kitchen, and notices above it, with letters of any size."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from robotouille_client.window.view import View
 SCALES = (1.0, 1.3, 1.5, 1.6)
 SIZES = [(1280, 720), (800, 600), (640, 360)]
 KEYS = (("Arrows", "walk"), ("Tab", "all actions"), ("Esc", "leave"), ("H", "help"))
-SENTENCE = (
-    "Some places are for work: carry something there, put it down, and press E until it is done."
-)
+SENTENCE = "Some places are for work: carry something there, put it down, and press E."
 
 
 class Written(Painter):

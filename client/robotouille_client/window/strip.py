@@ -32,3 +32,6 @@ class Strip(Protocol):
 
     def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
         """Whether an event was for the strip, which is the area that it was drawn in."""
+
+    def covers(self, position: tuple[int, int]) -> bool:
+        """Whether a pixel of what it was drawn on last shows it, and nothing of the kitchen."""

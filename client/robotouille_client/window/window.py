@@ -290,6 +290,8 @@ class Window:
         self._card, self._card_since = card, self._clock()
         self._card_from = self._card_since + deaf
         self._drawn_last = None
+        if self._strip is not None:  # The mouse is the card's now.
+            self._strip.handle(pygame.Event(pygame.WINDOWLEAVE), pygame.Rect(0, 0, 0, 0))
 
     def _ask(self, card: Form, event: pygame.Event, pressed: Command | None) -> Command | None:
         """Give the card what is done, and take its answer."""

@@ -44,7 +44,9 @@ def spot(viewer: Viewer, share: float, strip: int = 0, row: float = 1.0) -> tupl
     size = layout((width // len(viewer.strips), height), 8, 8).text
     left = area.x + min(round(size * 7.5), area.width // 4)
     x = left + share * (area.right - left - size)
-    return viewer.strips[strip].offset + round(x), round(area.bottom - size * 1.25 - row * size)
+    return viewer.strips[strip].offset + round(x), round(
+        area.bottom - size * (1.9 + 1.25) - row * size
+    )
 
 
 def test_clicks_and_drags_seek(opened: Opener, path: Path) -> None:
@@ -130,6 +132,56 @@ def test_every_button_says_what_it_does(opened: Opener, path: Path) -> None:
         told.add(buttons.told(button(viewer, key)))
         assert pygame.image.tobytes(viewer.window._display.surface, "RGB") != without
     assert len(told) == 4
+
+
+def pixels(viewer: Viewer) -> bytes:
+    surface = viewer.window._display.surface
+    assert surface is not None
+    return pygame.image.tobytes(surface, "RGB")
+
+
+@pytest.mark.parametrize("size", [(640, 360), (1280, 720), (1920, 1080), (2560, 1080)])
+def test_the_buttons_stay_where_they_are(opened: Opener, path: Path, size: tuple[int, int]) -> None:
+    viewer = opened(path, size=size)
+    viewer.window.frame(viewer)
+    before = button(viewer, pygame.K_SPACE), button(viewer, pygame.K_q)
+    viewer.strips[0].curve.begun = True
+    mouse(viewer, pygame.MOUSEMOTION, (5, 5))
+    assert (button(viewer, pygame.K_SPACE), button(viewer, pygame.K_q)) == before
+
+
+def test_what_is_told_covers_nothing_of_the_kitchen(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    mouse(viewer, pygame.MOUSEMOTION, button(viewer, pygame.K_p))
+    click(viewer, button(viewer, pygame.K_p))
+    told = viewer.strips[0]._toast
+    assert told is not None
+    kitchen = viewer.window._painter.layout(viewer.window.size, viewer.view().world).kitchen
+    assert told._area.width
+    assert not told._area.colliderect(kitchen)
+
+
+def test_the_button_that_was_pressed_says_no_more_what_it_does(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    there = button(viewer, pygame.K_END)
+    click(viewer, there)
+    mouse(viewer, pygame.MOUSEMOTION, (5, 5))
+    without = pixels(viewer)
+    mouse(viewer, pygame.MOUSEMOTION, there)
+    assert pixels(viewer) != without
+    click(viewer, there)
+    mouse(viewer, pygame.MOUSEMOTION, (there[0] + 1, there[1]))
+    assert pixels(viewer) == without
+
+
+def test_the_log_hides_what_the_panel_tells(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    panel = viewer.window._painter.layout(viewer.window.size, viewer.view().world).panel
+    spots = [(panel.centerx, y) for y in range(panel.top, panel.bottom, 10)]
+    told = [viewer.window._painter.told(spot) for spot in spots]
+    assert any(told)
+    press(viewer, pygame.K_l)
+    assert not any(viewer.window._painter.told(spot) for spot in spots)
 
 
 @pytest.mark.parametrize("way", ["Esc", "Q", "button"])

@@ -124,7 +124,8 @@ class Painter:
 
     def told(self, pointer: tuple[int, int] | None) -> tuple[str, ...]:
         """What the newest picture says of what is under the mouse, in words."""
-        return () if self._world is None else self._panel.told(pointer)
+        covered = self._strip is not None and pointer is not None and self._strip.covers(pointer)
+        return () if self._world is None or covered else self._panel.told(pointer)
 
     def _listed(self, view: View, stage: Stage) -> Listing:
         """What is in or on the station under the mouse, if that is more than one thing."""

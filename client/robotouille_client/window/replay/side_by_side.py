@@ -116,3 +116,8 @@ class SideBySideStrip:
         if event.type == pygame.MOUSEMOTION:
             return self._left.handle(event, area) | self._right.handle(there, self._right.area)
         return self._left.handle(event, area) or self._right.handle(there, self._right.area)
+
+    def covers(self, position: tuple[int, int]) -> bool:
+        """Whether a pixel of the window shows one of both."""
+        there = position[0] - self._right.offset, position[1]
+        return self._left.covers(position) or self._right.covers(there)

@@ -24,7 +24,7 @@ from robotouille_client.window.view import View
 
 __all__ = ["TimelineStrip"]
 
-READOUT, ROW, CURVE, AXIS = 1.9, 1.5, 2.8, 1.25
+EDGE, READOUT, ROW, CURVE, AXIS = 0.4, 1.9, 1.5, 2.8, 1.25
 """Heights, as multiples of the text size."""
 MAX_ROWS = 6.0
 """How high all lanes are together, as a multiple of the text size; they are lower then."""
@@ -75,12 +75,14 @@ class TimelineStrip:
         self._pointer: tuple[int, int] | None = None
         self._dragging = False
         self._silent = False
+        self._pressed: int | None = None
 
     @property
     def lines(self) -> float:
         """The strip's height, as a multiple of the window's text size."""
         curve = CURVE if self.curve.begun else 0.0
-        return READOUT + curve + self._row_lines * (len(self._history.lanes) + HEAD_ROW) + AXIS
+        lanes = self._row_lines * (len(self._history.lanes) + HEAD_ROW)
+        return EDGE + curve + lanes + AXIS + READOUT
 
     @property
     def _row_lines(self) -> float:
@@ -113,8 +115,9 @@ class TimelineStrip:
         self._place(area, size)
         target.fill(PANEL, area)
         target.fill(INK, (area.x, area.y, area.width, 2))
-        self._top_row(target, area, text, size)
+        self._bottom_row(target, area, text, size)
         self.curve.draw(target, self._curve_area(size), text, size, self._scale)
+        beside = pygame.Rect(area.right, 0, target.get_width() - area.right, target.get_height())
         followed = self._state.followed
         players = self._history.world.players
         place = players.index(followed) if followed in players else None
@@ -124,21 +127,20 @@ class TimelineStrip:
         self._axis(target, area, text, size)
         self._head(target, size)
         if self._state.log:
-            beside = pygame.Rect(area.right, 0, target.get_width() - area.right, 0)
-            beside.height = target.get_height()
             self._log.draw(target, beside, text, size, view.step, followed)
-        room = pygame.Rect(area.x + size // 2, 0, area.width - size, area.top - 4)
         if self._toast is not None:
-            self._toast.draw(target, room, text, size)
+            self._toast.draw(target, beside.inflate(-size, -size), text, size)
         self._tooltip(target, area, text, size)
         if self._state.help and self._keys is not None:
             draw_key_help(target, text, size, self._keys.help)
 
-    def _top_row(
+    def _bottom_row(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
     ) -> None:
-        """The buttons, and in words where one is."""
-        row = pygame.Rect(area.x, area.y + 1, area.width, round(READOUT * size))
+        """The buttons, and in words where one is: at the lower edge, where they stay whatever is
+        above them."""
+        row = pygame.Rect(area.x, 0, area.width, round(READOUT * size))
+        row.bottom = area.bottom - 1
         right = row.x
         if self._buttons is not None:
             buttons = row.copy()
@@ -168,7 +170,7 @@ class TimelineStrip:
         left = area.x + min(round(size * 7.5), area.width // 4)
         width = max(1, area.right - left - size)
         self._curve_high = round(CURVE * size) if self.curve.begun else 0
-        top = area.y + round(READOUT * size) + self._curve_high
+        top = area.y + round(EDGE * size) + self._curve_high
         self._head_row = round(self._row * HEAD_ROW)
         high = self._head_row + self._row * len(self._history.lanes)
         self._lane_area = pygame.Rect(left - size, top, width + 2 * size, high)
@@ -243,8 +245,9 @@ class TimelineStrip:
         if pointer is None or self._silent or self._state.help:
             return
         does = "" if self._buttons is None else self._buttons.told(pointer)
-        if does:
-            draw_tooltip(target, room, (pointer[0], area.top - 4), [does], text, size)
+        if does and self._pressed is None:
+            top = area.bottom - round(READOUT * size) - 4
+            draw_tooltip(target, room, (pointer[0], top), [does], text, size)
         elif self._on_lanes(pointer):
             step = self._step_at(pointer)
             player, x = self._player_at(pointer), self._scale.x(step)
@@ -258,6 +261,8 @@ class TimelineStrip:
         """Whether an event was for the strip, the log or the viewer's keys."""
         if event.type == pygame.MOUSEMOTION:
             self._pointer, self._silent = event.pos, False
+            if self._buttons is None or self._buttons.at(event.pos) != self._pressed:
+                self._pressed = None
             if self._dragging:
                 self._playhead.seek(self._scale.step(event.pos[0]))
             return self._dragging
@@ -293,11 +298,18 @@ class TimelineStrip:
         key = None if self._buttons is None else self._buttons.at(event.pos)
         if key is not None and self._keys is not None:
             if event.button == 1:
+                self._pressed = key  # Whoever presses it is not asking what it does.
                 self._keys.press(key)
         elif event.button == 1 and self._on_lanes(event.pos):
             self._dragging = True
             self._playhead.seek(self._step_at(event.pos))
         return True
+
+    def covers(self, position: tuple[int, int]) -> bool:
+        """Whether a pixel shows the strip, or what lies over the panel."""
+        log = self._state.log and self._log.covers(position)
+        toast = self._toast is not None and self._toast.covers(position)
+        return log or toast or self._state.help or self.area.collidepoint(position)
 
     def _wheel(self, notches: int, area: pygame.Rect) -> bool:
         pointer = self._pointer

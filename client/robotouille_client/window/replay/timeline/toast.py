@@ -1,4 +1,4 @@
-"""Words over the kitchen's lower edge: what has happened, and what is being done, with bars."""
+"""Words at the lower end of the panel: what has happened, and what is being done, with bars."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from robotouille_client.window.replay.viewer_state import Job, ViewerState
 
 __all__ = ["Toast"]
 
-MAX_LINES = 4
+MAX_LINES = 6
 _STOP = "click here: stop"
 
 
@@ -23,6 +23,11 @@ class Toast:
     def __init__(self, state: ViewerState) -> None:
         self._state = state
         self._stops: list[tuple[pygame.Rect, Callable[[], None]]] = []
+        self._area = pygame.Rect(0, 0, 0, 0)
+
+    def covers(self, position: tuple[int, int]) -> bool:
+        """Whether a pixel is in the card as it was drawn last."""
+        return self._area.collidepoint(position)
 
     def seen(self) -> object:
         """What can be seen of it, as a value."""
@@ -35,8 +40,9 @@ class Toast:
         """A card in the lower left corner of the room that there is; where it is."""
         jobs, message = tuple(self._state.jobs.values()), self._state.message
         self._stops = []
+        self._area = pygame.Rect(room.bottomleft, (0, 0))
         if not jobs and not message:
-            return pygame.Rect(room.bottomleft, (0, 0))
+            return self._area
         pad, line = size // 2, text.height(size)
         most = min(room.width, 60 * size) - 2 * pad
         lines = text.wrap(message, size, most, MAX_LINES) if message else ()
@@ -49,6 +55,7 @@ class Toast:
         card = pygame.Rect(room.x, 0, min(most, wide) + 2 * pad, 0)
         card.height = len(lines) * line + len(jobs) * bars + pad
         card.bottom = room.bottom
+        self._area = card
         target.blit(box(card.size, (*PANEL, 240), 6, ACCENT), card)
         y = card.y + pad // 2
         for each in lines:
