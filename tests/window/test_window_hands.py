@@ -333,3 +333,22 @@ def test_a_mark_may_end_while_a_picture_is_made(slow: Table) -> None:
     marks = [slow.overlay().mark for _ in range(60)]
     assert marks[0] is not None
     assert marks[-1] is None
+
+
+def test_what_would_end_work_too_early_says_so() -> None:
+    """A pot on the stove: what is in it is in progress, not the pot itself."""
+    opened = Table(Script(World("asynchronous/06")))
+    try:
+        source, me = opened.source, opened.source.me
+        for line in load_certificate(source.world.task).plan or ():
+            source.act(source.world.parse(source.state, me, line))
+            if line.startswith("boil-water"):
+                break
+        hints = dict(opened.overlay().hints)
+        assert hints["E"] == "Wait until it is done"
+        assert hints["Click"].endswith("before it is done")
+        opened.press(pygame.K_TAB)
+        early = [row for row in opened.overlay().choices if row.endswith("before it is done")]
+        assert len(early) == 1
+    finally:
+        opened.window.close()

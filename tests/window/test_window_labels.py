@@ -9,6 +9,7 @@ import pygame
 import pytest
 
 from robotouille import World
+from robotouille.world.scene import scene
 from robotouille_client.window.drawing import lobby_card
 from robotouille_client.window.drawing import painter as painting
 from robotouille_client.window.drawing.painter import Painter
@@ -139,18 +140,15 @@ CHOICES = UiOverlay(choices=tuple(f"Go to table {i}" for i in range(8)), more="9
 
 @pytest.mark.parametrize("size", SIZES)
 def test_nothing_is_seen_through_the_list(size: tuple[int, int]) -> None:
-    """The chat and the seats end above it, and do not shine through."""
+    """Nothing of the chat shines through."""
     view = crowded(9)
     chats = [(("Ada", word * 30),) * 9 for word in ("quick ", "brown ")]
     shown = []
     for chat in chats:
         painter, surface = Painter(), pygame.Surface(size)
         painter.paint(surface, dataclasses.replace(view, chat=chat, bubbles=()), CHOICES)
-        layout = painter.layout(size, view.world)
-        top = size[1] - layout.text * 4
-        shown.append(
-            surface.subsurface((layout.panel.left, top, layout.panel.width, size[1] - top))
-        )
+        rows = [area for area, key in painter._key_strip._places if key.isdigit()]
+        shown.append(surface.subsurface(rows[0].unionall(rows[1:])))
     one, other = (pygame.image.tobytes(each, "RGB") for each in shown)
     assert one == other
 
@@ -186,3 +184,25 @@ def test_what_is_under_the_mouse_is_marked(station: str) -> None:
     assert contrast(ink, ground) > 4.5
     middle = cell.center
     assert contrast(marked.get_at(middle)[:3], plain.get_at(middle)[:3]) < 2.5, "and quietly"
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("task", ["multi_agent/10@4", "training/01", "multi_agent/01"])
+@pytest.mark.parametrize("scale", [1.0, 1.6])
+def test_the_list_covers_neither_the_order_nor_the_seats_nor_ones_own_player(
+    size: tuple[int, int], task: str, scale: float
+) -> None:
+    world = World(task)
+    seats = tuple(SeatView(player, player) for player in world.players)
+    painter, surface = Painter(text_scale=scale), pygame.Surface(size)
+    painter.paint(surface, View(world, world.initial, seats=seats, me=world.players[0]), CHOICES)
+    rows = [area for area, key in painter._key_strip._places if key.isdigit()]
+    whole, place = rows[0].unionall(rows[1:]), painter.layout(size, world)
+    free = painter._panel.free
+    assert free.contains(whole) or not whole.colliderect(place.panel)
+    if size[0] >= 640:
+        assert surface.get_rect().contains(whole)
+        tile = scene(world.initial)[world.players[0]].tile
+        assert tile is not None
+        if scale == 1.0:
+            assert not whole.colliderect(place.cell(tile))

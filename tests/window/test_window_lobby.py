@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -201,3 +202,55 @@ def test_the_card_is_inside_and_covers_no_panel(size: tuple[int, int], ready: bo
     card = painter._interruptions.draw(surface, place, view)[0]
     assert surface.get_rect().contains(card)
     assert not card.colliderect(place.panel)
+
+
+@pytest.mark.parametrize("size", [(640, 360), (1280, 720), (1920, 1080)])
+@pytest.mark.parametrize("task", ["multi_agent/01", "multi_agent/10@4", "training/03"])
+def test_the_card_does_not_hide_ones_own_player(size: tuple[int, int], task: str) -> None:
+    from robotouille import World
+    from robotouille.world.scene import scene
+    from robotouille_client.window.view import View
+
+    world = World(task)
+    rows = tuple(LobbyRow(player, "here") for player in world.players)
+    for me in world.players:
+        view = View(world, world.initial, me=me, lobby=LobbyView(rows, False, "KQXZB-WMFTA"))
+        painter, surface = Painter(), pygame.Surface(size)
+        painter.paint(surface, view)
+        place, tile = painter.layout(size, world), scene(world.initial)[me].tile
+        assert tile is not None
+        cell = place.cell(tile)
+        card = painter._interruptions.draw(surface, place, view, cell)[0]
+        assert not card.colliderect(cell.inflate(-cell.width // 2, -cell.height // 2))
+
+
+def test_the_context_key_says_that_one_is_ready() -> None:
+    from tests.support.window_play import Script, Timer
+
+    from robotouille import World
+    from robotouille_client.window.view import View
+    from robotouille_client.window.window import Window
+
+    class Waiting(Script):
+        ready = False
+
+        def view(self) -> View:
+            rows = (LobbyRow("Ada (you)", "ready" if self.ready else "here"),)
+            return dataclasses.replace(super().view(), lobby=LobbyView(rows, self.ready))
+
+        def be_ready(self, ready: bool) -> None:
+            self.ready = ready
+
+    source = Waiting(World("training/01"))
+    window = Window((800, 600), headless=True, clock=Timer())
+    try:
+        for ready, words in ((False, "I am ready"), (True, "not ready yet")):
+            window.frame(source)
+            assert source.ready is ready
+            assert window._input.overlay(source.view(), None).hints == (("E", words),)
+            pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_e, mod=0, unicode="e"))
+            window.frame(source)
+            pygame.event.post(pygame.Event(pygame.KEYUP, key=pygame.K_e, mod=0))
+            window.frame(source)
+    finally:
+        window.close()

@@ -31,8 +31,15 @@ class Interruptions:
         self._text = text
         self._lobby_card = LobbyCard(text)
 
-    def draw(self, target: pygame.Surface, layout: Layout, view: View) -> list[pygame.Rect]:
-        """The interruptions of a view that has any; what must not be covered of them."""
+    def draw(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        view: View,
+        own: pygame.Rect | None = None,
+    ) -> list[pygame.Rect]:
+        """The interruptions of a view that has any; what must not be covered of them. `own` is
+        where the owner's player stands."""
         shown = []
         if view.farewell is not None:
             self._shade(target, layout, _SHADE)
@@ -50,7 +57,7 @@ class Interruptions:
         if view.starts_in is not None:
             shown.append(self._countdown(target, layout, ceil(view.starts_in)))
         elif view.lobby is not None and not view.frozen:
-            shown.append(self._lobby_card.draw(target, layout, view.lobby))
+            shown.append(self._lobby_card.draw(target, layout, view.lobby, own))
         if view.notice:
             shown.append(self._banner(target, layout, y, view.notice, ACCENT, INK))
         return shown

@@ -39,15 +39,22 @@ class KeyStrip:
         return next((key for area, key in reversed(self._places) if area.collidepoint(pos)), "")
 
     def draw(
-        self, target: pygame.Surface, layout: Layout, stage: Stage, ui_overlay: UiOverlay
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        stage: Stage,
+        ui_overlay: UiOverlay,
+        choices: pygame.Rect | None,
     ) -> None:
-        """What there is of it; words that are typed take the place of the keys."""
+        """What there is of it; words that are typed take the place of the keys. `choices` is where
+        the list goes."""
         self._places = []
         if ui_overlay.mark is not None:
             self._mark(target, layout, stage, ui_overlay.mark)
         if ui_overlay.typing is None:
             self._keys(target, layout, ui_overlay)
-        self._list(target, layout, ui_overlay)
+        if choices is not None:
+            self._list(target, layout, ui_overlay, choices)
 
     def _mark(self, target: pygame.Surface, layout: Layout, stage: Stage, mark: ActionMark) -> None:
         placed = stage.placed.get(mark.station)
@@ -139,18 +146,34 @@ class KeyStrip:
         self._places.append((whole.move((whole.width - cap.width) // 2, 0), key))
         return cap.width + size // 2 + wide
 
-    def list_area(self, layout: Layout, ui_overlay: UiOverlay) -> pygame.Rect | None:
-        """Where the open list is, if it is open."""
+    def list_area(
+        self,
+        layout: Layout,
+        ui_overlay: UiOverlay,
+        free: pygame.Rect,
+        own: pygame.Rect | None = None,
+    ) -> pygame.Rect | None:
+        """Where the open list is, if it is open: in the `free` part of the panel if it fits there,
+        else in the corner of the kitchen that is farthest from the `own` player."""
         if ui_overlay.choices is None:
             return None
         size, pad = layout.text, layout.text
         words, foot = self._list_words(layout, ui_overlay)
-        widest = max(self._text.width(row, size) for row in (*words, foot)) + 5 * pad
+        widest = max(self._text.width(row, size) for row in (*words, foot)) + 4 * pad
         high = self._step(layout) * (len(words) + bool(foot)) + 2 * pad
-        widest = max(layout.panel.width - pad, min(widest, layout.size[0] - 2 * pad))
-        area = pygame.Rect(0, 0, widest, high)
-        area.bottomright = (layout.size[0] - pad, layout.strip.top - 2 * pad)
-        return area
+        area = pygame.Rect(0, 0, min(widest, layout.panel.left - pad), high)
+        room = free.inflate(-pad, -pad)
+        if area.width <= room.width and area.height <= room.height:
+            area.width = room.width
+            area.bottomright = room.bottomright
+            return area
+        room = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - 2 * pad).inflate(-pad, -pad)
+        corners = []
+        for corner in ("bottomright", "bottomleft", "topright", "topleft"):
+            there = area.copy()
+            setattr(there, corner, getattr(room, corner))
+            corners.append(there.clamp(pygame.Rect((0, 0), layout.size)))
+        return max(corners, key=lambda place: (0, 0) if own is None else _apart(place, own))
 
     def _list_words(self, layout: Layout, ui_overlay: UiOverlay) -> tuple[list[str], str]:
         """The rows of the list, and what is below them."""
@@ -163,10 +186,9 @@ class KeyStrip:
     def _step(self, layout: Layout) -> int:
         return layout.text * 7 // 4
 
-    def _list(self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay) -> None:
-        area = self.list_area(layout, ui_overlay)
-        if area is None:
-            return
+    def _list(
+        self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay, area: pygame.Rect
+    ) -> None:
         size, pad, step = layout.text, layout.text, self._step(layout)
         words, foot = self._list_words(layout, ui_overlay)
         target.blit(box(area.size, PANEL, pad, ACCENT), area)
@@ -192,3 +214,11 @@ def _told(ui_overlay: UiOverlay) -> str:
     if ui_overlay.prompt or not ui_overlay.queued:
         return ui_overlay.prompt
     return f"Next: {', '.join(ui_overlay.queued)} (Esc forgets)"
+
+
+def _apart(one: pygame.Rect, other: pygame.Rect) -> tuple[int, int]:
+    """How far two rectangles are from each other: by the gap between them, then by their middles."""
+    across = max(0, one.left - other.right, other.left - one.right)
+    down = max(0, one.top - other.bottom, other.top - one.bottom)
+    (x, y), (u, v) = one.center, other.center
+    return across * across + down * down, (x - u) ** 2 + (y - v) ** 2

@@ -23,8 +23,14 @@ class LobbyCard:
     def __init__(self, text: Typesetter) -> None:
         self._text = text
 
-    def draw(self, target: pygame.Surface, layout: Layout, lobby: LobbyView) -> pygame.Rect:
-        """The card; what must not be covered."""
+    def draw(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        lobby: LobbyView,
+        own: pygame.Rect | None = None,
+    ) -> pygame.Rect:
+        """The card, beside the `own` player; what must not be covered."""
         text, size = self._text, layout.text
         large, button, pad = round(size * 1.45), round(size * 1.1), size
         line = round(text.height(size) * 1.3)
@@ -41,8 +47,7 @@ class LobbyCard:
             + pad // 2
         )
         area = pygame.Rect(0, 0, inner + 2 * pad, high)
-        area.center = (layout.panel.left // 2, layout.kitchen.centery)
-        area.clamp_ip(pygame.Rect(0, 0, *layout.size))
+        area = _beside(area, layout, own)
         target.blit(box(area.size, (*INK, 120), pad), area.move(0, 5))
         target.blit(box(area.size, PAPER, pad, mixed(PAPER, INK, 0.3)), area)
         y = self._lines(target, title, large, INK, area.centerx, area.y + pad) + pad // 2
@@ -103,6 +108,24 @@ class LobbyCard:
             target.blit(box(area.size, ACCENT, size // 2, mixed(ACCENT, INK, 0.35)), area)
         ink = _QUIET if lobby.ready else INK
         self._lines(target, lines, size, ink, area.centerx, area.y + size // 4)
+
+
+def _beside(card: pygame.Rect, layout: Layout, own: pygame.Rect | None) -> pygame.Rect:
+    """A card in the middle; if that hides one's own player, where it hides least of them."""
+    room = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - 2 * layout.text)
+    middle = card.move(room.centerx - card.centerx, layout.kitchen.centery - card.centery)
+    aside = room.inflate(-layout.text, -layout.text)
+    places = [middle]
+    for x in (room.centerx, aside.left + card.width // 2, aside.right - card.width // 2):
+        for y in (aside.top + card.height // 2, aside.bottom - card.height // 2):
+            places.append(card.move(x - card.centerx, y - card.centery))
+    whole = pygame.Rect(0, 0, *layout.size)
+    places = [place.clamp(whole) for place in places]
+    return min(places, key=lambda place: 0 if own is None else _area(place.clip(own)))
+
+
+def _area(part: pygame.Rect) -> int:
+    return part.width * part.height
 
 
 def _title(lobby: LobbyView) -> str:

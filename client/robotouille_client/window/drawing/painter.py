@@ -97,9 +97,10 @@ class Painter:
         self._overlays.highlight(surface, place, stage, view.hover)
         self._kitchen.draw(surface, place, scene, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
-        cards = self._interruptions.draw(surface, place, view)
-        choices = self._key_strip.list_area(place, ui_overlay)
-        self._panel.draw(surface, place, view, place.size[1] if choices is None else choices.top)
+        own = _around(place, poses[view.me]) if view.me in poses else None
+        cards = self._interruptions.draw(surface, place, view, own)
+        self._panel.draw(surface, place, view)
+        choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
         if not ui_overlay.tips:
             ui_overlay = replace(ui_overlay, tips=self.told(ui_overlay.pointer))
         self._labels.draw(
@@ -115,7 +116,7 @@ class Painter:
         )  # fmt: skip
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
-        self._key_strip.draw(surface, place, stage, ui_overlay)
+        self._key_strip.draw(surface, place, stage, ui_overlay, choices)
         self._notices.draw(surface, place, view, ui_overlay)
 
     def key_at(self, pos: tuple[int, int]) -> str:
@@ -190,7 +191,7 @@ class Painter:
         return self._motion.poses(view.state, placed, before, view.step, view.phase)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
-        """Where things are on a surface of a size: below the notice, if the newest picture has one."""
+        """Where things are on a surface of a size, below the notice that was drawn last."""
         problem = world.task.problem
         lines = 0.0 if self._strip is None else self._strip.lines
         place = layout(size, problem.width, problem.height, lines, self.text_scale)
@@ -250,6 +251,13 @@ class Painter:
         self._interruptions = Interruptions(self._text)
         self._key_strip = KeyStrip(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)
+
+
+def _around(place: Layout, pose: Pose) -> pygame.Rect:
+    """Where a player is, with its head and its name."""
+    x, y = place.corner(pose.at)
+    side = place.tile
+    return pygame.Rect(round(x), round(y - side * 0.4), side, round(side * 1.6))
 
 
 _painter: list[Painter] = []

@@ -10,12 +10,12 @@ from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap, key_words
-from robotouille_client.window.hands.possible import possible, use, walk
+from robotouille_client.window.hands.possible import EARLY, WAIT, ends_work, possible, use, walk
 from robotouille_client.window.hands.queue import ActionQueue, Intent
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Source, View
 
-__all__ = ["Hands"]
+__all__ = ["Hands", "told"]
 
 REPEAT_SECONDS = 0.35
 """For how long a direction is held until it means another walk."""
@@ -146,11 +146,19 @@ class Hands:
         meaning = use(controls, state, me)
         if meaning.valid and meaning.action not in rows:
             found.append((self.keys.words(Command.USE), meaning.hint))
+        if not found and meaning.hint == WAIT:
+            found.append((self.keys.words(Command.USE), "Wait until it is done"))
         here = scene(state)[me].at
         clicked = controls.click(state, me, here) if here else meaning
         if clicked.valid and clicked.action != meaning.action:
-            found.append(("Click", clicked.hint))
+            found.append(("Click", told(clicked, state)))
         return tuple(found)
+
+
+def told(meaning: Meaning, state: State) -> str:
+    """What an input means, and whether that comes too early."""
+    early = meaning.valid and meaning.action is not None and ends_work(state, meaning.action)
+    return f"{meaning.hint} {EARLY}" if early else meaning.hint
 
 
 def _clicked(controls: Controls, target: str, button: Button, view: View) -> Meaning:

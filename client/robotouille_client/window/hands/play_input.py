@@ -11,14 +11,14 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
-from robotouille_client.window.controls import Button, Controls
+from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.hands.chat_line import ChatLine
 from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap, key_words
-from robotouille_client.window.hands.hands import MAX_CHOICES, Hands
+from robotouille_client.window.hands.hands import MAX_CHOICES, Hands, told
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
-from robotouille_client.window.view import LobbySource, Source, View
+from robotouille_client.window.view import LobbySource, LobbyView, Source, View
 
 __all__ = ["HelpRows", "PlayInput"]
 
@@ -27,7 +27,7 @@ HelpRows = tuple[tuple[str, str], ...]
 
 _NOTICE_SECONDS = 3.0
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
-_Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
+_Asked = tuple[State, str | None, str | None, LobbyView | None, tuple[bool, bool, bool]]
 _List = tuple[State, tuple[GroundAction, ...]]
 _Advice = tuple[tuple[str, ...], HelpRows]
 
@@ -150,11 +150,16 @@ class PlayInput:
 
     def _be_ready(self, source: Source, view: View) -> bool:
         """Say that one is ready, or not any more; whether that is asked."""
-        if view.lobby is None or view.lobby.ready is None or view.frozen:
+        if view.lobby is None or not self._is_asked(view):
             return False
         if isinstance(source, LobbySource):
             source.be_ready(not view.lobby.ready)
         return True
+
+    @staticmethod
+    def _is_asked(view: View) -> bool:
+        """Whether a game waits for its owner to be ready."""
+        return view.lobby is not None and view.lobby.ready is not None and not view.frozen
 
     def _cancel(self) -> bool:
         """Close what is open, or forget what waits; whether there was anything."""
@@ -253,10 +258,13 @@ class PlayInput:
     def _advise(self, view: View, hover: str | None) -> _Advice:
         """Tips and hints: asked for once for each state."""
         interrupted = (view.pause is not None, view.offline is not None, view.frozen)
-        key = (view.state, view.me, hover, interrupted)
+        key = (view.state, view.me, hover, view.lobby, interrupted)
         if self._advice is None or self._advice[0] != key:
             hints: HelpRows = ()
-            if view.me is not None and not view.frozen:
+            if view.lobby is not None and self._is_asked(view):
+                use = self.hands.keys.words(Command.USE)
+                hints = ((use, "not ready yet" if view.lobby.ready else "I am ready"),)
+            elif view.me is not None and not view.frozen:
                 hints = self.hands.hints(self.controls(view), view.state, view.me)
             self._advice = (key, (self._tips(view, hover), hints))
         return self._advice[1]
@@ -271,7 +279,7 @@ class PlayInput:
         meaning = self.controls(view).click(view.state, view.me, hover)
         if not meaning.valid:
             return (title, meaning.hint) if meaning.hint else (title,)
-        return (meaning.hint,)
+        return (told(meaning, view.state),)
 
     def _wording(self, view: View) -> Wording:
         return self.controls(view).wording(view.me)
@@ -284,7 +292,7 @@ class PlayInput:
         if view.me is not None and not view.frozen:
             rows = [(self._walk_keys(view), "walk"), (keys.words(Command.LIST), "all actions")]
         if view.lobby is not None and view.lobby.ready is not None and not view.frozen:
-            rows = [("Enter", "not ready yet" if view.lobby.ready else "I am ready")]
+            rows = []
         if (view.pause or view.lobby) is not None and view.offline is None and view.me is not None:
             chat = (keys.words(Command.CHAT), "say something")
             rows = [chat] if view.pause is not None else [*rows, chat]
@@ -322,9 +330,11 @@ class PlayInput:
         """Actions in words: made once for each state."""
         if self._listed is None or self._listed[0] != (view.state, actions):
             words = self._wording(view)
-            said = [words.action(action, view.state) for action in actions]
-            told = tuple(each[:1].upper() + each[1:] for each in said)
-            self._listed = (view.state, actions), told
+            state = view.state
+            meant = [Meaning(a, words.action(a, state), True) for a in actions]
+            said = tuple(told(each, state) for each in meant)
+            rows = tuple(each[:1].upper() + each[1:] for each in said)
+            self._listed = (view.state, actions), rows
         return self._listed[1]
 
     def _help_of(self, view: View) -> HelpRows:

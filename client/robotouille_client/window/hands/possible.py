@@ -8,12 +8,15 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.people.usefulness import useful_actions, work_in_progress
 from robotouille.world.scene import scene
+from robotouille.world.timers import Progress
 from robotouille.world.world import State
 from robotouille_client.window.controls import Controls, Meaning
 from robotouille_client.window.hands.walking import destination, towards
 
-__all__ = ["possible", "use", "walk"]
+__all__ = ["EARLY", "WAIT", "ends_work", "possible", "use", "walk"]
 
+WAIT = "wait until it is done, or click to take it"
+EARLY = "before it is done"
 HOLDS = "shares_tile"
 """The layout rule of predicates that say who carries what."""
 
@@ -93,16 +96,26 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> Meaning:
     if here is None:
         return own or Meaning(None, "nothing to do here")
     clicked = controls.click(state, me, here)
-    if clicked.valid and clicked.action and _takes_work(state, me, clicked.action):
-        return Meaning(None, "wait until it is done, or click to take it")
+    if clicked.valid and clicked.action and ends_work(state, clicked.action):
+        return Meaning(None, WAIT)
     if clicked.action is not None or own is None or own.action is None:
         return clicked
     return own
 
 
-def _takes_work(state: State, me: str, action: GroundAction) -> bool:
-    """Whether an action picks up something in progress that still changes it."""
-    subjects = {row.subject for row in work_in_progress(state) if row.running}
-    after = (state.facts | action.touched) ^ action.removed
-    takes = _carried(state, me, after) > _carried(state, me, state.facts)
-    return takes and not subjects.isdisjoint(action.arguments)
+def ends_work(state: State, action: GroundAction) -> bool:
+    """Whether an action stops something that goes on by itself before it is done."""
+    running = [_key(row) for row in work_in_progress(state) if row.running]
+    if not running:
+        return False
+    then, else_ = (_running(state.step(done).state) for done in (action, []))
+    return any(not then[key] if key in then else else_.get(key, False) for key in running)
+
+
+def _running(state: State) -> dict[tuple[str, tuple[str, ...]], bool]:
+    """What is in progress, and whether it goes on."""
+    return {_key(row): row.running for row in work_in_progress(state)}
+
+
+def _key(row: Progress) -> tuple[str, tuple[str, ...]]:
+    return row.action, row.arguments

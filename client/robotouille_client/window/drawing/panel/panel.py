@@ -33,7 +33,8 @@ __all__ = ["Panel"]
 
 
 class Panel:
-    """Draws the panel; it is drawn anew only when something in it has changed."""
+    """Draws the panel; it is drawn anew only when something in it has changed. `free` is where
+    there is nothing but chat in it, as it was drawn last."""
 
     def __init__(self, resolver: AppearanceResolver, sprites: Sprites, text: Typesetter) -> None:
         self._resolver = resolver
@@ -46,20 +47,21 @@ class Panel:
         self._ticket_drawn: tuple[tuple[object, ...], pygame.Surface] | None = None
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
+        self.free = pygame.Rect(0, 0, 0, 0)
 
-    def draw(self, target: pygame.Surface, layout: Layout, view: View, floor: int) -> None:
-        """The panel on the right of the window; seats and chat end above a `floor`."""
+    def draw(self, target: pygame.Surface, layout: Layout, view: View) -> None:
+        """The panel on the right of the window."""
         shown = (
-            layout, floor, id(view.world), view.step, view.max_steps, view.clock, view.seats,
+            layout, id(view.world), view.step, view.max_steps, view.clock, view.seats,
             view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
             view.thinking, view.step_seconds, view.world.goal.holding(view.state.facts),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
-            self._surface = self._render(layout, view, floor)
+            self._surface = self._render(layout, view)
             self._shown = shown
         target.blit(self._surface, layout.panel)
 
-    def _render(self, layout: Layout, view: View, floor: int) -> pygame.Surface:
+    def _render(self, layout: Layout, view: View) -> pygame.Surface:
         surface = self._surface
         if surface is None or surface.get_size() != layout.panel.size:
             surface = pygame.Surface(layout.panel.size)
@@ -70,9 +72,10 @@ class Panel:
         y = self._title(surface, area, layout, view)
         y = self._goal(surface, area, y, layout, view)
         y = self._clock(surface, area, y, layout, view)
-        area.height = min(area.bottom, floor - pad // 2) - area.y
         room = pygame.Rect(area.x, y, area.width, max(0, area.bottom - y))
         y = self._seats.draw(surface, room, layout, view)
+        self.free = pygame.Rect(*layout.panel.topleft, *layout.panel.size)
+        self.free.height, self.free.top = max(0, layout.panel.height - y), layout.panel.top + y
         self._chat(surface, area, y, layout, view)
         return surface
 
