@@ -16,6 +16,7 @@ from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.scene import scene
+from robotouille_client.window.controls import Controls
 from robotouille_client.window.hands.commands import Command, KeyMap, key_words
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.view import Bubble
@@ -352,3 +353,55 @@ def test_what_would_end_work_too_early_says_so() -> None:
         assert len(early) == 1
     finally:
         opened.window.close()
+
+
+@pytest.mark.parametrize("goes", [True, False])
+def test_a_walk_to_where_somebody_stands_is_tried_again_for_a_moment(goes: bool) -> None:
+    world = World("multi_agent/01")
+    me, other = world.players
+    opened = Table(Script(world, me, slow=True))
+    try:
+        source, taken = opened.source, scene(world.initial)[other].at
+        assert taken is not None
+        opened.click(taken)
+        assert [goes_to(action) for action in source.acted] == [taken]
+        source.bubbles = (Bubble(me, "Somebody stands there."),)
+        source._asked = None
+        opened.step()
+        assert opened.overlay().queued
+        if goes:
+            away = next(a for a in source.state.actions(other) if goes_to(a))
+            source.states.append(source.state.step(away).state)
+        else:
+            opened.timer.now += 5.0
+        opened.window.frame(source)
+        opened.window.frame(source)
+        assert [goes_to(action) for action in source.acted] == [taken] * (1 + goes)
+        opened.step()
+        assert not opened.overlay().queued
+    finally:
+        opened.window.close()
+
+
+def test_what_was_refused_is_forgotten_when_something_else_is_asked_for() -> None:
+    world = World("multi_agent/01")
+    me, other = world.players
+    opened = Table(Script(world, me, slow=True))
+    try:
+        source, taken = opened.source, scene(world.initial)[other].at
+        assert taken is not None
+        opened.click(taken)
+        source.bubbles = (Bubble(me, "Somebody stands there."),)
+        source._asked = None
+        opened.step()
+        assert opened.overlay().queued
+        opened.press(pygame.K_ESCAPE)
+        assert not opened.overlay().queued
+    finally:
+        opened.window.close()
+
+
+def test_a_click_on_oneself_does_not_speak_of_a_place_called_you() -> None:
+    world = World("training/01")
+    hint = Controls(world).click(world.initial, "robot1", "robot1").hint
+    assert "you" not in hint.split()

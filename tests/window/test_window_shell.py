@@ -261,6 +261,20 @@ def test_the_tutorial_waits_until_each_thing_is_done() -> None:
     ]
 
 
+def test_work_is_learned_when_it_is_done_and_the_lesson_says_what_to_bring() -> None:
+    script = Script(World("training/01"))
+    source = TutorialSource(script, KeyMap())
+    seen = []
+    for line in load_certificate("training/01").plan or ():
+        action = script.world.parse(script.state, script.me, line)
+        source.act(action)
+        if action.name == "cut":
+            seen.append(source.view().notice)
+    assert len(seen) == 3
+    assert all("take the tomato to the board" in words for words in seen[:2])
+    assert seen[2].startswith("Now the whole task")
+
+
 async def test_a_window_can_be_closed_anywhere(evening: Evening) -> None:
     for first in (None, SMALL):
         await asyncio.wait_for(evening.go(lambda: wait(3), first), 30)

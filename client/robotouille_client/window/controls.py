@@ -182,7 +182,8 @@ class Controls:
                     nearest = rank, action, unmet
         words = self.wording(moment.me)
         if nearest is None:
-            where = words.thing(meant[0], moment.state) if meant else ""
+            there = [name for name in meant[:1] if name != moment.me]
+            where = words.thing(there[0], moment.state) if there else ""
             return Meaning(None, f"nothing to do at {where}" if where else "nothing to do here")
         rank, action, unmet = nearest
         does = _capital(words.action(action, moment.state))

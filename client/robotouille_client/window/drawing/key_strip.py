@@ -217,7 +217,7 @@ def _told(ui_overlay: UiOverlay) -> str:
 
 
 def _apart(one: pygame.Rect, other: pygame.Rect) -> tuple[int, int]:
-    """How far two rectangles are from each other: by the gap between them, then by their middles."""
+    """How far two rectangles are from each other: the gap, then the way between the middles."""
     across = max(0, one.left - other.right, other.left - one.right)
     down = max(0, one.top - other.bottom, other.top - one.bottom)
     (x, y), (u, v) = one.center, other.center

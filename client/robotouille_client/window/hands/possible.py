@@ -108,8 +108,8 @@ def ends_work(state: State, action: GroundAction) -> bool:
     running = [_key(row) for row in work_in_progress(state) if row.running]
     if not running:
         return False
-    then, else_ = (_running(state.step(done).state) for done in (action, []))
-    return any(not then[key] if key in then else else_.get(key, False) for key in running)
+    then, without = _running(state.step(action).state), _running(state.step([]).state)
+    return any(not then[key] if key in then else without.get(key, False) for key in running)
 
 
 def _running(state: State) -> dict[tuple[str, tuple[str, ...]], bool]:

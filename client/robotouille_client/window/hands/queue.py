@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.occupancy import Occupancy
 from robotouille_client.window.controls import Meaning
+from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Bubble, Source, View
 
 __all__ = ["MAX_QUEUED", "ActionQueue", "Intent", "Sent"]
@@ -16,6 +18,8 @@ MAX_QUEUED = 3
 QUICK_SECONDS = 0.4
 """Within these another input comes after the one that was sent; later it comes in its place."""
 SHOWN_SECONDS = 0.5
+PATIENCE_SECONDS = 2.0
+"""For how long a walk to where somebody stands is tried again, should they go."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +28,15 @@ class Intent:
 
     label: str
     read: Callable[[View], Meaning]
+
+
+@dataclass(frozen=True, slots=True)
+class _Retry:
+    """A walk to a place that was taken, and until when it is wanted, in seconds."""
+
+    label: str
+    action: GroundAction
+    until: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +57,14 @@ class ActionQueue:
         self._clock = clock
         self._waiting: list[Intent] = []
         self._sent: Sent | None = None
+        self._label = ""
+        self._retry: _Retry | None = None
 
     @property
     def labels(self) -> tuple[str, ...]:
         """What waits, the next first."""
-        return tuple(intent.label for intent in self._waiting)
+        first = () if self._retry is None else (self._retry.label,)
+        return (*first, *(intent.label for intent in self._waiting))
 
     @property
     def sent(self) -> Sent | None:
@@ -61,11 +77,11 @@ class ActionQueue:
     @property
     def idle(self) -> bool:
         """Whether nothing waits, here or for an answer."""
-        return not self._waiting and (self._sent is None or self._sent.fate != "asked")
+        return not self.labels and (self._sent is None or self._sent.fate != "asked")
 
     def clear(self) -> bool:
         """Forget what waits; whether there was anything."""
-        had, self._waiting = bool(self._waiting), []
+        had, self._waiting, self._retry = bool(self.labels), [], None
         return had
 
     def ask(self, intent: Intent, source: Source, view: View) -> str:
@@ -73,6 +89,7 @@ class ActionQueue:
         if view.frozen or view.me is None:
             return ""
         self._settle(view)
+        self._retry = None
         busy = bool(view.state.busy_steps(view.me)) or view.starts_in is not None
         sent = self._sent
         just_sent = (
@@ -90,11 +107,16 @@ class ActionQueue:
         self._settle(view)
         if view.over:
             self.clear()
-        if view.frozen or view.me is None or not self._waiting or view.starts_in is not None:
+        if view.frozen or view.me is None or view.starts_in is not None:
             return ""
         if self._sent is not None and self._sent.fate == "asked":
             return ""
         if view.state.busy_steps(view.me):
+            return ""
+        if self._retry is not None:
+            self._try_again(self._retry, source, view)
+            return ""
+        if not self._waiting:
             return ""
         return self._do(self._waiting.pop(0), source, view)
 
@@ -104,9 +126,32 @@ class ActionQueue:
             self._waiting = []
         if meaning.action is None:
             return meaning.hint[:1].upper() + meaning.hint[1:]
-        self._sent = Sent(meaning.action, self._clock(), view.step, _bubble(view))
-        source.act(meaning.action)
+        self._label = intent.label
+        self._send(meaning.action, source, view)
         return ""
+
+    def _send(self, action: GroundAction, source: Source, view: View) -> None:
+        self._sent = Sent(action, self._clock(), view.step, _bubble(view))
+        source.act(action)
+
+    def _try_again(self, retry: _Retry, source: Source, view: View) -> None:
+        """Walk there, if the place is free by now."""
+        if self._clock() > retry.until:
+            self._retry = None
+        elif view.me is not None and retry.action in view.state.actions(view.me):
+            self._send(retry.action, source, view)
+
+    def _wanted(self, action: GroundAction, view: View) -> _Retry | None:
+        """What to try again of a walk that was refused: if nothing but somebody was in the way."""
+        if destination(action) is None:
+            return None
+        occupancy = Occupancy(view.world)
+        unmet = view.world.unmet(view.state, action)
+        if not unmet or any(occupancy.needed_free(each) is None for each in unmet):
+            return None
+        if self._retry is not None and self._retry.action == action:
+            return self._retry
+        return _Retry(self._label, action, self._clock() + PATIENCE_SECONDS)
 
     def _settle(self, view: View) -> None:
         """Notice what became of the action that was sent."""
@@ -117,8 +162,9 @@ class ActionQueue:
         fate: Literal["asked", "done", "refused"] = "asked"
         if bubble is not None and bubble is not sent.bubble:
             fate, self._waiting = "refused", []
+            self._retry = self._wanted(sent.action, view)
         elif view.step > sent.step:
-            fate = "done"
+            fate, self._retry = "done", None
         if fate != "asked":
             self._sent = Sent(sent.action, now, sent.step, bubble, fate)
 

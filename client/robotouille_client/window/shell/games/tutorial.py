@@ -9,10 +9,15 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Literal
 
+from robotouille.certification.certificate import load_certificate
+from robotouille.domain.rendering import language_of
 from robotouille.episode.rules import Clock
+from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.usefulness import work_in_progress
+from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
-from robotouille.world.world import State
+from robotouille.world.world import State, World
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.shell.games.local_game import Plan
@@ -34,14 +39,17 @@ class Lesson:
     words: str
 
 
-def lessons(keys: KeyMap) -> tuple[Lesson, ...]:
-    """All of it, in order."""
+def lessons(keys: KeyMap, world: World) -> tuple[Lesson, ...]:
+    """All of it, in order; what is to be worked on is what a proven plan works on first."""
     use = keys.words(Command.USE)
+    work = _first_work(world)
+    bring = f"take {work}" if work else "bring something"
+    until = " until it is done" if work else ""
     return (
         Lesson("walk", "Walk to another place: press an arrow key, or click on the place."),
         Lesson("take", f"Walk to something that lies there and take it: {use}, or a click."),
         Lesson("put", f"Carry it somewhere else and put it down: {use}, or a click there."),
-        Lesson("work", f"Some places are for work: bring something, put it down, press {use}."),
+        Lesson("work", f"Some places are for work: {bring}, put it down, press {use}{until}."),
     )
 
 
@@ -50,7 +58,8 @@ class TutorialSource:
 
     def __init__(self, source: Source, keys: KeyMap) -> None:
         self._source = source
-        self._lessons = list(lessons(keys))
+        self._lessons = list(lessons(keys, source.view().world))
+        self._worked: tuple[State, GroundAction] | None = None
         self._goal_key = keys.words(Command.LIST)
 
     @property
@@ -60,6 +69,7 @@ class TutorialSource:
 
     def view(self) -> View:
         view = self._source.view()
+        self._finish_work(view.state)
         return dataclasses.replace(view, notice=self._words(view))
 
     def act(self, action: GroundAction) -> None:
@@ -67,8 +77,20 @@ class TutorialSource:
         state, lesson = self._source.view().state, self.lesson
         valid = action.player is not None and action in state.actions(action.player)
         if lesson is not None and valid and kind_of(state, action) == lesson.kind:
-            self._lessons.pop(0)
+            if lesson.kind == "work":
+                self._worked = state, action
+            else:
+                self._lessons.pop(0)
         self._source.act(action)
+
+    def _finish_work(self, state: State) -> None:
+        """Work is done when nothing of it is in progress any more."""
+        if self._worked is None or state is self._worked[0]:
+            return
+        _, action = self._worked
+        under_way = {(row.action, row.subject) for row in work_in_progress(state)}
+        if not any((action.name, name) in under_way for name in action.arguments):
+            self._lessons, self._worked = self._lessons[1:], None
 
     def say(self, text: str) -> None:
         self._source.say(text)
@@ -84,6 +106,27 @@ class TutorialSource:
             return self.lesson.words
         goal = view.world.task.goal_description
         return f"Now the whole task: {goal} {self._goal_key} lists all you can do."
+
+
+def _first_work(world: World) -> str:
+    """`the tomato to the board`; nothing where no plan is known."""
+    certificate = load_certificate(world.task)
+    state = world.initial
+    for line in (certificate.plan or ()) if certificate else ():
+        try:
+            action = world.parse(state, world.players[0], line)
+        except RobotouilleError:
+            return ""
+        if kind_of(state, action) == "work":
+            wording = Wording(world, language_of(world.task), action.player)
+            places = [n for n in action.arguments if n in world.floor.stations]
+            things = [n for n in action.arguments if n not in (*places, action.player)]
+            if not (places and things):
+                return ""
+            thing = wording.thing(things[0], world.initial)
+            return f"{thing} to {wording.place(places[0], world.initial)}"
+        state = state.step(action).state
+    return ""
 
 
 def kind_of(state: State, action: GroundAction) -> Kind:
