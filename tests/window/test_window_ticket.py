@@ -9,13 +9,14 @@ import pytest
 from tests.support.samples import first_quickly
 
 from robotouille import World, load_task, task_names
+from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import NO_WORDS, Language, rendering_of
 from robotouille.domain.schema import GoalTerm
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import Dish, dishes, progress
+from robotouille_client.window.pictures.dishes import Dish, dishes, progress, shares
 from robotouille_client.window.view import View
 
 SIZE = (1280, 720)
@@ -194,3 +195,17 @@ def test_the_ticket_is_in_the_words_of_the_windows_owner() -> None:
         return pygame.image.tobytes(surface, "RGB")
 
     assert ticket(words) != ticket() == ticket(NO_WORDS)
+
+
+def test_the_circle_fills_with_each_cut() -> None:
+    """Work that has to be done several times is seen on the order before it is done."""
+    world = World("training/01")
+    state, seen = world.initial, []
+    for line in load_certificate("training/01").plan or ():
+        action = world.parse(state, world.players[0], line)
+        state = state.step(action).state
+        if action.name == "cut":
+            seen.append(max(shares(state)))
+    assert seen[0] > 0.3
+    assert seen[1] > 0.6
+    assert seen[2] == 0.0, "it is done"

@@ -99,7 +99,8 @@ class Painter:
         signs = self._overlays.draw(surface, place, view, stage, poses)
         own = _around(place, poses[view.me]) if view.me in poses else None
         cards = self._interruptions.draw(surface, place, view, own)
-        self._panel.draw(surface, place, view)
+        under_way = scene.life.travels and view.phase < 1.0
+        self._panel.draw(surface, place, view, view.previous if under_way else None)
         choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
         if not ui_overlay.tips:
             ui_overlay = replace(ui_overlay, tips=self.told(ui_overlay.pointer))

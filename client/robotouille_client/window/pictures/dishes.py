@@ -9,11 +9,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from robotouille.world.grounding.objects import Object
+from robotouille.world.people.usefulness import work_towards
 from robotouille.world.scene import Placed
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 
-__all__ = ["Dish", "Layer", "LayerProgress", "dishes", "progress"]
+__all__ = ["Dish", "Layer", "LayerProgress", "dishes", "progress", "shares"]
 
 Variable = int | str
 
@@ -54,9 +55,10 @@ class LayerProgress:
 
 
 def progress(
-    dish: Dish, holding: Sequence[bool], at_first: Sequence[bool]
+    dish: Dish, holding: Sequence[bool], at_first: Sequence[bool], shares: Sequence[float] = ()
 ) -> tuple[LayerProgress, ...]:
-    """How far each layer of a dish is, by the terms that hold now and at the start of a game.
+    """How far each layer of a dish is, by the terms that hold now and at the start of a game, and
+    the shares of those that are being worked on.
 
     A layer about which the goal says nothing is settled with the whole dish.
     """
@@ -72,10 +74,22 @@ def progress(
     found = []
     for fine, each in zip(right, dish.layers, strict=True):
         to_do = [n for n in each.terms if not at_first[n]]
-        done = sum(holding[n] for n in to_do)
+        done = sum(1.0 if holding[n] else shares[n] if shares else 0.0 for n in to_do)
         settled = whole or (fine and (bool(to_do) or begun))
         found.append(LayerProgress(1.0 if settled else done / max(1, len(to_do)), settled))
     return tuple(found)
+
+
+def shares(state: State) -> tuple[float, ...]:
+    """How far the work is that will bring each term of the goal about, as a share; 0 for a term
+    that nobody works for, or that is about more than one thing."""
+    best: dict[tuple[str, str], float] = {}
+    for atom, share in work_towards(state):
+        if len(atom) == 2:
+            about = atom[0], state.world.thing(atom[1]).kind
+            best[about] = max(share, best.get(about, 0.0))
+    terms = state.world.goal.terms
+    return tuple(best.get((t.predicate, t.args[0]), 0.0) if len(t.ids) == 1 else 0.0 for t in terms)
 
 
 def dishes(world: World, resolver: AppearanceResolver) -> tuple[Dish, ...] | None:

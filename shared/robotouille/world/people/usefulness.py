@@ -6,12 +6,15 @@ what is cut. Likewise work whose result holds already is never over, and brings 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.effects import HOLDING, Effect, EffectNode
 from robotouille.world.timers import Progress
 from robotouille.world.world import State
 
-__all__ = ["changes_something", "useful_actions", "work_in_progress"]
+__all__ = ["changes_something", "useful_actions", "work_in_progress", "work_towards"]
 
 
 def changes_something(state: State, action: GroundAction) -> bool:
@@ -43,6 +46,23 @@ def work_in_progress(state: State) -> tuple[Progress, ...]:
         if any(_leads_on(node, state.facts) for node in effect.counters())
     }
     return tuple(row for row in state.progress() if (row.action, row.arguments) in going_on)
+
+
+def work_towards(state: State) -> Iterator[tuple[tuple[str, ...], float]]:
+    """The facts that what is in progress will bring about, and which share of it is done."""
+    far = {(row.action, row.arguments): row.done / max(1, row.total) for row in state.progress()}
+    for effect, _ in state.timers.entries:
+        share = far.get((effect.label[0], effect.label[2]))
+        if share is not None:
+            news = _sets(effect.root) & ~state.facts
+            yield from ((state.world.table.atoms[bit], share) for bit in bits_of(news))
+
+
+def _sets(node: EffectNode) -> int:
+    facts = node.sets
+    for nested in node.nested:
+        facts |= _sets(nested)
+    return facts
 
 
 def _runs(effect: Effect, counters: tuple[int, ...]) -> bool:

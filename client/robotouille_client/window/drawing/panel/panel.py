@@ -6,6 +6,7 @@ from math import ceil
 
 import pygame
 
+from robotouille.world.world import State
 from robotouille_client.window.drawing.panel.seat_cards import SeatCards
 from robotouille_client.window.drawing.panel.ticket import Ticket
 from robotouille_client.window.drawing.window_layout import Layout
@@ -48,13 +49,18 @@ class Panel:
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
         self.free = pygame.Rect(0, 0, 0, 0)
+        self._settled: State
 
-    def draw(self, target: pygame.Surface, layout: Layout, view: View) -> None:
-        """The panel on the right of the window."""
+    def draw(
+        self, target: pygame.Surface, layout: Layout, view: View, settled: State | None = None
+    ) -> None:
+        """The panel on the right of the window. `settled` is the state that the order tells, if
+        that is not the view's: what is still on its way has not arrived."""
+        self._settled = settled or view.state
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats,
             view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
-            view.thinking, view.step_seconds, view.world.goal.holding(view.state.facts),
+            view.thinking, view.step_seconds, Ticket.seen(self._settled),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
@@ -153,21 +159,19 @@ class Panel:
         if self._ticket is None:
             self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
         room = pygame.Rect(area.x, y, area.width, area.height)
-        drawn = self._draw_ticket(self._ticket, room, layout, view)
+        drawn = self._draw_ticket(self._ticket, room, layout)
         room.height = drawn.get_height()
         surface.blit(drawn, room)
         self._ticket_area = room.move(layout.panel.topleft)
         return room.bottom + layout.text * 2 // 3
 
-    def _draw_ticket(
-        self, ticket: Ticket, room: pygame.Rect, layout: Layout, view: View
-    ) -> pygame.Surface:
+    def _draw_ticket(self, ticket: Ticket, room: pygame.Rect, layout: Layout) -> pygame.Surface:
         """The slip by itself: it changes far less often than what is beside it."""
-        shown = (room.size, layout, view.world.goal.holding(view.state.facts))
+        shown = (room.size, layout, Ticket.seen(self._settled))
         if self._ticket_drawn is None or self._ticket_drawn[0] != shown:
             canvas = pygame.Surface(room.size)
             canvas.fill(PANEL)
-            height = ticket.draw(canvas, canvas.get_rect(), layout, view)
+            height = ticket.draw(canvas, canvas.get_rect(), layout, self._settled)
             room.height = min(height, room.height)
             self._ticket_drawn = shown, canvas.subsurface((0, 0), room.size)
         return self._ticket_drawn[1]

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import pygame
 
+from robotouille.world.world import State
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import Dish, Layer, LayerProgress, dishes, progress
+from robotouille_client.window.pictures.dishes import (
+    Dish,
+    Layer,
+    LayerProgress,
+    dishes,
+    progress,
+    shares,
+)
 from robotouille_client.window.pictures.shapes import RING_STEPS, box, share_disc, tick
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -38,6 +46,7 @@ class Ticket:
         self._at_first = view.world.goal.holding(view.world.initial.facts)
         self._rows: list[tuple[pygame.Rect, Layer, LayerProgress]] = []
         self._holding: tuple[bool, ...] = ()
+        self._shares: tuple[float, ...] = ()
         self._prose = view.world.task.goal_description or "No goal is set."
 
     def told(self, point: tuple[int, int]) -> tuple[str, ...]:
@@ -57,8 +66,14 @@ class Ticket:
             lines.append("Not yet: all that belongs below it.")
         return tuple(lines)
 
-    def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
-        """Draw the slip at the top of an area; its height."""
+    @staticmethod
+    def seen(state: State) -> object:
+        """What can be seen of a state."""
+        done = (round(share * RING_STEPS) for share in shares(state))
+        return state.world.goal.holding(state.facts), tuple(done)
+
+    def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, state: State) -> int:
+        """Draw the slip at the top of an area, as a state has it; its height."""
         size = self._size(area, layout)
         self._rows = []
         if size is None:
@@ -67,7 +82,8 @@ class Ticket:
         rows = max(len(dish.layers) for dish in self._dishes)
         step = round(size * _STEP)
         height = rows * step + 2 * pad
-        self._holding = view.world.goal.holding(view.state.facts)
+        self._holding = state.world.goal.holding(state.facts)
+        self._shares = shares(state)
         surface.blit(box((area.width, height), PAPER, layout.text // 2), area.topleft)
         width = (area.width - 2 * pad) // count
         for number, dish in enumerate(self._dishes):
@@ -104,7 +120,7 @@ class Ticket:
         small, mark = max(10, round(text * 0.85)), max(8, min(round(text * 0.95), step - 4))
         room = column.width - size - 16 - mark
         told = all(self._text.width(layer.words, small) <= room for layer in dish.layers)
-        for i, far in enumerate(progress(dish, self._holding, self._at_first)):
+        for i, far in enumerate(progress(dish, self._holding, self._at_first, self._shares)):
             layer, row = dish.layers[i], pygame.Rect(column.x, top + i * step, column.width, step)
             self._rows.append((row.copy(), layer, far))
             row = row.inflate(-4, 0)
