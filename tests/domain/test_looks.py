@@ -43,7 +43,7 @@ WRONG: dict[str, Any] = {
     "during": {"fryy": "sizzle"},
     "language": {
         "kinds": {"tomatoe": "Tomate", "bread": {"name": "Toast", "when": "iscookedd"}},
-        "actions": {"moove": "gehen"},
+        "actions": {"moove": "gehen", "cut": "{i11} schneiden"},
         "predicates": {"lok": {"needed": "da"}},
     },
 }  # fmt: skip
@@ -60,6 +60,7 @@ SAID = {
     "language.kinds.tomatoe: nothing is of the kind 'tomatoe'; did you mean 'tomato'?",
     "language.kinds.bread: there is no predicate 'iscookedd'; did you mean 'iscooked'?",
     "language.actions.moove: there is no action 'moove'; did you mean 'move'?",
+    "language.actions.cut: cut has no parameter 'i11'; did you mean 'i1'?",
     "language.predicates.lok: there is no predicate 'lok'; did you mean 'loc'?",
 }
 

@@ -1,9 +1,10 @@
-"""Which names of its domain a rendering says: kinds, predicates and actions, and where."""
+"""Which names of its domain a rendering says: kinds, predicates, actions and their parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from string import Formatter
 from typing import Literal
 
 from robotouille.domain.rendering.art import Art
@@ -17,14 +18,14 @@ class DomainName:
     """A name that a rendering has from its domain.
 
     `place` is where it stands in the file, `definition` the fields that lead to what says it.
-    Those of a picture have the `kind` of thing that it is a picture of.
+    Those of a picture are `about` a kind of thing, parameters about an action.
     """
 
-    what: Literal["kind", "predicate", "action"]
+    what: Literal["kind", "predicate", "action", "parameter"]
     name: str
     place: str
     definition: tuple[str, ...]
-    kind: str = ""
+    about: str = ""
 
 
 def domain_names(rendering: RenderingFile) -> Iterator[DomainName]:
@@ -66,9 +67,19 @@ def _of_language(language: Language) -> Iterator[DomainName]:
         for each in names:
             if each.when is not None:
                 yield DomainName("predicate", each.when, place, definition)
-    for action in language.actions:
+    for action, words in language.actions.items():
         definition = ("language", "actions", action)
-        yield DomainName("action", action, ".".join(definition), definition)
+        place = ".".join(definition)
+        yield DomainName("action", action, place, definition)
+        for name in _in_braces(words.do) | _in_braces(words.how):
+            yield DomainName("parameter", name, place, definition, action)
     for predicate in language.predicates:
         definition = ("language", "predicates", predicate)
         yield DomainName("predicate", predicate, ".".join(definition), definition)
+
+
+def _in_braces(template: str) -> set[str]:
+    try:
+        return {name for _, name, _, _ in Formatter().parse(template) if name}
+    except ValueError:
+        return set()

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.checks.derived import created_kinds, domain_kinds
+from robotouille.domain.checks.derived import created_kinds, domain_kinds, parameter_types
 from robotouille.domain.companions import (
     KITCHEN_RENDERING,
     companion_folder,
@@ -128,6 +128,12 @@ class _Known:
             "predicate": {each.name for d in domains for each in d.predicate_defs},
             "action": {each.name for d in domains for each in d.action_defs},
         }
+        self._parameters: dict[str, set[str]] = {}
+        for each in domains:
+            predicates = {predicate.name: predicate for predicate in each.predicate_defs}
+            for action in each.action_defs:
+                names = self._parameters.setdefault(action.name, set())
+                names.update(parameter_types(action, predicates))
         # A chosen one may show the same kinds of several domains.
         self._domain = domain = None if _is_shipped(path) else domain
         self._beside = beside
@@ -142,7 +148,13 @@ class _Known:
 
     def fault(self, said: DomainName) -> str:
         """What is wrong with a name, in words; nothing if it is known."""
-        if self._domain is not None and said.kind in self._needed:
+        if said.what == "parameter":
+            names = self._parameters.get(said.about, {said.name})
+            near = did_you_mean(said.name, names)
+            return (
+                "" if said.name in names else f"{said.about} has no {said.what} {said.name!r}{near}"
+            )
+        if self._domain is not None and said.about in self._needed:
             names = self._own[said.what]
             near = did_you_mean(said.name, names)
             whose = f"{self._domain.name} has no {said.what} {said.name!r}{near}"
