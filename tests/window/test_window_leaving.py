@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import signal
+import sys
 from collections.abc import Coroutine, Iterator
 from pathlib import Path
 from typing import Any
@@ -138,3 +141,39 @@ def test_who_is_stopped_comes_back_by_the_list_of_kitchens(
             await sit(again, server, back())
 
     run(main())
+
+
+PROGRAM = "from robotouille_client.window.cli import main; main()"
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("shell", [True, False])
+def test_a_signal_is_not_the_window_closed_by_its_owner(
+    tmp_path: Path, number: signal.Signals, shell: bool
+) -> None:
+    folders = dict.fromkeys(("XDG_STATE_HOME", "XDG_CONFIG_HOME"), str(tmp_path))
+    driver = {"SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "DISPLAY": ":99"}
+
+    async def main() -> None:
+        async with serving(tmp_path / "server") as server:
+            room = kitchen(server)
+            program = await asyncio.create_subprocess_exec(
+                sys.executable, "-c", PROGRAM, room.code, "--url", server.url,
+                *([] if shell else ["--headless"]), env={**os.environ, **folders, **driver},
+            )  # fmt: skip
+            try:
+                while not list(tmp_path.rglob("*.seat")) or not names(room):
+                    await asyncio.sleep(0.05)
+                while not next(tmp_path.rglob("*.seat")).read_text():
+                    await asyncio.sleep(0.05)
+                program.send_signal(number)
+                status = await program.wait()
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    program.kill()
+            assert status in (128 + number, -number)
+            assert names(room) == {"player"}
+            assert next(tmp_path.rglob("*.seat")).read_text()
+
+    asyncio.run(asyncio.wait_for(main(), 60))

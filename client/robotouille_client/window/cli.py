@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -197,8 +198,6 @@ def command(
     version: VersionOption = False,
 ) -> None:
     """Play or watch an episode in a window; without arguments, a menu. H shows the keys."""
-    import asyncio
-
     from pydantic import ValidationError
 
     from robotouille_client.window import parse_size, require_pygame, require_screen
@@ -215,7 +214,7 @@ def command(
         )
         address = server_url(url, host, port)
         if headless or screenshot is not None or linger is not None:
-            asyncio.run(
+            _run_until_stopped(
                 _run(
                     address, code, name or (WATCHER if watch else PLAYER), seat, watch, token,
                     opening,
@@ -256,8 +255,6 @@ def _open_shell(
     ready: bool,
 ) -> None:
     """The window with its menu, if it has one; first the episode that was asked for."""
-    import asyncio
-
     from robotouille_client.window.shell.starting import open_shell
 
     shell = open_shell(
@@ -273,7 +270,25 @@ def _open_shell(
             return None
         return await games.join(found, watch=watch, seat=seat, url=address, ready=ready)
 
-    asyncio.run(shell.run(first() if asked else None))
+    _run_until_stopped(shell.run(first() if asked else None))
+
+
+def _run_until_stopped(work: Coroutine[Any, Any, None]) -> None:
+    """Run something to its end, or until SIGTERM: SDL would take that for a click on the window's
+    ×, and whoever closes the window gives up a seat that a process which is stopped keeps."""
+    import asyncio
+
+    async def stoppable() -> None:
+        task = asyncio.current_task()
+        if task is not None:
+            with contextlib.suppress(NotImplementedError):  # Windows has no such signals.
+                asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+        await work
+
+    try:
+        asyncio.run(stoppable())
+    except asyncio.CancelledError:
+        raise typer.Exit(128 + signal.SIGTERM) from None
 
 
 def main() -> None:
