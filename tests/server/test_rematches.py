@@ -45,6 +45,23 @@ async def table(
         yield server, clients
 
 
+def test_who_was_sent_out_cannot_play_it_again(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path, "ada", "eve") as (server, (ada, eve)):
+            created = await ada.create(TASK, **RULES)
+            await eve.join(created.code)
+            room = server.lobby.find(created.code)
+            room.kick(next(s for s in room.members if s.name == "eve"), "rude")
+            await ada.join(created.code)
+            room.abort("over")
+            await asyncio.sleep(0.1)
+            with pytest.raises(ProtocolError, match="sent out"):
+                await eve.rematch(created.code)
+            assert (await ada.rematch(created.code)).phase == "waiting"
+
+    run(main())
+
+
 def test_all_who_ask_meet_in_the_same_game(tmp_path: Path) -> None:
     async def main() -> None:
         async with table(tmp_path, "ada", "bob") as (server, (ada, bob)):

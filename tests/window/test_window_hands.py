@@ -273,6 +273,19 @@ def test_the_strip_says_what_the_keys_do_now(table: Table) -> None:
     assert words.startswith("Put down")
 
 
+def test_the_strip_says_what_to_do_where_nothing_can_be_done() -> None:
+    """With something in hand at a place that is taken."""
+    table = Table(Script(World("asynchronous/09")))
+    for said in ("move(robot1, table8, table11)", "pick-up-item(", "move(robot1, table11, table2)"):
+        actions = table.source.state.actions("robot1")
+        table.source.act(next(each for each in actions if str(each).startswith(said)))
+    assert table.here() == "table2"
+    table.window.frame(table.source)
+    said = "There is no room on the table: go to a free place"
+    assert table.overlay().hints == (("E", f"Put down the chicken? {said}"),)
+    table.window.close()
+
+
 def test_nobody_walks_while_busy() -> None:
     table = Table(Script(World(load_task("training/01", timing=Timing.PEOPLE))))
     table.press(pygame.K_LEFT, pygame.K_e)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
+from tests.support.scripted import BOILING
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
@@ -17,6 +18,7 @@ from robotouille.planning.policies.team_talk import request
 from robotouille.planning.search.unsolvable import is_cut_off
 from robotouille.world.people.wording import Wording
 from robotouille_client.bots.partners import PromptPartners
+from robotouille_client.window.controls import Controls
 from robotouille_client.window.hands.walking import walks
 from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
 from robotouille_client.window.sources.blockages import Blockages
@@ -226,3 +228,30 @@ def test_the_seat_of_a_person_is_out_of_the_way() -> None:
         assert player == expected
         others = [other for other in state.world.players if other != player]
         assert not is_cut_off(state.world, state, others)
+
+
+SOUP_AND_BOWL = [
+    *BOILING, "-", "-", "-", "-",
+    "move table10", "pick-up-item onion1", "move stove1", "add-to",
+    "move table1", "pick-up-container bowl1", "move stove1",
+]  # fmt: skip
+
+
+def test_a_refusal_says_what_to_do_where_the_language_does() -> None:
+    """By key, by click or from the list: with the bowl at the soup."""
+    world = World("asynchronous/09")
+    game = among(Episode(world, Rules(clock=Clock.TURN), 0.0), "robot1", {}, Timer())
+    for line in SOUP_AND_BOWL:
+        game.act(wanted(game.view().state, line))
+    meant = Controls(world).key(game.view().state, "robot1", "e")
+    assert meant.action is not None
+    game.act(meant.action)
+    (bubble,) = game.view().bubbles
+    assert bubble.text == "Put the bowl down, and bring the pot to it."
+
+
+def wanted(state: State, line: str) -> GroundAction:
+    """The action of `ACTION ARGUMENT…`; to wait for `-`."""
+    word, *arguments = line.replace("-", "wait", 1 if line == "-" else 0).split()
+    actions = (a for a in state.actions("robot1") if a.name == word)
+    return next(a for a in actions if set(arguments) <= set(a.arguments))

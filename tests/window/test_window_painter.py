@@ -15,6 +15,7 @@ from robotouille_client.window.drawing.painter import Painter, paint
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 
 
@@ -232,9 +233,11 @@ def test_text_is_wrapped_and_cut_off() -> None:
 
 def test_rejections_in_words() -> None:
     def words(reason: str) -> str:
-        return Bubble.rejection("robot1", from_words(reason)).text
+        log = ChatLog(lambda: 0.0)
+        log.rejected("robot1", from_words(reason))
+        return log.bubbles[0].text
 
     assert words("must not be: lettuce1 is cut") == "Must not be: lettuce1 is cut."
     assert words("needs: table1 has a free surface") == "Needs: table1 has a free surface."
     assert words("robot1 is busy for 2 more steps") == "Robot1 is busy for 2 more steps."
-    assert Bubble.rejection("robot1", []).text
+    assert Bubble.rejection("robot1", "").text

@@ -22,7 +22,6 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
 from robotouille.errors import ProtocolError
-from robotouille.world.unmet import only_words
 from robotouille_client import Client, Game, connect
 from robotouille_client.console import explain
 from robotouille_client.errors import ConnectionFailedError
@@ -495,4 +494,4 @@ def test_whatever_a_server_tells_of_a_game_is_shown(fields: dict[str, Any]) -> N
 
 
 def test_a_reason_without_words_is_told_in_others() -> None:
-    assert Bubble.rejection("robot1", only_words("")).text == "This cannot be done now."
+    assert Bubble.rejection("robot1", "").text == "This cannot be done now."

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
 __all__ = [
@@ -113,11 +111,9 @@ class Bubble:
     kind: Literal["rejected", "chat"] = "rejected"
 
     @classmethod
-    def rejection(
-        cls, player: str, unmet: Sequence[Unmet], say: Callable[[Unmet], str] = str
-    ) -> Bubble:
-        """The first of what is unmet, as `say` has it."""
-        words = (say(unmet[0]) if unmet else "") or "this cannot be done now"
+    def rejection(cls, player: str, why: str) -> Bubble:
+        """Why not, or what to do in its place."""
+        words = why or "this cannot be done now"
         return cls(player, f"{words[0].upper()}{words[1:]}.")
 
 

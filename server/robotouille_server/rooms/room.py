@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Protocol
 
 from robotouille.episode import (
+    Controller,
     Departure,
     Episode,
     Event,
@@ -192,7 +193,7 @@ class Room:
         name = self._names.choose(session.given_name)
         if request.role == "player":
             session.players = self.episode.join_several(
-                self._turnover.choose(self.episode, request, self._now()),
+                self._turnover.choose(self.episode, request, self._now(), idle=_may_idle(session)),
                 name,
                 session.kind,
                 self._now(),
@@ -562,3 +563,9 @@ class Room:
             reason=outcome.reason.value if outcome else "",
             steps=self.episode.step,
         )
+
+
+def _may_idle(session: Session) -> bool:
+    """Whether nobody knows how long a newcomer stands still: a person who has come by oneself. Who
+    was given a token is part of a study, where seats are given in their order."""
+    return session.kind == Controller.HUMAN and not session.token_id

@@ -138,7 +138,8 @@ class Hands:
         return destination(sent.action) or scene(state)[me].at
 
     def hints(self, controls: Controls, state: State, me: str) -> tuple[tuple[str, str], ...]:
-        """Rows of (key, what it does now), the most useful first."""
+        """Rows of (key, what it does now), the most useful first; where nothing can be done here
+        with what is at hand, what would have to be done for it."""
         if state.busy_steps(me):
             return ()
         rows = {option.action: option.key for option in controls.options(state, me)}
@@ -152,6 +153,8 @@ class Hands:
         clicked = controls.click(state, me, here) if here else meaning
         if clicked.valid and clicked.action != meaning.action:
             found.append(("Click", told(clicked, state)))
+        if not found and meaning.action is not None:
+            found.append((self.keys.words(Command.USE), meaning.hint))
         return tuple(found)
 
 

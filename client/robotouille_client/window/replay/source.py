@@ -5,7 +5,6 @@ from __future__ import annotations
 from robotouille.errors import RobotouilleError
 from robotouille.replay.timeline import Interlude
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.window.replay.history.history import EntryKind, History
 from robotouille_client.window.replay.playhead import Playhead
@@ -29,7 +28,7 @@ def bubbles_at(history: History, step: int) -> tuple[Bubble, ...]:
             if entry.kind is EntryKind.SAID and entry.player:
                 found.append(Bubble(entry.player, entry.words, "chat"))
             elif entry.kind is EntryKind.REJECTED:
-                found.append(Bubble.rejection(entry.player, only_words(*entry.reasons)))
+                found.append(Bubble.rejection(entry.player, next(iter(entry.reasons), "")))
     return tuple({bubble.player: bubble for bubble in found}.values())
 
 

@@ -29,12 +29,13 @@ class ChatLog:
         self._notice_until = 0.0
 
     def rejected(
-        self, player: str, unmet: Sequence[Unmet], say: Callable[[Unmet], str] = str
+        self, player: str, unmet: Sequence[Unmet], told: Callable[[], str] | None = None
     ) -> None:
-        """A player's action was rejected, for reasons as `say` has them; no word of those that a
-        later one has replaced."""
+        """A player's action was rejected, for reasons or what is `told` in their place; no word of
+        those that a later one has replaced."""
         if all(each.kind is not UnmetKind.SUPERSEDED for each in unmet):
-            self._add(Bubble.rejection(player, unmet, say))
+            words = told() if told else str(unmet[0]) if unmet else ""
+            self._add(Bubble.rejection(player, words))
 
     def said(self, name: str, player: str, text: str) -> None:
         """Words of somebody, but for what bots only have for one another."""

@@ -198,8 +198,9 @@ class LocalSource:
                     ]
                     self._partners.observe(did)
                 case Rejected():
-                    say = partial(self._wording.reason, state=self._episode.state)
-                    self._chat_log.rejected(event.player, event.unmet, say)
+                    why = (event.action, event.player, event.unmet, self._episode.state)
+                    told = partial(self._wording.refusal, *why)
+                    self._chat_log.rejected(event.player, event.unmet, told)
                     self._blockages.refused(event.player, event.unmet, self._episode.state)
                 case Said():
                     self._hear(event)

@@ -143,8 +143,10 @@ class RemoteSource:
                     self._take_step(event)
                     self._show_rejections(event)
                 case Refused() if game.seat:
-                    say = partial(self._wording.reason, state=game.state)
-                    self._chat_log.rejected(game.seat, event.unmet, say)
+                    told = partial(
+                        self._wording.refusal, event.action, game.seat, event.unmet, game.state
+                    )
+                    self._chat_log.rejected(game.seat, event.unmet, told)
                     self._blockages.refused(game.seat, event.unmet, game.state)
                 case Heard():
                     self._chat_log.said(speaker(event.name, event.seat), event.seat, event.text)

@@ -27,7 +27,8 @@ class FinishedGame:
     """What makes the same game again; `again` is the episode that all get who ask, once somebody
     has.
 
-    `players` are the pseudonyms of all who had a seat: sessions and participants.
+    `players` are the pseudonyms of all who had a seat: sessions and participants; `banned` those of
+    who was sent out.
     """
 
     episode: str
@@ -39,6 +40,7 @@ class FinishedGame:
     labels: Mapping[str, str]
     owner: str
     players: frozenset[str]
+    banned: frozenset[str]
     again: str = ""
 
     @classmethod
@@ -55,10 +57,15 @@ class FinishedGame:
             room.labels,
             room.owner,
             frozenset(room.players - {""}),
+            frozenset(room.episode.banned),
         )
 
     def check(self, asker: Collection[str]) -> None:
-        """ProtocolError `auth/episode` unless one of these pseudonyms had a seat."""
+        """ProtocolError `auth/episode` unless one of these pseudonyms had a seat, `episode/banned`
+        if one of them was sent out."""
+        if not self.banned.isdisjoint(asker):
+            message = "you were sent out of this episode, and cannot play it again"
+            raise ProtocolError("episode/banned", message, "rematch")
         if self.players.isdisjoint(asker):
             message = f"you had no seat in {self.code}; those who had can play it again"
             raise ProtocolError("auth/episode", message, "rematch")

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from robotouille.episode import Episode
 from robotouille.errors import ProtocolError
+from robotouille.planning.policies.standing import is_out_of_the_way
 from robotouille.protocol import messages
 from robotouille_server.runtime.token_bucket import TokenBucket
 
@@ -36,19 +37,27 @@ class SeatTurnover:
         for budget in budgets.values():
             budget.take(now)
 
-    def choose(self, episode: Episode, request: messages.Join, now: float) -> Sequence[str]:
+    def choose(
+        self, episode: Episode, request: messages.Join, now: float, *, idle: bool = False
+    ) -> Sequence[str]:
         """The seats to join, charged: those that are asked for, all that are free, or a free one
         that has not changed hands too often.
+
+        Args:
+            idle: Whether who joins may stand still for long: a free seat is then one that stands
+                in nobody's way, if there is one.
 
         Raises:
             ProtocolError: As `Episode.join` does, or `rate/seats`; nothing is charged then.
         """
-        players = self._wanted(episode, request, now)
+        players = self._wanted(episode, request, now, idle=idle)
         episode.check_free(players)
         self.charge(players, now)
         return players
 
-    def _wanted(self, episode: Episode, request: messages.Join, now: float) -> Sequence[str]:
+    def _wanted(
+        self, episode: Episode, request: messages.Join, now: float, *, idle: bool
+    ) -> Sequence[str]:
         if request.seat is not None:
             return (request.seat,)
         if request.seats and request.seats != "all":
@@ -56,4 +65,6 @@ class SeatTurnover:
         free = episode.free_seats()
         if request.seats == "all":
             return free
-        return [next((one for one in free if self._budgets[one].left(now) >= 1), free[0])]
+        rested = [one for one in free if self._budgets[one].left(now) >= 1] or list(free[:1])
+        aside = (one for one in rested if idle and is_out_of_the_way(episode.state, one))
+        return [next(aside, rested[0])]

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from types import MappingProxyType
 
 from robotouille.domain.rendering import Language
+from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.people.places import places
@@ -157,9 +159,26 @@ class Wording:
 
     def way(self, action: GroundAction, unmet: Collection[Unmet], state: State) -> str:
         """What to do so that an action becomes possible."""
-        words = self.language.actions.get(action.name)
-        told = self._filled(words.how, action, state) if words and len(unmet) > 1 else ""
+        told = self._how(action, unmet, state)
         return told or "; ".join(dict.fromkeys(self.reason(each, state) for each in unmet))
+
+    def refusal(self, sentence: str, player: str, unmet: Sequence[Unmet], state: State) -> str:
+        """What one is told whose action was refused: how to make it possible, or the first reason.
+
+        Args:
+            sentence: The action, as `World.parse` reads it.
+            player: Whose it was.
+        """
+        with suppress(RobotouilleError):
+            action = self.world.parse(state, player, sentence, valid=False)
+            if told := self._how(action, unmet, state):
+                return told
+        return self.reason(unmet[0], state) if unmet else ""
+
+    def _how(self, action: GroundAction, unmet: Collection[Unmet], state: State) -> str:
+        """The language's words for what to do, where more than one thing is missing."""
+        words = self.language.actions.get(action.name)
+        return self._filled(words.how, action, state) if words and len(unmet) > 1 else ""
 
     def _filled(self, template: str, action: GroundAction, state: State) -> str:
         named = parameters(template)
