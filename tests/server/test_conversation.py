@@ -195,8 +195,9 @@ def test_an_unknown_version_and_a_missing_hello(tmp_path: Path) -> None:
 
 async def two_players(server: Any, *clients: Raw, task: str = "multi_agent/01") -> str:
     created = await clients[0].ask({"type": "create", "task": task, "clock": "lockstep"}, "created")
-    for client in clients:
-        await client.ask({"type": "join", "episode": created["code"]}, "joined")
+    for number, client in enumerate(clients, 1):
+        join = {"type": "join", "episode": created["code"], "seat": f"robot{number}"}
+        await client.ask(join, "joined")
     for client in clients:
         while (await client.expect("roster"))["phase"] != "running":
             pass

@@ -56,8 +56,8 @@ def test_who_was_sent_out_cannot_play_it_again(tmp_path: Path) -> None:
             room.abort("over")
             await asyncio.sleep(0.1)
             with pytest.raises(ProtocolError, match="sent out"):
-                await eve.rematch(created.code)
-            assert (await ada.rematch(created.code)).phase == "waiting"
+                await eve.create(rematch=created.code)
+            assert (await ada.rematch()).phase == "waiting"
 
     run(main())
 

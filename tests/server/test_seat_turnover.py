@@ -43,7 +43,8 @@ def test_who_flaps_has_to_wait_and_keeps_the_seat(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path, grace=300) as server, raw(server) as ada:
             created = await ada.ask({"type": "create", "task": "multi_agent/01"}, "created")
-            joined = await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+            join = {"type": "join", "episode": created["code"], "seat": "robot1"}
+            joined = await ada.ask(join, "joined")
             resume, refused = joined["resume"], None
             for _ in range(SEAT_CHANGES_AT_ONCE + SEAT_CHANGES):
                 async with raw(server, hello=False) as again:
@@ -58,5 +59,28 @@ def test_who_flaps_has_to_wait_and_keeps_the_seat(tmp_path: Path) -> None:
             async with raw(server, hello=False) as again:
                 assert (await again.ask({**HELLO, "resume": resume}, "welcome"))["resumed"] is True
                 assert (await again.expect("joined"))["seat"] == "robot1"
+
+    run(main())
+
+
+def test_a_person_is_given_a_seat_that_is_in_nobodys_way(tmp_path: Path) -> None:
+    """The first seat stands at the only sink. A bot is given it; so is who asks for it, and the
+    first who comes to a study."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+
+            async def seat_of(kind: str, *, seat: str | None = None, **labels: str) -> str:
+                async with raw(server, hello=False) as one:
+                    await one.ask({**HELLO, "kind": kind}, "welcome")
+                    create = {"type": "create", "task": "multi_agent/07", "seats": 4}
+                    created = await one.ask({**create, "labels": labels}, "created")
+                    join = {"type": "join", "episode": created["code"], "seat": seat}
+                    return (await one.ask(join, "joined"))["seat"]
+
+            assert await seat_of("human") == "robot2"
+            assert await seat_of("bot") == "robot1"
+            assert await seat_of("human", seat="robot1") == "robot1"
+            assert await seat_of("human", study="pilot") == "robot1"
 
     run(main())

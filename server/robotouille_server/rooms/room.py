@@ -19,6 +19,7 @@ from robotouille.episode import (
     Phase,
     Stepped,
 )
+from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
@@ -193,7 +194,9 @@ class Room:
         name = self._names.choose(session.given_name)
         if request.role == "player":
             session.players = self.episode.join_several(
-                self._turnover.choose(self.episode, request, self._now(), idle=_may_idle(session)),
+                self._turnover.choose(
+                    self.episode, request, self._now(), idle=self._may_idle(session)
+                ),
                 name,
                 session.kind,
                 self._now(),
@@ -216,6 +219,13 @@ class Room:
         self.members.append(session)
         welcome = partial(self._welcome, session, request.ref)
         self._write_ahead.when_committed(session, welcome)
+
+    def _may_idle(self, session: Session) -> bool:
+        """Whether nobody knows how long a newcomer stands still: a person who has come by oneself.
+        In a study, where there are tokens, labels or treatments, seats are given in their order."""
+        seats = self.episode.seats.values()
+        study = session.token_id or self.labels or any(s.treatment != NO_TREATMENT for s in seats)
+        return session.kind == Controller.HUMAN and not study
 
     def _forget_away(self, most: int) -> None:
         """Of the spectators who are away, and may come back for a while, there are not more than
@@ -563,9 +573,3 @@ class Room:
             reason=outcome.reason.value if outcome else "",
             steps=self.episode.step,
         )
-
-
-def _may_idle(session: Session) -> bool:
-    """Whether nobody knows how long a newcomer stands still: a person who has come by oneself. Who
-    was given a token is part of a study, where seats are given in their order."""
-    return session.kind == Controller.HUMAN and not session.token_id
