@@ -148,6 +148,27 @@ def test_a_damaged_file_fails_and_what_stands_before_the_damage_can_be_had(tmp_p
     assert sum(json.loads(line)["kind"] == "step" for line in lines) == 30
 
 
+def test_of_a_closed_file_that_is_cut_what_stands_before_the_cut_can_be_had(tmp_path: Path) -> None:
+    """Of a short game as well, whose task is most of the file."""
+    content = compress(recorded_game("multi_agent/01", seed=2, steps=30))
+    path = tmp_path / "a.rbt"
+    path.write_bytes(content[: len(content) * 4 // 5])
+    assert CliRunner().invoke(app, ["replay", "info", str(path)]).exit_code != 0
+    told = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
+    assert 0 < json.loads(told.stdout)["steps"] < 30
+    assert "cut off" in told.stderr
+    picture = tmp_path / "a.png"
+    play = ["replay", "play", str(path), "--screenshot", str(picture)]
+    shown = CliRunner().invoke(app, play)
+    assert shown.exit_code == 0
+    assert "cut off" in shown.stderr
+    assert picture.exists()
+    path.write_bytes(content[: len(content) // 3])
+    refused = CliRunner().invoke(app, ["replay", "info", str(path), "--damaged"])
+    assert refused.exit_code != 0
+    assert "cut off, before the first step" in " ".join(refused.stderr.split())
+
+
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_closed_file_without_an_end_does_not_verify(tmp_path: Path, version: int) -> None:
     whole = recorded_game("multi_agent/01", seed=2, steps=30, version=version)

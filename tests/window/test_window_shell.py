@@ -549,6 +549,23 @@ def test_what_is_missing_in_a_remembered_look_is_told(
         shell.stage.close()
 
 
+def test_a_size_that_is_asked_for_comes_before_a_window_that_fills_the_screen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For this time: what was saved stays."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    monkeypatch.setattr("robotouille_client.window.shell.starting.require_screen", lambda: None)
+    assert not save_settings(Settings(fullscreen=True), settings_path())
+    shell = open_shell(size="640x480")
+    try:
+        assert (shell.stage.display.size, shell.stage.display.fullscreen) == ((640, 480), False)
+        shell._remember()
+        assert load_settings(settings_path())[0].fullscreen
+    finally:
+        shell.stage.close()
+
+
 def test_no_settings_are_the_defaults(tmp_path: Path) -> None:
     assert load_settings(tmp_path / "none" / "window.json") == (Settings(), "")
 

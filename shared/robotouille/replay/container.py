@@ -57,7 +57,7 @@ MAX_FRAME = 4 * 1024 * 1024
 """Bytes of a frame's payload."""
 MAX_FILE = 256 * 1024 * 1024
 """Bytes of a recording, uncompressed."""
-BLOCK = 32 * 1024
+BLOCK = 4 * 1024
 """Bytes of a stream that are compressed into a block of their own."""
 PIECE, PLAIN_PIECE = 16 * 1024, 1024 * 1024
 """Bytes that are decompressed at once, and that come out at once."""

@@ -93,6 +93,8 @@ class Recording:
             if fault:
                 raise RecordingError(fault)
         except RecordingError as error:
+            if fault and not self.header:
+                raise RecordingError(f"{source}: {fault}, before the first step") from None
             if not (damaged and self.header):
                 raise
             self.damage = fault or str(error)

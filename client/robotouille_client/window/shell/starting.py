@@ -47,7 +47,7 @@ def open_shell(
         settings.rendering = ""
     for_now: dict[str, object] = {}
     if size is not None:
-        for_now["size"] = parse_size(size)
+        for_now |= {"size": parse_size(size), "fullscreen": False}
     if rendering:
         for_now["rendering"] = rendering
     if name:
