@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 from collections.abc import Iterable
 from functools import cache
@@ -139,14 +140,19 @@ class TestClosedFiles:
 
     @pytest.mark.parametrize("version", [1, 2])
     def test_some_bits_of_a_whole_game(self, version: int) -> None:
-        content, chance = compress(game(version)), random.Random(8)
+        content, chance, silent = compress(game(version)), random.Random(8), 0
         for byte, damaged in flipped(
             content, (chance.randrange(8 * len(content)) for _ in "x" * 40)
         ):
+            with contextlib.suppress(RecordingError):
+                assert unwrap(damaged) == game(version), f"byte {byte}"
+                silent += 1  # One of Zstandard's bits that say nothing.
+                continue
             with pytest.raises(RecordingError):
                 recording_of(damaged, "it")
             found = recording_of(damaged, "it", damaged=True) if byte > 20_000 else None
             assert found is None or found.damage
+        assert silent <= 1
 
     @pytest.mark.parametrize("version", [1, 2])
     @pytest.mark.parametrize("more", [b"\0", b"garbage", compress(small_frames(2))])
