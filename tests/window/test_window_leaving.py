@@ -70,8 +70,7 @@ def opened(evening: Evening) -> Iterator[None]:
     yield from wait(5)
 
 
-@pytest.mark.parametrize("way", ["button", "window"])
-def test_whoever_leaves_frees_the_seat_at_once(evening: Evening, way: str) -> None:
+def test_whoever_leaves_frees_the_seat_at_once(evening: Evening) -> None:
     async def main() -> None:
         async with serving(evening.folder / "server") as server:
             room = kitchen(server)
@@ -80,10 +79,6 @@ def test_whoever_leaves_frees_the_seat_at_once(evening: Evening, way: str) -> No
             def script() -> Iterator[None]:
                 yield from opened(evening)
                 assert names(room) == {"player", "bob"}
-                if way == "window":
-                    pygame.event.post(pygame.Event(pygame.QUIT))
-                    yield from wait(100)
-                    raise AssertionError("the window is open")
                 post(pygame.K_ESCAPE)
                 yield from wait(2)
                 yield from evening.choose("Leave it")
@@ -98,6 +93,30 @@ def test_whoever_leaves_frees_the_seat_at_once(evening: Evening, way: str) -> No
                 told += [seat.name for seat in game.seats]
             assert told == ["", "bob"]
             assert not list(evening.folder.rglob("*.seat"))
+
+    run(main())
+
+
+def test_who_closes_the_window_keeps_the_seat_for_a_while(evening: Evening) -> None:
+    """It may have been by mistake, and in a study nobody gets another seat."""
+
+    async def main() -> None:
+        async with serving(evening.folder / "server") as server:
+            room = kitchen(server)
+
+            def script() -> Iterator[None]:
+                yield from opened(evening)
+                pygame.event.post(pygame.Event(pygame.QUIT))
+                yield from wait(100)
+                raise AssertionError("the window is open")
+
+            async with connect(server.url, name="bob") as bob:
+                await bob.join(room.code, seat="robot2")
+                await sit(evening, server, script(), evening.shell.remote.join(room.code))
+                await asyncio.sleep(0.1)
+                assert names(room) == {"player", "bob"}
+                assert not room.episode.seats[ME].present
+                assert list(evening.folder.rglob("*.seat"))
 
     run(main())
 

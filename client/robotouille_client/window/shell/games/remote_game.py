@@ -22,7 +22,6 @@ from robotouille_client.console.kept_seat import (
     state_folder,
 )
 from robotouille_client.game import Game
-from robotouille_client.window.forms.screen import ClosedByOwnerError
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.replay.history.live import LiveHistory
 from robotouille_client.window.replay.spectator import Spectator
@@ -146,8 +145,8 @@ async def remote_game(
     ready: bool = True,
 ) -> AsyncIterator[RemoteGame]:
     """Enter an episode, and come back into one's seat if one had one; the game waits for who is
-    not `ready`. Whoever is done with it, or closes the window, leaves it; a process that is stopped
-    keeps its seat.
+    not `ready`. Whoever is done with it leaves it; a window that is closed and a process that is
+    stopped keep their seat, as if the connection were lost.
 
     Raises:
         RobotouilleError: There is no way in; its words say why.
@@ -167,10 +166,6 @@ async def remote_game(
                 entered.keep(None if watch else kept)
                 try:
                     yield entered
-                except ClosedByOwnerError:
-                    await entered.leave()
-                    raise
-                else:
                     await entered.leave()
                 finally:
                     entered.close()
