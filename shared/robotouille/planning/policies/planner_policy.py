@@ -272,15 +272,16 @@ class PlannerPolicy:
                 self._leave_out(late)
 
     def _heed_standstill(self, state: State, did: Did) -> None:
-        """Without a plan of one's own: plan anew where others have opened a way, or where nothing
-        goes on; say once more what is needed."""
+        """Without a plan of one's own: plan anew where others have opened a way, or where bots wait
+        for each other; say once more what is needed."""
         busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
         self._stuck = 0 if busy or _is_something_running(state) else self._stuck + 1
         self._talk.ask_again(self._step)
         if self._stuck > self._patience and self._counts_on_others:
             self._appeal(state)
-        stands_still = self._stuck > self._patience and self._in_vain.get(state, 0) < len(WAYS)
-        if stands_still or (self._step - self._planned >= RETRY and self._may_see_a_way()):
+        among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in self._outsiders)
+        untried = among_bots and self._in_vain.get(state, 0) < len(WAYS)
+        if (untried and self._stuck > self._patience) or (self._step - self._planned >= RETRY and self._may_see_a_way()):
             self._plan_anew()
 
     def _appeal(self, state: State) -> None:
