@@ -136,8 +136,9 @@ class ClientProtocol(Generic[G]):
             self.close(f"the server's messages cannot be read: {error}", error)
             return
         if isinstance(error, ProtocolError) and self.game is None:  # A game is told the code.
-            words = f"{self.url} is of another version, or is not Robotouille's: {error}"
-            error = ConnectionFailedError(words)
+            words = f"{self.url} is of another version, or is not Robotouille's"
+            odd, error = error, ConnectionFailedError(words)
+            error.__cause__ = odd  # What is odd about it is for those who mend servers.
         self.close(str(error), error)
 
     def close(self, reason: str = "", error: RobotouilleError | None = None) -> None:
