@@ -70,15 +70,18 @@ def test_a_person_is_given_a_seat_that_is_in_nobodys_way(tmp_path: Path) -> None
     async def main() -> None:
         async with serving(tmp_path) as server:
 
-            async def seat_of(kind: str, *, seat: str | None = None, **labels: str) -> str:
+            async def seat_of(
+                kind: str, *, seat: str | None = None, ready: bool = False, **labels: str
+            ) -> str:
                 async with raw(server, hello=False) as one:
                     await one.ask({**HELLO, "kind": kind}, "welcome")
                     create = {"type": "create", "task": "multi_agent/07", "seats": 4}
                     created = await one.ask({**create, "labels": labels}, "created")
                     join = {"type": "join", "episode": created["code"], "seat": seat}
-                    return (await one.ask(join, "joined"))["seat"]
+                    return (await one.ask({**join, "ready": ready}, "joined"))["seat"]
 
             assert await seat_of("human") == "robot2"
+            assert await seat_of("human", ready=True) == "robot1"
             assert await seat_of("bot") == "robot1"
             assert await seat_of("human", seat="robot1") == "robot1"
             assert await seat_of("human", study="pilot") == "robot1"

@@ -195,7 +195,7 @@ class Room:
         if request.role == "player":
             session.players = self.episode.join_several(
                 self._turnover.choose(
-                    self.episode, request, self._now(), idle=self._may_idle(session)
+                    self.episode, request, self._now(), idle=self._may_idle(session, request)
                 ),
                 name,
                 session.kind,
@@ -220,12 +220,13 @@ class Room:
         welcome = partial(self._welcome, session, request.ref)
         self._write_ahead.when_committed(session, welcome)
 
-    def _may_idle(self, session: Session) -> bool:
-        """Whether nobody knows how long a newcomer stands still: a person who has come by oneself.
-        In a study, where there are tokens, labels or treatments, seats are given in their order."""
+    def _may_idle(self, session: Session, request: messages.Join) -> bool:
+        """Whether a newcomer may stand still for long: a person who is still to say that they are
+        ready. In a study, where there are tokens, labels or treatments, seats are given in their
+        order."""
         seats = self.episode.seats.values()
         study = session.token_id or self.labels or any(s.treatment != NO_TREATMENT for s in seats)
-        return session.kind == Controller.HUMAN and not study
+        return session.kind == Controller.HUMAN and not request.ready and not study
 
     def _forget_away(self, most: int) -> None:
         """Of the spectators who are away, and may come back for a while, there are not more than
