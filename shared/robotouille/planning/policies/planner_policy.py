@@ -281,7 +281,8 @@ class PlannerPolicy:
             self._appeal(state)
         among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in self._outsiders)
         untried = among_bots and self._in_vain.get(state, 0) < len(WAYS)
-        if (untried and self._stuck > self._patience) or (self._step - self._planned >= RETRY and self._may_see_a_way()):
+        due = self._step - self._planned >= RETRY
+        if (untried and self._stuck > self._patience) or (due and self._may_see_a_way()):
             self._plan_anew()
 
     def _appeal(self, state: State) -> None:
