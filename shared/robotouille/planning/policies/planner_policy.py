@@ -373,13 +373,13 @@ class PlannerPolicy:
 
     def _plan_for_a_way(self, base: State, team: tuple[str, ...]) -> None:
         """Plan as if others made way or did their part, the other one first where that was in vain;
-        without such a plan, search wider; without any, come nearer."""
+        without such a plan, search wider where there is time; without any, come nearer."""
         ways = (self._plan_with_others_aside, self._plan_with_everybody)
         tried = self._in_vain.get(base, 0)
         self._in_vain[base] = tried + 1
         if any(ways[(tried + number) % len(WAYS)](base, team) for number in range(len(WAYS))):
             return
-        if not (self._silent or tried):
+        if not (self._silent or self._hurried or tried):
             result = self._search.wide(base, team)
             if result.plan is not None:
                 self._has_plan = True
