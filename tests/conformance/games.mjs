@@ -19,12 +19,15 @@ export async function conversation({ url, subprotocol, create, seats, plan }) {
   await ada.ask({ type: "fly", ref: 2 }, "error");
   const { episode } = await ada.ask({ type: "create", ref: 3, ...create }, "created");
   await ada.ask({ type: "list", ref: 4 }, "episodes");
-  await ada.ask({ type: "join", ref: 5, episode, seat: seats[0], view: "both" }, "joined");
+  const late = { view: "both", ready: false };
+  await ada.ask({ type: "join", ref: 5, episode, seat: seats[0], ...late }, "joined");
   await settle();
   await eve.ask({ type: "join", ref: 6, episode, role: "spectator", view: "both" }, "joined");
   await settle();
   const joined = await bob.ask({ type: "join", ref: 7, episode, seat: seats[1] }, "joined");
   if (joined.type !== "joined") throw new Error(JSON.stringify(joined));
+  await settle();
+  ada.send({ type: "ready" });
   await settle();
   ada.send({ type: "say", text: 'I take the 🍟 — "déjà vu"\n\u0000\u202e' });
   ada.send({ type: "note", topic: "plan", text: 'first the 🍟', more: true });
