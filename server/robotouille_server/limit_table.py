@@ -53,6 +53,7 @@ from robotouille_server.mqtt.connection import MAX_PACKET_BYTES
 from robotouille_server.mqtt.models import MAX_OPENED, MAX_WATCH_SECONDS
 from robotouille_server.mqtt.outbox import MAX_MESSAGES, MAX_STEPS
 from robotouille_server.mqtt.watches import MAX_WATCHES
+from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES
 from robotouille_server.rooms.directory.listing import MAX_CODES
 from robotouille_server.rooms.directory.rematches import MAX_FINISHED
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
@@ -336,6 +337,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("spectators of an episode", "`join` is refused, and so is coming back",
               "episode/full",
               setting="max_spectators"),
+        Limit("… whose names are sent", "those who came later are only counted",
+              value=str(MAX_SPECTATOR_NAMES)),
         Limit("steps of an episode that asks for nothing else", "it ends: `step_limit`",
               setting="max_steps"),
         Limit("… that asks for more", "refused", INVALID,

@@ -216,6 +216,14 @@ def test_a_roster_says_whose_move_it_is(game: GameReplica) -> None:
     assert event.pause == pause
 
 
+def test_a_roster_names_some_of_those_who_watch(game: GameReplica) -> None:
+    roster = messages.Roster(phase="running", seats=[], spectators=9, spectator_names=["eva"])
+    game.receive(roster, 0.0)
+    assert (game.spectators, game.spectator_names) == (9, ("eva",))
+    game.receive(messages.Roster(phase="running", seats=[], spectators=1), 0.0)
+    assert (game.spectators, game.spectator_names) == (1, ()), "an older server names nobody"
+
+
 def test_a_text_view_is_answered_by_observations(server: ScriptedServer) -> None:
     game = GameReplica(server.joined())
     game.receive(server.observation(), 0.0)

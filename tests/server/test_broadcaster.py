@@ -10,7 +10,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille.protocol.states import StateWriter
 from robotouille_server.auth import Role
-from robotouille_server.rooms.broadcaster import KEPT_DELTAS, Broadcaster
+from robotouille_server.rooms.broadcaster import KEPT_DELTAS, MAX_SPECTATOR_NAMES, Broadcaster
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.metrics import Metrics
 from tests.support.peers import SilentPeer
@@ -131,6 +131,21 @@ def test_spectators_who_are_away_do_not_count(room: Room) -> None:
     room.session("Bob").peer = None
     assert room.broadcaster.spectators == 0
     assert room.broadcaster.holder(PLAYER) is room.session("Ada")
+
+
+def test_the_first_spectators_are_named_and_the_rest_counted(room: Room) -> None:
+    room.member("Ada")
+    names = [f"eva {i}" for i in range(MAX_SPECTATOR_NAMES + 2)]
+    for name in names:
+        room.member(name)
+    room.session(names[0]).peer = None
+    there = names[1:]
+    peer = room.member("Zoe")
+    room.broadcaster.publish_roster()
+    room.broadcaster.send_snapshot(room.session("Zoe"))
+    for message in peer.got:
+        assert message["spectators"] == len(there) + 1
+        assert message["spectator_names"] == there[:MAX_SPECTATOR_NAMES]
 
 
 def test_chat_goes_to_everybody_in_their_encoding(room: Room) -> None:

@@ -58,7 +58,8 @@ class GameReplica:
     `name` is what one is called in it: with a number where somebody else has the name that one
     asked for. `own_seats` are those that one plays, in seat order, and `seat` is the first of them;
     a spectator has none. `starts_at` is when the game begins, on the clock of `receive`, while that
-    is counted down to; `spectators` counts those who watch. `waits_for` are the seats that a step
+    is counted down to; `spectators` counts those who watch, and `spectator_names` are those of the
+    first few. `waits_for` are the seats that a step
     has waited for, for two seconds at least. `rematch_code` is that of the game in which they play
     again, once somebody has asked for one.
     """
@@ -81,6 +82,7 @@ class GameReplica:
         self.pause: messages.Pause | None = None
         self.starts_at: float | None = None
         self.spectators = 0
+        self.spectator_names: tuple[str, ...] = ()
         self.waits_for: tuple[str, ...] = ()
         self.rematch_code = ""
         self.said = joined.said
@@ -330,6 +332,7 @@ class GameReplica:
                 self.turn, self.pause = message.turn, message.pause
                 self.waits_for = tuple(message.waits_for)
                 self.spectators = message.spectators
+                self.spectator_names = tuple(message.spectator_names)
                 self.rematch_code = message.rematch
                 self._count_down(message.starts_in, now)
                 self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
@@ -387,6 +390,7 @@ class GameReplica:
         self.seats, self.clock = tuple(message.seats), message.clock
         self.left, self.step_time = message.left, now
         self.pause, self.spectators = message.pause, message.spectators
+        self.spectator_names = tuple(message.spectator_names)
         self._count_down(message.starts_in, now)
         self._sent.seq = max(self._sent.seq, message.seq)
         self._told(self.seat, message.last_seq, message.last_step, message.last_reasons)

@@ -125,9 +125,9 @@ class View:
     state before `state`, from which players are seen walking. `me` is the player that the window's
     owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
     players whose decision a step has waited for, for a while, and `thinking` the bots that have not
-    decided for as long, whether anything waits or not; `watching` counts spectators, and
-    `blocked` tells who waits for which station, and who stands there. `step_seconds` is how long a
-    step takes where a clock says so.
+    decided for as long, whether anything waits or not; `watching` counts spectators, of
+    whom the first few are called `spectator_names`, and `blocked` tells who waits for which
+    station, and who stands there. `step_seconds` is how long a step takes where a clock says so.
 
     A game that is over has an `outcome` in words, and was `won` or `lost`. `notice` is something
     the operator says to everybody. A game that has not begun has a `lobby`; one that begins in
@@ -162,6 +162,7 @@ class View:
     thinking: tuple[str, ...] = ()
     starts_in: float | None = None
     watching: int = 0
+    spectator_names: tuple[str, ...] = ()
     blocked: tuple[tuple[str, str, str], ...] = ()
     step_seconds: float | None = None
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
+from itertools import islice
 from typing import Any, cast
 
 import msgpack
@@ -36,6 +37,9 @@ __all__ = ["Broadcaster"]
 KEPT_DELTAS = 64
 """Deltas kept for those who come back; with more missed, a snapshot is shorter."""
 KEPT_SAID, KEPT_NOTICES = 200, 20
+
+MAX_SPECTATOR_NAMES = 8
+"""Names of spectators in a roster or snapshot, which goes to everybody: the rest are counted."""
 
 
 class Broadcaster:
@@ -93,7 +97,15 @@ class Broadcaster:
 
     @property
     def spectators(self) -> int:
-        return sum(not s.players and s.peer is not None for s in self.members)
+        return sum(1 for _ in self._watching())
+
+    @property
+    def spectator_names(self) -> list[str]:
+        """What those who have watched longest are called."""
+        return [session.name for session in islice(self._watching(), MAX_SPECTATOR_NAMES)]
+
+    def _watching(self) -> Iterator[Session]:
+        return (s for s in self.members if not s.players and s.peer is not None)
 
     def holder(self, player: str) -> Session | None:
         """The session that plays a seat."""
@@ -347,6 +359,7 @@ class Broadcaster:
             "pause": pause and pause.model_dump(mode="json", exclude_defaults=True),
             "said": episode.said,
             "spectators": self.spectators,
+            "spectator_names": self.spectator_names,
             "outcome": episode.outcome and episode.outcome.to_json(),
         }
         own: dict[str, Any] = {
@@ -420,6 +433,7 @@ class Broadcaster:
             waits_for=list(self.waits_for()),
             starts_in=self._starts_in(),
             spectators=self.spectators,
+            spectator_names=self.spectator_names,
             rematch=self.rematch,
         )
 

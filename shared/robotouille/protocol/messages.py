@@ -475,6 +475,7 @@ class Snapshot(FromServer):
     said: int = 0
     seats: list[SeatInfo]
     spectators: int = 0
+    spectator_names: list[str] = []
     outcome: OutcomeRow | None = None
 
 
@@ -561,8 +562,9 @@ class Roster(FromServer):
 
     `waits_for` are the players whose decision a step has waited for, for two seconds at least.
     While everybody is there and ready and the game has not begun, it does so in `starts_in`
-    seconds. `rematch` is the code of the game in which they play again, once the game is over and
-    somebody has asked for one.
+    seconds. `spectator_names` are the first few who watch, in the order in which they came.
+    `rematch` is the code of the game in which they play again, once the game is over and somebody
+    has asked for one.
     """
 
     type: Literal["roster"] = "roster"
@@ -573,6 +575,7 @@ class Roster(FromServer):
     waits_for: list[Identifier] = []
     starts_in: float | None = None
     spectators: int = 0
+    spectator_names: list[str] = []
     rematch: str = ""
 
 

@@ -123,6 +123,7 @@ class RemoteSource:
             lobby=self._lobby(),
             starts_in=self._starts_in(),
             watching=game.spectators,
+            spectator_names=game.spectator_names,
             blocked=self._blockages.at(game.state) if game.running else (),
             waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
