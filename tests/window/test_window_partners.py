@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from robotouille import State, World
 from robotouille.domain.rendering import Language
 from robotouille.episode import Clock
 from robotouille.replay.recording import read_recording
+from robotouille_client.bots import partner_process
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.partner_process import GONE, RESTARTED, PartnerProcess
 from robotouille_client.bots.partners import Decision, PromptPartners, prompt_partners
@@ -190,3 +192,25 @@ def test_a_process_that_ends_begins_anew_once_and_then_the_bots_stand_still() ->
         game.finish(over=False)
     with pytest.raises(ProcessLookupError):
         os.kill(bots.pid, 0)
+
+
+@pytest.mark.process
+def test_bots_beside_a_person_plan_in_plain_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiling would begin with the first plan in which the person has a part, and take a
+    minute."""
+    tell = (
+        "import msgpack, os, sys; "
+        "told = 'say', 'robot1', os.environ.get('ROBOTOUILLE_COMPILE'); "
+        "sys.stdout.buffer.write(msgpack.packb(told)); sys.stdout.flush(); sys.stdin.read()"
+    )
+    monkeypatch.delenv("ROBOTOUILLE_COMPILE", raising=False)
+    monkeypatch.setattr(partner_process, "COMMAND", (sys.executable, "-c", tell))
+    partners = PartnerProcess(World("multi_agent/01").initial, BotKind.PLANNER, 0, ["robot1"])
+    try:
+        said: list[tuple[str, str]] = []
+        while not said:
+            assert partners.answers() == []
+            said = partners.spoken()
+    finally:
+        partners.close()
+    assert said == [("robot1", "0")]

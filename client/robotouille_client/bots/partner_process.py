@@ -25,6 +25,9 @@ from robotouille_client.bots.partners import Decision
 __all__ = ["PartnerProcess"]
 
 COMMAND = (sys.executable, "-P", "-m", "robotouille_client.bots.partner_worker")
+PLAIN = {"ROBOTOUILLE_COMPILE": "0"}
+"""They plan in plain Python, unless the environment says otherwise: compiling takes a minute, and
+begins in the middle of a game, with the first plan in which the person has a part."""
 CHUNK = 65536
 LIVES = 2
 """Processes that are started for a game, one after the other."""
@@ -63,7 +66,11 @@ class PartnerProcess:
 
     def _start(self) -> None:
         self._process = subprocess.Popen(  # noqa: S603
-            COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+            COMMAND,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
+            env={**PLAIN, **os.environ},
         )
         self._reader = Thread(target=self._read, args=(self._process,), daemon=True)
         self._reader.start()
