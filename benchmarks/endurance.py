@@ -47,16 +47,18 @@ def evening(steps: int, samples: int, sizes: Sequence[tuple[int, int]] = SIZES) 
     from robotouille_client.bots.kinds import BotKind
     from robotouille_client.bots.partners import prompt_partners
     from robotouille_client.window.forms.display import Display
-    from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+    from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 
     timer, done, dice = Timer(), 0, random.Random(1)
     due = [steps * (n + 1) // samples for n in range(samples)]
     display = Display(sizes[0], headless=True)
     with tempfile.TemporaryDirectory() as folder:
         for number, task in enumerate(itertools.cycle(TASKS)):
-            plan = Plan(task, None, Clock.REALTIME, RATE, BotKind.RANDOM, max_steps=GAME_STEPS,
-                        seed=number, countdown=0.0)  # fmt: skip
-            game = LocalGame(plan, "Ada", timer, Path(folder), prompt_partners)
+            setup = GameSetup(
+                task, None, Clock.REALTIME, RATE, BotKind.RANDOM, max_steps=GAME_STEPS,
+                seed=number, countdown=0.0,
+            )  # fmt: skip
+            game = LocalGame(setup, "Ada", timer, Path(folder), prompt_partners)
             for _ in play(game, display, dice):
                 timer.now += 1 / RATE
                 done += 1

@@ -25,7 +25,7 @@ from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
-from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.screens.server_menus import lobby_menu
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
@@ -247,13 +247,13 @@ def main() -> None:
     playing = Playing(tutorial)
     asyncio.run(playing.shell.run(playing.shell.local.learn()))
     playing = Playing(game)
-    asyncio.run(playing.shell.run(playing.shell.local.play(Plan("multi_agent/01", seats=2))))
+    asyncio.run(playing.shell.run(playing.shell.local.play(GameSetup("multi_agent/01", seats=2))))
     playing = Playing(end)
-    turns = Plan("training/01", clock=Clock.TURN, max_steps=200)
+    turns = GameSetup("training/01", clock=Clock.TURN, max_steps=200)
     asyncio.run(playing.shell.run(playing.shell.local.play(turns)))
     playing = Playing(lost)
     asyncio.run(served())
-    short = Plan("training/01", max_steps=10, countdown=0.0)
+    short = GameSetup("training/01", max_steps=10, countdown=0.0)
     asyncio.run(playing.shell.run(playing.shell.local.play(short)))
 
 

@@ -14,7 +14,7 @@ from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
-from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
 from robotouille_client.window.window import Window
@@ -67,7 +67,9 @@ class Evening:
         monkeypatch.setattr(Window, "_show", shown)
         monkeypatch.setattr(Window, "run", started)
 
-    async def go(self, script: Callable[[], Iterator[None]], first: Plan | None = None) -> None:
+    async def go(
+        self, script: Callable[[], Iterator[None]], first: GameSetup | None = None
+    ) -> None:
         self.fingers.script = script()
         await self.shell.run(self.shell.local.play(first) if first is not None else None)
 
@@ -90,9 +92,9 @@ def wait(frames: int) -> Iterator[None]:
         yield
 
 
-def keys_of(plan: Plan) -> Iterator[None]:
+def keys_of(setup: GameSetup) -> Iterator[None]:
     """Play the proven plan of a task with arrows and E."""
-    world = World(load_task(plan.task, timing="benchmark"))
+    world = World(load_task(setup.task, timing="benchmark"))
     state, me = world.initial, world.players[0]
     for line in load_certificate(world.task).plan or ():
         action = world.parse(state, me, line)

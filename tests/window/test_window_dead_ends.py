@@ -17,11 +17,11 @@ from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Row
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.replay.timeline.timeline_strip import TimelineStrip
-from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.settings import Settings
 
 Steps = Iterator[None]
-SHORT = Plan("synchronous/01", clock=Clock.TURN, max_steps=3)
+SHORT = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3)
 AWAY = ("Back", "Cancel", "Leave it", "Leave the replay", "Menu", "Quit", "Close")
 """What buttons that lead away are called."""
 

@@ -20,7 +20,7 @@ from robotouille.episode.rules import Clock
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.forms.display import Display
-from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 from robotouille_client.window.window import Window
 
 SIZE, FRAMES = (640, 360), 200
@@ -121,8 +121,8 @@ SIZES = ((320, 240), (3840, 2160), (1, 1), (160, 120), (200, 1500), (3000, 130),
 def test_any_size_any_words_while_playing() -> None:
     """Its owner drags the edge all the time, and has a name of 40 wide letters."""
     timer = Timer()
-    plan = Plan("multi_agent/01", clock=Clock.REALTIME, partner=BotKind.RANDOM, countdown=0.0)
-    game = LocalGame(plan, "漢" * 40, timer, None, prompt_partners)
+    setup = GameSetup("multi_agent/01", clock=Clock.REALTIME, partner=BotKind.RANDOM, countdown=0.0)
+    game = LocalGame(setup, "漢" * 40, timer, None, prompt_partners)
     display = Display(SIZES[0], headless=True)
     window = Window(display=display, clock=timer)
     try:

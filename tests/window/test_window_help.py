@@ -9,11 +9,11 @@ from tests.support.window_play import Script, Timer
 from robotouille import World
 from robotouille.episode.rules import Clock
 from robotouille_client.window.shell.game_cards import GameCards
-from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 from robotouille_client.window.sources.local import LocalSource
 from robotouille_client.window.window import Window
 
-PLAN = Plan("training/01", clock=Clock.REALTIME, rate=10.0, countdown=0.0)
+SETUP = GameSetup("training/01", clock=Clock.REALTIME, rate=10.0, countdown=0.0)
 
 
 def press(window: Window, source: LocalSource | Script, key: int) -> None:
@@ -26,7 +26,7 @@ def press(window: Window, source: LocalSource | Script, key: int) -> None:
 @pytest.mark.parametrize("close", [pygame.K_h, pygame.K_ESCAPE])
 def test_a_game_of_ones_own_waits_while_one_reads(close: int) -> None:
     timer = Timer()
-    game = LocalGame(PLAN, "Ada", timer, None)
+    game = LocalGame(SETUP, "Ada", timer, None)
     source = game.source
     cards = GameCards(lambda: source.outcome, tuple, source.stand_still)
     window = Window((800, 600), headless=True, clock=timer, cards=cards)

@@ -50,7 +50,7 @@ async def sit(
 ) -> None:
     """Open the window, and do what a script says; if that ends, the process is stopped."""
     evening.shell.settings.server = server.url
-    evening.shell.stage.clock = asyncio.get_running_loop().time
+    evening.shell.ui.clock = asyncio.get_running_loop().time
     evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
 
     def stopping() -> Iterator[None]:

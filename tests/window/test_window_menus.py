@@ -39,7 +39,7 @@ from robotouille_client.window.shell.screens.settings_menu import KeysMenu, Sett
 from robotouille_client.window.shell.screens.task_picker import TaskPicker
 from robotouille_client.window.shell.screens.thumbnails import Thumbnails
 from robotouille_client.window.shell.settings import Settings
-from robotouille_client.window.shell.stage import Stage
+from robotouille_client.window.shell.user_interface import UserInterface
 from robotouille_client.window.sources.task_titles import dish_title, task_title
 from robotouille_server.runtime.workers import plain_code
 
@@ -227,9 +227,9 @@ async def test_who_plays_alone_is_not_asked_about_partners() -> None:
         return answers.pop(0)(form)
 
     answers += [lambda form: "task", lambda form: BURGER, lambda form: "start"]
-    plan = await asking.ask(ask)
-    assert plan is not None
-    assert (plan.task, plan.seats) == (BURGER, 2)
+    setup = await asking.ask(ask)
+    assert setup is not None
+    assert (setup.task, setup.seats) == (BURGER, 2)
     assert settings.task == BURGER
     assert "Partners" not in seen[0]
     assert "Players" not in seen[0]
@@ -251,7 +251,7 @@ def test_the_picture_marks_which_player_is_you(display: Display) -> None:
     assert other is not None
     assert picture.get_size() == other.get_size()
     assert pygame.image.tobytes(picture, "RGB") != pygame.image.tobytes(other, "RGB")
-    games = [LocalGame(menu.plan, "ada", time.monotonic, None, prompt_partners) for _ in "12"]
+    games = [LocalGame(menu.setup, "ada", time.monotonic, None, prompt_partners) for _ in "12"]
     seat = seat_out_of_the_way(games[0].world.initial)
     assert [game.source.view().me for game in games] == [seat, seat]
 
@@ -649,19 +649,19 @@ def test_the_language_file_is_a_setting_and_its_faults_are_told(
     file = tmp_path / "words.json"
     file.write_text('{"kinds": {"lettuce": "Salat"}}')
     settings = Settings(language_file=str(file))
-    stage = Stage(settings, display)
-    assert stage.words.kinds["lettuce"][0].name == "Salat"
-    assert not stage.words_fault
+    ui = UserInterface(settings, display)
+    assert ui.words.kinds["lettuce"][0].name == "Salat"
+    assert not ui.words_fault
     for broken_words, told in (
         ('{"kind": {}}', "kind"), ("{", "broken.json"), ('{"actions": {"cut": 3}}', "cut"),
     ):  # fmt: skip
         (tmp_path / "broken.json").write_text(broken_words)
         settings.language_file = str(tmp_path / "broken.json")
-        stage.follow_settings()
-        assert stage.words == NO_WORDS
-        assert told in stage.words_fault
+        ui.follow_settings()
+        assert ui.words == NO_WORDS
+        assert told in ui.words_fault
         settings.language_file = ""
-        stage.follow_settings()
+        ui.follow_settings()
     settings.language_file = str(tmp_path / "none.json")
-    stage.follow_settings()
-    assert "none.json" in stage.words_fault
+    ui.follow_settings()
+    assert "none.json" in ui.words_fault

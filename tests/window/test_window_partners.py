@@ -21,7 +21,7 @@ from robotouille_client.bots.partner_process import GONE, RESTARTED, PartnerProc
 from robotouille_client.bots.partners import Decision, PromptPartners, prompt_partners
 from robotouille_client.window.drawing.panel.seat_cards import status
 from robotouille_client.window.shell.game_cards import GameCards
-from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 from robotouille_client.window.view import NEWS
 
 
@@ -35,7 +35,7 @@ class SlowPartners(PromptPartners):
 
 
 def slow_game(
-    plan: Plan, timer: Timer, folder: Path | None = None
+    setup: GameSetup, timer: Timer, folder: Path | None = None
 ) -> tuple[LocalGame, SlowPartners]:
     made: list[SlowPartners] = []
 
@@ -45,13 +45,13 @@ def slow_game(
         made.append(SlowPartners(prompt_partners(start, kind, seed, players, words)._policies))
         return made[0]
 
-    return LocalGame(plan, "ada", timer, folder, make), made[0]
+    return LocalGame(setup, "ada", timer, folder, make), made[0]
 
 
 def test_in_real_time_the_game_goes_on_while_bots_think() -> None:
     timer = Timer()
-    plan = Plan("multi_agent/01", seats=2, rate=10.0, countdown=0.0)
-    game, bots = slow_game(plan, timer)
+    setup = GameSetup("multi_agent/01", seats=2, rate=10.0, countdown=0.0)
+    game, bots = slow_game(setup, timer)
     for _ in range(20):
         timer.now += 0.1
         view = game.source.view()
@@ -72,7 +72,7 @@ def test_in_real_time_the_game_goes_on_while_bots_think() -> None:
 
 def test_by_turns_the_game_waits_and_says_for_whom() -> None:
     timer = Timer()
-    game, bots = slow_game(Plan("multi_agent/01", seats=2, clock=Clock.LOCKSTEP), timer)
+    game, bots = slow_game(GameSetup("multi_agent/01", seats=2, clock=Clock.LOCKSTEP), timer)
     view = game.source.view()
     (bot,) = (seat.player for seat in view.seats if seat.player != view.me)
     assert view.waits_for == ()
@@ -84,8 +84,8 @@ def test_by_turns_the_game_waits_and_says_for_whom() -> None:
 
 def test_a_game_in_real_time_stands_still_while_its_owner_is_asked(tmp_path: Path) -> None:
     timer = Timer()
-    plan = Plan("multi_agent/01", seats=2, rate=10.0, max_steps=40, countdown=0.0)
-    game, _ = slow_game(plan, timer, tmp_path)
+    setup = GameSetup("multi_agent/01", seats=2, rate=10.0, max_steps=40, countdown=0.0)
+    game, _ = slow_game(setup, timer, tmp_path)
     source = game.source
     cards = GameCards(lambda: None, tuple, source.stand_still)
     timer.now += 1.0
@@ -168,8 +168,8 @@ def test_a_process_that_ends_begins_anew_once_and_then_the_bots_stand_still() ->
         made.append(PartnerProcess(start, kind, seed, players, words))
         return made[0]
 
-    plan = Plan("multi_agent/01", seats=2, clock=Clock.LOCKSTEP)
-    game = LocalGame(plan, "ada", timer, None, make)
+    setup = GameSetup("multi_agent/01", seats=2, clock=Clock.LOCKSTEP)
+    game = LocalGame(setup, "ada", timer, None, make)
     source, (bots,) = game.source, made
     view = source.view()
     (bot,) = (seat.player for seat in view.seats if seat.player != view.me)

@@ -26,7 +26,7 @@ from robotouille_client import connect
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.widgets import Choice
 from robotouille_client.window.hands.commands import Command, KeyMap
-from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.screens.saving_form import SavingForm
 from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
@@ -37,10 +37,10 @@ from robotouille_client.window.shell.settings import (
     settings_path,
 )
 from robotouille_client.window.shell.shell import Shell
-from robotouille_client.window.shell.stage import Stage
 from robotouille_client.window.shell.starting import open_shell
+from robotouille_client.window.shell.user_interface import UserInterface
 
-SMALL = Plan("synchronous/01", clock=Clock.TURN, max_steps=100)
+SMALL = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=100)
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ async def test_a_video_is_saved_or_given_up(evening: Evening) -> None:
         yield from evening.choose("Quit")
         yield from wait(100)
 
-    short = Plan("synchronous/01", clock=Clock.TURN, max_steps=3)
+    short = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3)
     await asyncio.wait_for(evening.go(script, short), 60)
     assert not evening.fingers.ended
 
@@ -155,7 +155,7 @@ async def test_losing_does_not_look_like_winning(evening: Evening) -> None:
         yield from evening.choose("Quit")
         yield from wait(100)
 
-    short = Plan("synchronous/01", clock=Clock.TURN, max_steps=3)
+    short = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3)
     await asyncio.wait_for(evening.go(script, short), 60)
     assert not evening.fingers.ended, "Escape quits"
 
@@ -329,7 +329,7 @@ def test_open_a_kitchen_on_a_server_wait_for_others_and_leave(
                 yield from evening.choose("Quit")
 
             monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-            evening.shell.stage.clock = asyncio.get_running_loop().time
+            evening.shell.ui.clock = asyncio.get_running_loop().time
             evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
             await asyncio.wait_for(evening.go(script), 60)
             assert evening.shell.settings.code
@@ -371,7 +371,7 @@ def test_without_a_menu_the_window_closes_after_the_game(
                 raise AssertionError("it is still open")
 
             monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-            evening.shell.stage.clock = asyncio.get_running_loop().time
+            evening.shell.ui.clock = asyncio.get_running_loop().time
             evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
             evening.fingers.script = script()
             joined = evening.shell.remote.join(room.code, url=server.url)
@@ -485,8 +485,8 @@ def test_words_that_are_no_file_are_told(tmp_path: Path, file: str) -> None:
     if file == "pipe":
         file = str(tmp_path / file)
         os.mkfifo(file)
-    stage = Stage(Settings(language_file=file), Display((320, 240), headless=True))
-    assert "No words of your own" in stage.words_fault
+    ui = UserInterface(Settings(language_file=file), Display((320, 240), headless=True))
+    assert "No words of your own" in ui.words_fault
 
 
 def test_a_look_that_is_gone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -497,9 +497,9 @@ def test_a_look_that_is_gone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     shell = open_shell()
     try:
         assert shell.settings.rendering == ""
-        assert "'marble'" in shell.stage.message
+        assert "'marble'" in shell.ui.message
     finally:
-        shell.stage.close()
+        shell.ui.close()
 
 
 @pytest.fixture
@@ -544,9 +544,9 @@ def test_what_is_missing_in_a_remembered_look_is_told(
     shell = open_shell()
     try:
         assert shell.settings.rendering == "mine"
-        assert "there is no picture 'no.svg'" in shell.stage.message
+        assert "there is no picture 'no.svg'" in shell.ui.message
     finally:
-        shell.stage.close()
+        shell.ui.close()
 
 
 def test_a_size_that_is_asked_for_comes_before_a_window_that_fills_the_screen(
@@ -559,11 +559,11 @@ def test_a_size_that_is_asked_for_comes_before_a_window_that_fills_the_screen(
     assert not save_settings(Settings(fullscreen=True), settings_path())
     shell = open_shell(size="640x480")
     try:
-        assert (shell.stage.display.size, shell.stage.display.fullscreen) == ((640, 480), False)
+        assert (shell.ui.display.size, shell.ui.display.fullscreen) == ((640, 480), False)
         shell._remember()
         assert load_settings(settings_path())[0].fullscreen
     finally:
-        shell.stage.close()
+        shell.ui.close()
 
 
 def test_no_settings_are_the_defaults(tmp_path: Path) -> None:
@@ -574,7 +574,7 @@ async def test_settings_that_cannot_be_saved_are_no_reason_to_stop(evening: Even
     (evening.folder / "file").write_text("")
     evening.shell._path = evening.folder / "file" / "window.json"
     await asyncio.wait_for(evening.go(lambda: wait(2)), 30)
-    assert "cannot be saved" in evening.shell.stage.message
+    assert "cannot be saved" in evening.shell.ui.message
 
 
 def test_the_settings_file_says_its_version(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from robotouille_client.bots.kinds import BotKind
 from robotouille_client.console import LenientOption, RenderingOption, check_look, explain, fail
 
 if TYPE_CHECKING:
-    from robotouille_client.window.shell.games.local_game import Plan
+    from robotouille_client.window.shell.games.local_game import GameSetup
 
 __all__ = ["play"]
 
@@ -63,30 +63,30 @@ def play(
         require_pygame()
         if partner is BotKind.SCRIPTED:
             raise RobotouilleError("partners are random or planner bots")
-        from robotouille_client.window.shell.games.local_game import Plan
+        from robotouille_client.window.shell.games.local_game import GameSetup
 
-        plan = task and Plan(task, seats, mode, step_rate, partner, timing, max_steps, seed)
-        check_look(plan.load() if plan else None, rendering, lenient)
+        setup = task and GameSetup(task, seats, mode, step_rate, partner, timing, max_steps, seed)
+        check_look(setup.load() if setup else None, rendering, lenient)
         if screenshot is not None:
-            if not plan:
+            if not setup:
                 raise RobotouilleError("a picture is of a task: name one")
-            _picture(plan, size or "1280x720", screenshot, rendering)
+            _picture(setup, size or "1280x720", screenshot, rendering)
             return
-        if plan:
-            sound_task(plan.load())
+        if setup:
+            sound_task(setup.load())
         from robotouille_client.window.shell.starting import open_shell
 
         if tasks is None and task is not None and task.partition("@")[0].endswith(".json"):
             tasks = Path(task).parent
         shell = open_shell(size=size, rendering=rendering, tasks=tasks)
-        asyncio.run(shell.run(shell.local.play(plan) if plan else None))
+        asyncio.run(shell.run(shell.local.play(setup) if setup else None))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
 
 
-def _picture(plan: Plan, size: str, path: Path, rendering: str) -> None:
+def _picture(setup: GameSetup, size: str, path: Path, rendering: str) -> None:
     """Save a game's first picture."""
     from robotouille_client.window import parse_size
     from robotouille_client.window.shell.games.local_game import LocalGame
@@ -94,7 +94,7 @@ def _picture(plan: Plan, size: str, path: Path, rendering: str) -> None:
 
     if not path.parent.is_dir():
         raise RobotouilleError(f"there is no folder {path.parent}")
-    game = LocalGame(replace(plan, countdown=0.0), "you", time.monotonic, None)
+    game = LocalGame(replace(setup, countdown=0.0), "you", time.monotonic, None)
     window = Window(parse_size(size), headless=True, rendering=rendering)
     try:
         window.frame(game.source)

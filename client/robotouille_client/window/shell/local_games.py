@@ -11,11 +11,11 @@ from robotouille.domain.loading import task_names
 from robotouille.domain.task import Timing
 from robotouille_client.bots.partners import MakePartners
 from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
-from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.replays import Replays
 from robotouille_client.window.shell.screens.play_menu import PlayMenu
-from robotouille_client.window.shell.stage import Stage
+from robotouille_client.window.shell.user_interface import UserInterface
 from robotouille_client.window.sources.task_titles import task_title
 
 __all__ = ["LocalGames"]
@@ -30,52 +30,56 @@ class LocalGames:
     """
 
     def __init__(
-        self, stage: Stage, replays: Replays, recordings: Path | None, make_partners: MakePartners
+        self,
+        ui: UserInterface,
+        replays: Replays,
+        recordings: Path | None,
+        make_partners: MakePartners,
     ) -> None:
-        self._stage = stage
+        self._ui = ui
         self._replays = replays
         self._recordings = recordings
         self._make_partners = make_partners
 
     async def choose(self) -> object:
         """Ask what is to be played, and play it."""
-        self._stage.splash("Loading …")
-        plan = await PlayMenu(self._stage.settings).ask(self._stage.ask)
-        return None if plan is None else await self.play(plan)
+        self._ui.splash("Loading …")
+        setup = await PlayMenu(self._ui.settings).ask(self._ui.ask)
+        return None if setup is None else await self.play(setup)
 
-    async def play(self, plan: Plan) -> object:
+    async def play(self, setup: GameSetup) -> object:
         """Play a task, again and again, or the next one, as long as that is asked for."""
         answer: object = "again"
         while answer in ("again", "next"):
             if answer == "next":
-                plan = dataclasses.replace(plan, task=_following(plan.task), seats=None)
-            self._stage.splash("Loading …")
-            answer = await self._play_once(self._game(plan, self._recordings), plan)
+                setup = dataclasses.replace(setup, task=_following(setup.task), seats=None)
+            self._ui.splash("Loading …")
+            answer = await self._play_once(self._game(setup, self._recordings), setup)
         return answer
 
     async def learn(self) -> object:
         """The tutorial; the place to go to next."""
-        self._stage.splash("Loading …")
+        self._ui.splash("Loading …")
         game = self._game(TUTORIAL, None)
-        source = TutorialSource(game.source, self._stage.keys)
+        source = TutorialSource(game.source, self._ui.keys)
         cards = GameCards(
             lambda: game.source.outcome,
             lambda: [("Play a game", "play"), ("The tutorial again", "tutorial"), ("Menu", "menu")],
         )
         try:
-            answer = await self._stage.show(source, cards, caption="Tutorial")
+            answer = await self._ui.show(source, cards, caption="Tutorial")
         finally:
             game.finish(over=False)
-        self._stage.settings.learned = self._stage.settings.learned or source.finished
+        self._ui.settings.learned = self._ui.settings.learned or source.finished
         return answer
 
-    def _game(self, plan: Plan, recordings: Path | None) -> LocalGame:
-        stage = self._stage
+    def _game(self, setup: GameSetup, recordings: Path | None) -> LocalGame:
+        ui = self._ui
         return LocalGame(
-            plan, stage.settings.name, stage.clock, recordings, self._make_partners, stage.words
+            setup, ui.settings.name, ui.clock, recordings, self._make_partners, ui.words
         )
 
-    async def _play_once(self, game: LocalGame, plan: Plan) -> object:
+    async def _play_once(self, game: LocalGame, setup: GameSetup) -> object:
         source = game.source
 
         def buttons() -> Sequence[tuple[str, object]]:
@@ -84,13 +88,13 @@ class LocalGames:
 
         cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
         try:
-            answer = await self._stage.show(source, cards, caption=task_title(plan.task))
+            answer = await self._ui.show(source, cards, caption=task_title(setup.task))
         finally:
             path = game.finish(over=source.finished)
             self._note_best(game)
         if path is None:
             if answer in ("watch", "video"):
-                self._stage.message = "The game could not be kept."
+                self._ui.message = "The game could not be kept."
             return answer
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
         return await self._replays.review(answer, cards, watch, save)
@@ -100,7 +104,7 @@ class LocalGames:
         task, outcome = game.world.task, game.source.outcome
         if outcome is None or outcome["reason"] != "goal" or task.timing is not Timing.PEOPLE:
             return
-        best, name = self._stage.settings.best, f"{task.name}@{task.seats}"
+        best, name = self._ui.settings.best, f"{task.name}@{task.seats}"
         if task.name in task_names():
             best[name] = min(best.get(name, outcome["steps"]), outcome["steps"])
 

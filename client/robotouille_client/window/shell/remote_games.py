@@ -29,7 +29,7 @@ from robotouille_client.window.shell.screens.server_menus import (
     waiting_form,
 )
 from robotouille_client.window.shell.settings import Settings
-from robotouille_client.window.shell.stage import Stage
+from robotouille_client.window.shell.user_interface import UserInterface
 
 __all__ = ["RemoteGames"]
 
@@ -50,9 +50,15 @@ class RemoteGames:
     """
 
     def __init__(
-        self, stage: Stage, replays: Replays, videos: Path | None, *, token: str | None, menu: bool
+        self,
+        ui: UserInterface,
+        replays: Replays,
+        videos: Path | None,
+        *,
+        token: str | None,
+        menu: bool,
     ) -> None:
-        self._stage = stage
+        self._ui = ui
         self._replays = replays
         self._videos = videos
         self._token = token
@@ -60,10 +66,10 @@ class RemoteGames:
 
     async def choose_code(self) -> object:
         """Ask for a code, and play or watch there."""
-        settings, message = self._stage.settings, ""
+        settings, message = self._ui.settings, ""
         while True:
             asked = JoinMenu(settings, message)
-            answer = await self._stage.ask(asked.form)
+            answer = await self._ui.ask(asked.form)
             asked.remember(settings)
             if answer == "back":
                 return None
@@ -74,11 +80,11 @@ class RemoteGames:
 
     async def choose_task(self) -> object:
         """Ask for a task, open a kitchen with it, and play there."""
-        settings, message = self._stage.settings, ""
+        settings, message = self._ui.settings, ""
         while True:
-            self._stage.splash("Loading …")
+            self._ui.splash("Loading …")
             asked = OpenMenu(settings, message)
-            if not await asked.ask(self._stage.ask):
+            if not await asked.ask(self._ui.ask):
                 return None
             try:
                 made = await self.ask_server(asked.create)
@@ -95,8 +101,8 @@ class RemoteGames:
             if episodes is None:
                 return None
             own = {one.code for one in episodes if self._has_kept_seat(one)}
-            form = lobby_menu(episodes, self._stage.settings.server, own)
-            answer = await self._stage.ask(form)
+            form = lobby_menu(episodes, self._ui.settings.server, own)
+            answer = await self._ui.ask(form)
             if answer == "back":
                 return None
             if isinstance(answer, EpisodeInfo):
@@ -105,7 +111,7 @@ class RemoteGames:
 
     def _has_kept_seat(self, episode: EpisodeInfo) -> bool:
         """Whether a seat is kept there for a window of this name whose process stopped."""
-        name = self._stage.settings.name
+        name = self._ui.settings.name
         if all(seat.present or not seat.name for seat in episode.seats):
             return False
         with kept_seat(state_folder(), self._address(None), episode.code, name) as kept:
@@ -135,7 +141,7 @@ class RemoteGames:
         )  # fmt: skip
         async with AsyncExitStack() as stack:
             entering = stack.enter_async_context(opened)
-            entered = await self._stage.wait(entering, waiting_form("Connecting …"))
+            entered = await self._ui.wait(entering, waiting_form("Connecting …"))
             answer: object = None if entered is None else "again"
             while entered is not None and answer == "again":
                 answer = await self._play(entered)
@@ -143,7 +149,7 @@ class RemoteGames:
 
     def _name(self, *, watch: bool) -> str:
         """What one is called; who has chosen no name, and only watches, is no player."""
-        name = self._stage.settings.name
+        name = self._ui.settings.name
         return WATCHER if watch and name == Settings.model_fields["name"].default else name
 
     async def _play(self, entered: RemoteGame) -> object:
@@ -151,7 +157,7 @@ class RemoteGames:
         loop = asyncio.get_running_loop()
         game, look = entered.game, entered.look
         source, strip, history = shown(
-            game, loop.time, entered.client.connected.is_set, look, self._stage.words
+            game, loop.time, entered.client.connected.is_set, look, self._ui.words
         )
         cards = GameCards(
             lambda: game.outcome,
@@ -160,12 +166,12 @@ class RemoteGames:
             news=lambda: PLAY_AGAIN if self._menu and game.rematch_code else "",
         )
         caption = f"Robotouille {game.code}"
-        self._stage.settings.code = game.code
+        self._ui.settings.code = game.code
         try:
-            answer = await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
+            answer = await self._ui.show(source, cards, caption=caption, look=look, strip=strip)
         finally:
             if game.over:  # Its code leads nowhere any more.
-                self._stage.settings.code = ""
+                self._ui.settings.code = ""
         watch = partial(self._replays.watch_seen, history, look, self._stem(game))
         save = partial(self._save, game, history, look)
         while True:
@@ -174,11 +180,11 @@ class RemoteGames:
                 return answer
             try:
                 ask = entered.play_again()
-                made = await self._stage.wait(ask, waiting_form("Opening the kitchen …"))
+                made = await self._ui.wait(ask, waiting_form("Opening the kitchen …"))
                 return None if made is None else answer
             except (RobotouilleError, OSError, ValueError) as error:
-                self._stage.message = explain(error)
-            answer = await self._stage.ask(cards.again(self._stage.told(), answer))
+                self._ui.message = explain(error)
+            answer = await self._ui.ask(cards.again(self._ui.told(), answer))
 
     def _buttons(self, game: Game, history: LiveHistory) -> Sequence[tuple[str, object]]:
         """What comes next; a study's window can only be closed."""
@@ -207,13 +213,13 @@ class RemoteGames:
         Raises:
             RobotouilleError: The server cannot be reached, or refuses.
         """
-        address, name = self._address(url), self._stage.settings.name
+        address, name = self._address(url), self._ui.settings.name
 
         async def asked() -> T:
             async with connect(address, name=name, kind="human", token=self._token) as client:
                 return await ask(client)
 
-        return await self._stage.wait(asked(), waiting_form("Connecting …"))
+        return await self._ui.wait(asked(), waiting_form("Connecting …"))
 
     def _address(self, url: str | None) -> str:
-        return server_url(url or self._stage.settings.server, "", 0)
+        return server_url(url or self._ui.settings.server, "", 0)

@@ -15,7 +15,7 @@ from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.shell.game_cards import GameCards
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu, recent_recordings
 from robotouille_client.window.shell.screens.saving_form import SavingForm
-from robotouille_client.window.shell.stage import Stage
+from robotouille_client.window.shell.user_interface import UserInterface
 
 if TYPE_CHECKING:
     from robotouille_client.window.replay.history.history import History
@@ -35,8 +35,8 @@ class Replays:
         tasks: A folder of own kitchens: recordings of them are shown with its pictures.
     """
 
-    def __init__(self, stage: Stage, recordings: Path | None, tasks: Path | None) -> None:
-        self._stage = stage
+    def __init__(self, ui: UserInterface, recordings: Path | None, tasks: Path | None) -> None:
+        self._ui = ui
         self._recordings = recordings
         self._tasks = tasks
 
@@ -49,10 +49,10 @@ class Replays:
             menu = ReplaysMenu(
                 recent_recordings(folders),
                 message,
-                rendering=self._stage.settings.rendering,
+                rendering=self._ui.settings.rendering,
                 chosen=path,
             )
-            path = await self._stage.ask(menu.form)
+            path = await self._ui.ask(menu.form)
             if not isinstance(path, Path):
                 return None
             try:
@@ -73,8 +73,8 @@ class Replays:
             try:
                 await (watch if answer == "watch" else save)()
             except (RobotouilleError, OSError) as error:
-                self._stage.message = explain(error)
-            answer = await self._stage.ask(cards.again(self._stage.told(), answer))
+                self._ui.message = explain(error)
+            answer = await self._ui.ask(cards.again(self._ui.told(), answer))
         return answer
 
     async def watch(self, path: Path) -> None:
@@ -86,19 +86,19 @@ class Replays:
         from robotouille_client.window.replay.history.recorded_look import open_shown
         from robotouille_client.window.replay.viewer import ReplayCards, Viewer
 
-        stage = self._stage
-        stage.splash("Loading …")
+        ui = self._ui
+        ui.splash("Loading …")
         recordings = [(path, open_shown(path, self._tasks, damaged=True))]
-        make = partial(stage.window, ReplayCards())
+        make = partial(ui.window, ReplayCards())
         viewer = Viewer(
             recordings,
-            rendering=stage.settings.rendering,
-            now=stage.clock,
+            rendering=ui.settings.rendering,
+            now=ui.clock,
             make_window=make,
-            words=stage.words,
+            words=ui.words,
         )
         try:
-            await stage.watched(viewer.window, viewer)
+            await ui.watched(viewer.window, viewer)
         finally:
             viewer.close()
 
@@ -108,13 +108,13 @@ class Replays:
         from robotouille_client.window.replay.viewer import ReplayCards
 
         viewer = HistoryViewer(
-            history, self._stage.clock, stem, rendering=self._stage.settings.rendering, look=look
+            history, self._ui.clock, stem, rendering=self._ui.settings.rendering, look=look
         )
-        window = self._stage.window(
-            ReplayCards(), caption=self._stage.display.caption, look=look, strip=viewer.strip
+        window = self._ui.window(
+            ReplayCards(), caption=self._ui.display.caption, look=look, strip=viewer.strip
         )
         try:
-            await self._stage.watched(window, viewer)
+            await self._ui.watched(window, viewer)
         finally:
             viewer.close()
 
@@ -128,7 +128,7 @@ class Replays:
         from robotouille_client.window.replay.history.recorded_look import open_shown
 
         recording = open_shown(path, self._tasks, damaged=True)
-        history = RecordedHistory(recording, self._stage.words)
+        history = RecordedHistory(recording, self._ui.words)
         await self.save_seen(history, None, path.with_suffix(".mp4"))
 
     async def save_seen(self, history: History, look: KitchenLook | None, output: Path) -> None:
@@ -140,7 +140,7 @@ class Replays:
         from robotouille_client.window.replay.film import filming
 
         form = SavingForm(output.name)
-        rendering = self._stage.settings.rendering
+        rendering = self._ui.settings.rendering
 
         async def write() -> bool:
             args = (history, output, VIDEO_RATE, VIDEO_SIZE)
@@ -150,9 +150,9 @@ class Replays:
                     await asyncio.sleep(0)
             return True
 
-        saved = await self._stage.wait(write(), form)
+        saved = await self._ui.wait(write(), form)
         words = f"The video is saved: {_shown(output)}" if saved else "No video was saved."
-        self._stage.message = words
+        self._ui.message = words
 
 
 def _shown(path: Path) -> str:

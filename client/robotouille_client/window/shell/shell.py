@@ -23,13 +23,13 @@ from robotouille_client.window.shell.replays import Replays
 from robotouille_client.window.shell.screens.main_menu import leaving, menu
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.settings import Settings, save_settings
-from robotouille_client.window.shell.stage import Stage
+from robotouille_client.window.shell.user_interface import UserInterface
 
 __all__ = ["Shell"]
 
 
 class Shell:
-    """One window from its opening to its end: its `stage`, and what is shown there.
+    """One window from its opening to its end: its `ui`, and what is shown there.
 
     Args:
         settings: What is remembered; `path` is where, None to remember nothing.
@@ -59,10 +59,10 @@ class Shell:
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.settings = settings
-        self.stage = Stage(settings, display, clock=clock, sleep=sleep)
-        self.replays = Replays(self.stage, recordings, tasks)
-        self.local = LocalGames(self.stage, self.replays, recordings, make_partners)
-        self.remote = RemoteGames(self.stage, self.replays, recordings, token=token, menu=menu)
+        self.ui = UserInterface(settings, display, clock=clock, sleep=sleep)
+        self.replays = Replays(self.ui, recordings, tasks)
+        self.local = LocalGames(self.ui, self.replays, recordings, make_partners)
+        self.remote = RemoteGames(self.ui, self.replays, recordings, token=token, menu=menu)
         self._path = path
         self._remembered = remembered or settings
         self._for_now = {
@@ -82,46 +82,46 @@ class Shell:
     async def run(self, first: Coroutine[Any, Any, object] | None = None) -> None:
         """Show the menu, after what comes first, until its owner quits or closes the window."""
         try:
-            self.stage.open()
+            self.ui.open()
             answer = await first if first is not None else None
             chosen: object = None
             while self._menu and answer != "quit":
                 if answer in self._places:
                     answer = await self._go(answer)
                 elif answer == "leave":
-                    answer = await self.stage.ask(leaving())
+                    answer = await self.ui.ask(leaving())
                 else:
-                    asked = menu(self.settings, self.stage.told(), chosen)
-                    answer = chosen = await self.stage.ask(asked)
+                    asked = menu(self.settings, self.ui.told(), chosen)
+                    answer = chosen = await self.ui.ask(asked)
         except ClosedByOwnerError:
             pass
         finally:
             self._remember()
-            self.stage.close()
+            self.ui.close()
 
     async def _go(self, where: object) -> object:
         """Go to a place; where to go from there, None for the menu."""
         try:
             return await self._places[where]()
         except (RobotouilleError, ValidationError, OSError) as error:
-            self.stage.message = explain(error)
+            self.ui.message = explain(error)
             return None
 
     # What is remembered
 
     async def _set(self) -> object:
-        self.settings.fullscreen = self.stage.display.fullscreen
+        self.settings.fullscreen = self.ui.display.fullscreen
         answer: object = "settings"
         try:
             while answer != "back":
                 asked = SettingsMenu(self.settings, self._follow)
-                faults = self.stage.look_fault or self.stage.words_fault
+                faults = self.ui.look_fault or self.ui.words_fault
                 asked.form.message = faults or asked.form.message
                 if answer == "keys":
                     asked.form.focus(asked.keys)
-                answer = await self.stage.ask(asked.form)
+                answer = await self.ui.ask(asked.form)
                 if answer == "keys":
-                    await self.stage.ask(KeysMenu(self.stage.keys, self._set_keys).form)
+                    await self.ui.ask(KeysMenu(self.ui.keys, self._set_keys).form)
         finally:
             self._remember()
         return None
@@ -129,21 +129,21 @@ class Shell:
     def _follow(self, field: str) -> str:
         """Do as a setting, which was changed, says from now on; what is wrong with it."""
         full = self.settings.fullscreen
-        if field == "fullscreen" and full != self.stage.display.fullscreen:
-            self.stage.display.toggle_fullscreen()
-        self.stage.follow_settings()
-        return self.stage.look_fault if field == "rendering" else self.stage.words_fault
+        if field == "fullscreen" and full != self.ui.display.fullscreen:
+            self.ui.display.toggle_fullscreen()
+        self.ui.follow_settings()
+        return self.ui.look_fault if field == "rendering" else self.ui.words_fault
 
     def _set_keys(self, keys: KeyMap) -> None:
         self.settings.keys = keys.changed
-        self.stage.follow_settings()
+        self.ui.follow_settings()
 
     def _remember(self) -> None:
-        self.settings.size = self.stage.display.size
-        self.settings.fullscreen = self.stage.display.fullscreen
+        self.settings.size = self.ui.display.size
+        self.settings.fullscreen = self.ui.display.fullscreen
         if self._path is not None:
             saved = self.settings.model_copy(update=self._as_before())
-            self.stage.message = save_settings(saved, self._path) or self.stage.message
+            self.ui.message = save_settings(saved, self._path) or self.ui.message
 
     def _as_before(self) -> dict[str, object]:
         """What was said for this time only, and has not been changed since, as it was."""

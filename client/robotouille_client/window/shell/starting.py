@@ -70,5 +70,5 @@ def open_shell(
         token=token,
         menu=menu,
     )
-    shell.stage.message = told or ("" if rendering else shell.stage.look_fault)
+    shell.ui.message = told or ("" if rendering else shell.ui.look_fault)
     return shell

@@ -28,7 +28,7 @@ from robotouille_client.bots.partner_process import PartnerProcess
 from robotouille_client.bots.partners import MakePartners, Partners, PromptPartners
 from robotouille_client.window.sources.local import LocalSource
 
-__all__ = ["NO_CERTIFICATE", "LocalGame", "Plan", "recordings_folder", "step_limit"]
+__all__ = ["NO_CERTIFICATE", "GameSetup", "LocalGame", "recordings_folder", "step_limit"]
 
 KEPT_RECORDINGS = 50
 NO_CERTIFICATE = 1000
@@ -36,7 +36,7 @@ NO_CERTIFICATE = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class GameSetup:
     """What is to be played here: a task with its seats, the clock, the partners, the step limit
     (None: six times the shortest plan, three minutes at least), the seed of all that is random, and
     the seconds that are counted down before it begins in real time."""
@@ -76,28 +76,28 @@ class LocalGame:
 
     def __init__(
         self,
-        plan: Plan,
+        setup: GameSetup,
         name: str,
         now: Callable[[], float],
         folder: Path | None,
         make_partners: MakePartners = PartnerProcess,
         words: Language = NO_WORDS,
     ) -> None:
-        task = sound_task(plan.load())
+        task = sound_task(setup.load())
         self.world = World(task)
-        rules = _rules(plan, task)
+        rules = _rules(setup, task)
         me = seat_out_of_the_way(self.world.initial)
         others = [player for player in self.world.players if player != me]
-        names = [n for n in given_names(plan.seed) if n.casefold() != name.casefold()]
+        names = [n for n in given_names(setup.seed) if n.casefold() != name.casefold()]
         self._partners: Partners = PromptPartners({})
         if others:
             self._partners = make_partners(
-                self.world.initial, plan.partner, plan.seed, others, words
+                self.world.initial, setup.partner, setup.seed, others, words
             )
         self.path: Path | None = None
         self._recorder = Recorder(self.world)
         if folder is not None:
-            self._begin(folder, rules, plan.seed)
+            self._begin(folder, rules, setup.seed)
         episode = Episode(self.world, rules, now())
         self.source = LocalSource(
             episode,
@@ -167,12 +167,12 @@ def step_limit(task: Task, clock: Clock, rate: float) -> int:
     return limit or NO_CERTIFICATE
 
 
-def _rules(plan: Plan, task: Task) -> Rules:
+def _rules(setup: GameSetup, task: Task) -> Rules:
     return Rules(
-        clock=plan.clock,
-        step_rate=plan.rate,
-        max_steps=plan.max_steps or step_limit(task, plan.clock, plan.rate),
-        countdown=plan.countdown if plan.clock is Clock.REALTIME else 0.0,
+        clock=setup.clock,
+        step_rate=setup.rate,
+        max_steps=setup.max_steps or step_limit(task, setup.clock, setup.rate),
+        countdown=setup.countdown if setup.clock is Clock.REALTIME else 0.0,
     )
 
 

@@ -20,12 +20,12 @@ from robotouille.world.scene import scene
 from robotouille.world.world import State, World
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.walking import destination
-from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.view import Source, View
 
 __all__ = ["TUTORIAL", "Lesson", "TutorialSource", "kind_of"]
 
-TUTORIAL = Plan("training/01", clock=Clock.TURN, max_steps=500)
+TUTORIAL = GameSetup("training/01", clock=Clock.TURN, max_steps=500)
 """What is played: nothing hurries, and the task is a small one."""
 
 Kind = Literal["walk", "take", "put", "work"]

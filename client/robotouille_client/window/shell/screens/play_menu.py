@@ -13,7 +13,7 @@ from robotouille.world.world import State
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Choice, Row, Slider, Words
-from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.screens.task_picker import TaskPicker, listed_tasks
 from robotouille_client.window.shell.screens.thumbnails import Thumbnails
 from robotouille_client.window.shell.settings import Settings
@@ -123,16 +123,16 @@ class PlayMenu:
         self.form = self._made()
 
     @property
-    def plan(self) -> Plan:
+    def setup(self) -> GameSetup:
         """What was chosen."""
-        return Plan(
+        return GameSetup(
             task=self._task.task,
             seats=self._task.seats,
             partner=BotKind(str(self._partner.value)),
             rate=self._rate.value,
         )
 
-    async def ask(self, ask: Ask) -> Plan | None:
+    async def ask(self, ask: Ask) -> GameSetup | None:
         """Ask until something is to be played, which is remembered; None to go back."""
         while (answer := await ask(self.form)) == "task":
             await self._task.pick(ask)
@@ -141,7 +141,7 @@ class PlayMenu:
             return None
         self._task.remember()
         self._settings.partner, self._settings.rate = str(self._partner.value), self._rate.value
-        return self.plan
+        return self.setup
 
     def _made(self) -> Form:
         return Form(

@@ -22,12 +22,12 @@ from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.view import Source
 from robotouille_client.window.window import Window
 
-__all__ = ["Stage"]
+__all__ = ["UserInterface"]
 
 T = TypeVar("T")
 
 
-class Stage:
+class UserInterface:
     """A display with its gamepads and sounds, on which forms are asked and games are shown.
 
     `message` is told by the next form that has room for it; `settings` are followed by what comes
