@@ -17,7 +17,8 @@ from robotouille.domain.rendering import rendering_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.scene import scene
 from robotouille_client.window.controls import Controls
-from robotouille_client.window.hands.commands import Command, KeyMap, key_words
+from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap, key_words
+from robotouille_client.window.hands.walking import towards
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.view import Bubble
 from robotouille_client.window.window import Window
@@ -394,6 +395,89 @@ def test_a_walk_to_where_somebody_stands_is_tried_again_for_a_moment(goes: bool)
         assert not opened.overlay().queued
     finally:
         opened.window.close()
+
+
+@pytest.fixture
+def blocked() -> Iterator[Table]:
+    """A walk to where the other player stands was asked for, by `click`, and refused."""
+    world = World("multi_agent/01")
+    me, other = world.players
+    opened = Table(Script(world, me, slow=True))
+    taken = scene(world.initial)[other].at
+    assert taken is not None
+    opened.click(taken)
+    refuse(opened)
+    yield opened
+    opened.window.close()
+
+
+def refuse(table: Table) -> None:
+    """The newest action comes to nothing, and no step is taken."""
+    table.source.bubbles = (Bubble(table.source.me, "Somebody stands there."),)
+    table.source._asked = None
+    table.window.frame(table.source)
+
+
+def make_way(table: Table) -> str:
+    """The other player goes; from where."""
+    other, state = table.source.world.players[1], table.source.state
+    left = scene(state)[other].at
+    assert left is not None
+    away = next(a for a in state.actions(other) if goes_to(a))
+    table.source.states.append(state.step(away).state)
+    table.window.frame(table.source)
+    return left
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_what_is_asked_behind_a_walk_that_is_tried_again_is_done_there(
+    blocked: Table, early: bool
+) -> None:
+    """Also where it was asked before the walk was refused."""
+    if early:
+        blocked.click(goes_to(blocked.source.acted[0]) or "")
+        blocked.press(pygame.K_e)
+        refuse(blocked)
+    else:
+        blocked.press(pygame.K_e)
+    walks = len(blocked.source.acted)
+    assert blocked.overlay().queued[1:] == ("E",), "not done where one stands"
+    there = make_way(blocked)
+    blocked.window.frame(blocked.source)
+    assert [goes_to(action) for action in blocked.source.acted[walks:]] == [there]
+    blocked.step()
+    assert blocked.here() == there
+    blocked.window.frame(blocked.source)
+    assert blocked.overlay().prompt == "Nothing to do at the table", "at the one it came to"
+
+
+def test_what_is_asked_behind_a_walk_is_given_up_with_it(blocked: Table) -> None:
+    blocked.press(pygame.K_e)
+    blocked.timer.now += 5.0
+    for _ in range(3):
+        blocked.window.frame(blocked.source)
+    assert len(blocked.source.acted) == 1
+    assert blocked.overlay().queued == ()
+    assert blocked.overlay().prompt == "", "the walk was explained, once"
+
+
+@pytest.mark.parametrize("by", ["arrow", "click"])
+def test_another_walk_comes_in_place_of_one_that_is_tried_again(blocked: Table, by: str) -> None:
+    blocked.press(pygame.K_e)
+    if by == "arrow":
+        state, me = blocked.source.state, blocked.source.me
+        directions = ARROWS.items()
+        key = next(k for c, k in directions if towards(state, me, DIRECTIONS[c], scene(state)))
+        blocked.press(key)
+    else:
+        free = next(a for a in blocked.source.state.actions(blocked.source.me) if goes_to(a))
+        blocked.click(goes_to(free) or "")
+    assert len(blocked.source.acted) == 2
+    assert blocked.overlay().queued == (), "what was to be done there is forgotten"
+
+
+def test_who_waits_does_not_wait_for_a_walk_that_is_tried_again(blocked: Table) -> None:
+    assert blocked.press(pygame.K_SPACE)[-1] == "wait"
 
 
 def test_what_was_refused_is_forgotten_when_something_else_is_asked_for() -> None:

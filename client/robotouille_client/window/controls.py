@@ -94,6 +94,10 @@ class Controls:
         """The keys that mean something, in the input file's order."""
         return tuple(self._keys)
 
+    def is_for_places(self, key: str) -> bool:
+        """Whether what a key means depends on where one stands."""
+        return any(binding.parameter for binding in self._keys.get(key, ()))
+
     def wording(self, me: str | None) -> Wording:
         """The words for who plays `me`."""
         others = {player: name for player, name in self.names.items() if player != me and name}

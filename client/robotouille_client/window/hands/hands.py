@@ -51,14 +51,15 @@ class Hands:
 
     def key(self, controls: Controls, key: str, source: Source, view: View) -> str:
         """A key of the domain's input file."""
-        return self.queue.ask(
-            Intent(key_words(key), partial(_pressed, controls, key)), source, view
-        )
+        read, there = partial(_pressed, controls, key), controls.is_for_places(key)
+        return self.queue.ask(Intent(key_words(key), read, follows=there), source, view)
 
     def use(self, controls: Controls, key: str, source: Source, view: View) -> str:
         """The one key that does what is the most useful here."""
         label = key_words(key) if key else "use"
-        return self.queue.ask(Intent(label, partial(_used, controls, key)), source, view)
+        there = key not in controls.keys or controls.is_for_places(key)
+        intent = Intent(label, partial(_used, controls, key), follows=there)
+        return self.queue.ask(intent, source, view)
 
     def walk(self, controls: Controls, command: Command, source: Source, view: View) -> str:
         """A direction was pressed, and is held until `release`."""

@@ -24,10 +24,14 @@ PATIENCE_SECONDS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """An input, read when its turn comes; `label` says it in a word or two."""
+    """An input, read when its turn comes; `label` says it in a word or two.
+
+    One that `follows` is meant for the place that a walk before it leads to.
+    """
 
     label: str
     read: Callable[[View], Meaning]
+    follows: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +85,22 @@ class ActionQueue:
 
     def clear(self) -> bool:
         """Forget what waits; whether there was anything."""
-        had, self._waiting, self._retry = bool(self.labels), [], None
+        had = bool(self.labels)
+        self._forget()
         return had
 
     def ask(self, intent: Intent, source: Source, view: View) -> str:
-        """Do something now, or when what came before it is done; a notice, or nothing."""
+        """Do something now, or when what came before it is done; a notice, or nothing.
+
+        While a walk is tried again, what follows waits for it, and all else comes in its place.
+        """
         if view.frozen or view.me is None:
             return ""
         self._settle(view)
-        self._retry = None
+        if self._retry is not None and intent.follows:
+            return self._wait(intent)
+        if self._retry is not None:
+            self._forget()
         busy = bool(view.state.busy_steps(view.me)) or view.starts_in is not None
         sent = self._sent
         just_sent = (
@@ -97,10 +108,7 @@ class ActionQueue:
         )
         if not (busy or just_sent or self._waiting):
             return self._do(intent, source, view)
-        if len(self._waiting) >= MAX_QUEUED:
-            return f"{MAX_QUEUED} things wait already"
-        self._waiting.append(intent)
-        return ""
+        return self._wait(intent)
 
     def tick(self, source: Source, view: View) -> str:
         """Send the next thing where it can be sent now; a notice, or nothing."""
@@ -120,6 +128,15 @@ class ActionQueue:
             return ""
         return self._do(self._waiting.pop(0), source, view)
 
+    def _wait(self, intent: Intent) -> str:
+        if len(self._waiting) >= MAX_QUEUED:
+            return f"{MAX_QUEUED} things wait already"
+        self._waiting.append(intent)
+        return ""
+
+    def _forget(self) -> None:
+        self._waiting, self._retry = [], None
+
     def _do(self, intent: Intent, source: Source, view: View) -> str:
         meaning = intent.read(view)
         if not meaning.valid:
@@ -135,9 +152,10 @@ class ActionQueue:
         source.act(action)
 
     def _try_again(self, retry: _Retry, source: Source, view: View) -> None:
-        """Walk there, if the place is free by now."""
+        """Walk there, if the place is free by now; in the end it is given up, with what was to be
+        done there."""
         if self._clock() > retry.until:
-            self._retry = None
+            self._forget()
         elif view.me is not None and retry.action in view.state.actions(view.me):
             self._send(retry.action, source, view)
 
@@ -161,8 +179,9 @@ class ActionQueue:
         now, bubble = self._clock(), _bubble(view)
         fate: Literal["asked", "done", "refused"] = "asked"
         if bubble is not None and bubble is not sent.bubble:
-            fate, self._waiting = "refused", []
-            self._retry = self._wanted(sent.action, view)
+            fate, self._retry = "refused", self._wanted(sent.action, view)
+            if self._retry is None:
+                self._forget()
         elif view.step > sent.step:
             fate, self._retry = "done", None
         if fate != "asked":
