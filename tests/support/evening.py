@@ -54,10 +54,10 @@ class Evening:
             self.titles.append(form.title)
             return await ask(screen, form, until)  # type: ignore[arg-type]
 
-        def shown(window: Window, form: Form, deaf: float = 0.0) -> None:
+        def shown(window: Window, form: Form, *, by_itself: bool = False) -> None:
             self.form = form
             self.titles.append(form.title)
-            show(window, form, deaf)
+            show(window, form, by_itself=by_itself)
 
         async def started(window: Window, source: object, **options: object) -> None:
             self.window = window

@@ -102,7 +102,7 @@ IN_A_GAME = {
 def current(evening: Evening) -> Form | None:
     """The form that is asked; None in a game, or a replay."""
     if evening.window is not None and not evening.window.closed:
-        return evening.window._card
+        return evening.window.card
     return evening.form
 
 

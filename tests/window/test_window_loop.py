@@ -355,6 +355,9 @@ class Ruler:
         target.fill(self.colour, area)
         self.areas.append(area)
 
+    def covers(self, position: tuple[int, int]) -> bool:
+        return bool(self.areas) and self.areas[-1].collidepoint(position)
+
     def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
         if event.type == pygame.MOUSEBUTTONDOWN and area.collidepoint(event.pos):
             self.clicks += 1

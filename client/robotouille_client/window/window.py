@@ -17,6 +17,7 @@ from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.shown_card import ShownCard
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.play_input import HelpRows, PlayInput
@@ -27,16 +28,11 @@ from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
 
-_Drawn = tuple[tuple[int, int], object, object, UiOverlay, str]
+_Drawn = tuple[tuple[int, int], object, object, UiOverlay, tuple[str, bool]]
 PRELOAD_SECONDS = 0.0004
 """After each frame, for pictures that may be needed; one that is begun is drawn to its end."""
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
-CARD_SECONDS = 0.7
-"""Without a key for which the card of a game that is over takes no answers: who plays is still
-pressing keys."""
-MAX_DEAF_SECONDS = 2.0
-"""After which it does, whatever is pressed."""
 CARD_KEYS = (("Arrows", "choose"), ("Enter", "do it"), ("Esc", "back"))
 STAY = "stay"
 
@@ -100,8 +96,9 @@ class Window:
         self._gamepads = gamepads or Gamepads()
         self._cards = cards
         self._sounds = sounds
-        self._card: Form | None = None
-        self._card_from = self._card_since = 0.0
+        self._card: ShownCard | None = None
+        self._keys = keys or KeyMap()
+        self._keys_down: set[int] = set()
         self._over = False
         self._still = False
         self._painter = painter or Painter(
@@ -114,7 +111,7 @@ class Window:
             strong_contrast=strong_contrast,
         )
         self._input = PlayInput(
-            keys=keys or KeyMap(),
+            keys=self._keys,
             look=look,
             words=words,
             extra_keys=extra_keys or {},
@@ -131,12 +128,19 @@ class Window:
         """Its size in pixels, while it does not fill the screen."""
         return self._display.size
 
+    @property
+    def card(self) -> Form | None:
+        """What is asked beside the kitchen, if anything is."""
+        return None if self._card is None else self._card.form
+
     async def run(self, source: Source, *, linger: float | None = 5.0) -> None:
         """Show a source until the window is closed, or `linger` seconds after it has finished.
 
         With a linger of None the window stays until it is closed.
         """
         self._open(source.view())
+        if self._sounds is not None:
+            self._sounds.begin()
         if not self._display.headless:
             _set_aside_what_stays()
         ended: float | None = None
@@ -205,14 +209,16 @@ class Window:
         surface = self._display.surface
         if self.closed or surface is None:
             return
-        hover = self._input.hover(view)
+        hover = self._input.hover(view) if self._card is None else None
         lost = bool(view.outcome) and not view.won
         shown = dataclasses.replace(view, hover=view.hover or hover, lost=lost)
         overlay = self._input.overlay(view, hover)
         if self._card is not None or self._strip is not None:
             shown = dataclasses.replace(shown, outcome="")  # They say it, and cover nothing.
         if self._card is not None:
-            overlay = dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None)
+            overlay = dataclasses.replace(
+                overlay, hints=(), keys=CARD_KEYS, mark=None, pointer=None
+            )
         self.frames += 1
         below = None if self._strip is None else self._strip.seen()
         told = self._told()
@@ -223,16 +229,19 @@ class Window:
         self._painter.paint(surface, shown, overlay)
         if self._card is not None:
             place = self._painter.layout(surface.get_size(), view.world)
-            self._card.draw(surface, place.panel, self._painter.text, max(11, place.text - 2))
+            form = self._card.form
+            form.draw(surface, place.panel, self._painter.text, max(11, place.text - 2))
         self._display.flip()
         self.drawn += 1
 
-    def _told(self) -> str:
-        """What the card tells, with what is new."""
+    def _told(self) -> tuple[str, bool]:
+        """What the card tells, with what is new, and whether it listens."""
         if self._card is None or self._cards is None:
-            return ""
-        self._card.message = self._cards.news() or self._card.message
-        return self._card.message
+            return "", False
+        form = self._card.form
+        form.message = self._cards.news() or form.message
+        form.listens = self._card.listens
+        return form.message, form.listens
 
     # Events
 
@@ -241,11 +250,13 @@ class Window:
             self.closed = True
         if event.type == pygame.QUIT or self._display.handle(event):
             return
+        self._note_keys(event)
+        self._input.point(event)
         if self._card is None and self._taken_by_strip(event, view):
             return
         self._input.tell(self._gamepads.notice(event))
         pressed = self._gamepads.read(event)
-        if self._card is not None:
+        if self._card is not None and not self._is_typed(event, self._card):
             self._obey(self._ask(self._card, event, pressed), view)
         elif pressed is not None:
             self._obey(self._input.command(pressed, source, view), view)
@@ -253,6 +264,23 @@ class Window:
             self._obey(self._input.handle(event, source, view), view)
         if self._gamepads.let_go(event):
             self._input.hands.release()
+
+    def _note_keys(self, event: pygame.Event) -> None:
+        """Follow which keys are held."""
+        if event.type == pygame.KEYDOWN:
+            self._keys_down.add(event.key)
+        elif event.type == pygame.KEYUP:
+            self._keys_down.discard(event.key)
+        elif event.type == pygame.WINDOWFOCUSLOST:
+            self._keys_down.clear()
+
+    def _is_typed(self, event: pygame.Event, card: ShownCard) -> bool:
+        """Whether an event is for the chat line that was open when a card came by itself."""
+        typed = event.type in (pygame.KEYDOWN, pygame.TEXTINPUT)
+        if not (card.by_itself and self._input.typing and typed):
+            return False
+        card.wait()
+        return True
 
     def _obey(self, command: Command | None, view: View) -> None:
         """Do what is not the game's."""
@@ -280,33 +308,30 @@ class Window:
         over = source.finished and bool(view.outcome or view.farewell)
         if over and self._cards is not None and not self._over:
             self._over = True
-            self._input.hands.release()
+            self._input.close()
             card = self._cards.over(view)
             if card is not None:
-                self._show(card, CARD_SECONDS)
+                self._show(card, by_itself=True)
 
-    def _show(self, card: Form, deaf: float = 0.0) -> None:
-        """Ask something; for so many seconds nothing is an answer."""
-        self._card, self._card_since = card, self._clock()
-        self._card_from = self._card_since + deaf
+    def _show(self, form: Form, *, by_itself: bool = False) -> None:
+        """Ask something; what was over before it was shown here has no keys of its own."""
+        at_once, held = self.frames == 0, self._keys_down
+        self._card = ShownCard(form, self._clock, by_itself=by_itself, at_once=at_once, held=held)
         self._drawn_last = None
+        self._input.hands.release()
         if self._strip is not None:  # The mouse is the card's now.
             self._strip.handle(pygame.Event(pygame.WINDOWLEAVE), pygame.Rect(0, 0, 0, 0))
 
-    def _ask(self, card: Form, event: pygame.Event, pressed: Command | None) -> Command | None:
+    def _ask(self, card: ShownCard, event: pygame.Event, pressed: Command | None) -> Command | None:
         """Give the card what is done, and take its answer."""
-        now = self._clock()
-        if now < self._card_from:
-            if pressed or event.type == pygame.KEYDOWN:
-                self._card_from = min(now + CARD_SECONDS, self._card_since + MAX_DEAF_SECONDS)
-            return None
-        command = card.command(pressed) if pressed else card.handle(event, self._input.hands.keys)
-        if card.result == STAY:
+        command = card.handle(event, pressed, self._keys)
+        result = card.form.result
+        if result == STAY:
             self._card = None
             if self._cards is not None:
                 self._cards.stay()
-        elif card.result is not None:
-            self.answer, self.closed = card.result, True
+        elif result is not None:
+            self.answer, self.closed = result, True
         return None if command in (Command.CANCEL, Command.MENU) else command
 
     def _taken_by_strip(self, event: pygame.Event, view: View) -> bool:

@@ -27,7 +27,8 @@ MIN_SIZE = 9
 
 
 class Form:
-    """Rows under a title; `result` is None until one of them, or `cancel`, has given one.
+    """Rows under a title; `result` is None until one of them, or `cancel`, has given one. The row
+    with the focus is marked while the form `listens`.
 
     Args:
         title: What the form is about.
@@ -61,6 +62,7 @@ class Form:
         self.picture = picture
         self.message = ""
         self.result: object = None
+        self.listens = True
         self.idle = idle
         self._shrinks = shrinks
         self._main = main
@@ -236,7 +238,7 @@ class Form:
         bottom = inner.bottom - text.height(size) * len(foot)
         room = bottom - inner.y - (size // 2 if foot else 0)
         place = pygame.Rect(inner.x, inner.y, inner.width, room)
-        self._list.draw(target, place, self.rows, self._focus, text, size)
+        self._list.draw(target, place, self.rows, self._focus, text, size, marked=self.listens)
         for i, line in enumerate(foot):
             at = (inner.x, bottom + i * text.height(size))
             target.blit(text.line(line, size, ACCENT), at)

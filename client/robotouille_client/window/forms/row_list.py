@@ -46,8 +46,11 @@ class RowList:
         focus: int,
         text: Typesetter,
         size: int,
+        *,
+        marked: bool = True,
     ) -> None:
-        """Draw the rows that have room, the one with the focus among them."""
+        """Draw the rows that have room, the one with the focus among them, which may be
+        `marked`."""
         gap = max(3, size // 4)
         look = Look(text, size, focused=False)
         ends = rows[max(0, len(rows) - self._pinned) :]
@@ -68,9 +71,10 @@ class RowList:
         self.page, self._cut = max(1, last - self._first - 1), last if last < count else -1
         shown = range(self._first, min(count, last + 1))  # One in part: there is more below.
         foot = pygame.Rect(area.x, room.bottom + gap, area.width, below)
+        mark = focus if marked else -1
         self.places = [
-            *self._rows(target, room, rows, shown, focus, look),
-            *self._rows(target, foot, rows, range(count, len(rows)), focus, look),
+            *self._rows(target, room, rows, shown, mark, look),
+            *self._rows(target, foot, rows, range(count, len(rows)), mark, look),
         ]
 
     def _rows(
@@ -79,7 +83,7 @@ class RowList:
         room: pygame.Rect,
         rows: Sequence[Row],
         indices: Iterable[int],
-        focus: int,
+        mark: int,
         look: Look,
     ) -> Iterator[tuple[pygame.Rect, int]]:
         """Draw rows below each other, cut off where the room ends; where they are."""
@@ -91,7 +95,7 @@ class RowList:
             if seen.height < look.size // 2:
                 return
             target.set_clip(seen.clip(clip))
-            rows[index].draw(target, place, Look(look.text, look.size, index == focus))
+            rows[index].draw(target, place, Look(look.text, look.size, index == mark))
             target.set_clip(clip)
             yield seen, index
             y += place.height + gap

@@ -97,18 +97,25 @@ class PlayInput:
         """Do what waits."""
         self.tell(self.hands.tick(source, view))
 
+    def close(self) -> None:
+        """Close what is open, and do nothing more of what is held; a line of chat stays."""
+        self._help, self.hands.choices = False, None
+        self.hands.release()
+
     # Events
 
-    def handle(self, event: pygame.Event, source: Source, view: View) -> Command | None:
-        """What an event asks for that is not the game's: CANCEL where nothing was to cancel."""
-        if event.type == pygame.MOUSEMOTION:
+    def point(self, event: pygame.Event) -> None:
+        """Follow where the mouse is, whoever an event is for."""
+        if event.type in (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN):
             self._pointer = event.pos
         elif event.type == pygame.WINDOWLEAVE:
             self._pointer = None
         elif event.type == pygame.WINDOWFOCUSLOST:
             self.hands.release()
-        elif event.type == pygame.MOUSEBUTTONDOWN:
-            self._pointer = event.pos
+
+    def handle(self, event: pygame.Event, source: Source, view: View) -> Command | None:
+        """What an event asks for that is not the game's: CANCEL where nothing was to cancel."""
+        if event.type == pygame.MOUSEBUTTONDOWN:
             key = "" if self.typing else self._key_at(event.pos).casefold()
             if key and event.button == 1:
                 return self._key(key, source, view)
@@ -128,6 +135,9 @@ class PlayInput:
         not for the game."""
         if command is Command.CANCEL:
             return None if self._cancel() else command
+        if command is Command.MENU:
+            self.close()
+            return command
         if command in (Command.USE, Command.ENTER) and self._be_ready(source, view):
             return None
         if self.hands.choices is not None and self._in_list(command, source, view):
@@ -163,6 +173,9 @@ class PlayInput:
 
     def _cancel(self) -> bool:
         """Close what is open, or forget what waits; whether there was anything."""
+        if self._chat.typed is not None:
+            self._chat.typed = None
+            return True
         if self._help or self.hands.choices is not None:
             self._help, self.hands.choices = False, None
             return True
@@ -201,7 +214,9 @@ class PlayInput:
     def _key(self, name: str, source: Source, view: View) -> Command | None:
         if self._chat.typed is not None:
             said = self._chat.key(name)
-            if said:
+            if said and (view.outcome or view.farewell):
+                self.tell(f"The game is over, nobody hears: {said}")
+            elif said:
                 source.say(said)
             return None
         if name in self._extra_keys:

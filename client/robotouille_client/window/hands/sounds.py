@@ -29,6 +29,10 @@ class Sounds:
         self._loaded: dict[str, Any] = {}
         self._broken = False
 
+    def begin(self) -> None:
+        """Another game, or the same once more, is shown: its first view is no news."""
+        self._last = None
+
     def heard(self, view: View) -> tuple[str, ...]:
         """Play what has happened since the view before; what it was."""
         last, self._last = self._last, view
