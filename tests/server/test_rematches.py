@@ -45,6 +45,14 @@ async def table(
         yield server, clients
 
 
+async def restarted(stack: AsyncExitStack, server: Server, folder: Path) -> None:
+    """Another process takes the server's place, and its clients come back."""
+    port = server.port
+    await server.stop("an update", hand_over=True)
+    await stack.enter_async_context(serving(folder, seed=2, port=port))
+    await asyncio.sleep(5)
+
+
 def test_who_was_sent_out_cannot_play_it_again(tmp_path: Path) -> None:
     async def main() -> None:
         async with table(tmp_path, "ada", "eve") as (server, (ada, eve)):
@@ -241,6 +249,32 @@ def test_who_comes_back_with_a_resume_token_had_the_seat(tmp_path: Path) -> None
             await asyncio.sleep(1)
             created = await ada.create(rematch=games[0].code)
             assert created.code
+
+    run(main())
+
+
+@pytest.mark.parametrize("seconds", [0.0, 300.0], ids=["at once", "when the room is closed"])
+def test_who_comes_back_after_a_restart_can_play_it_again(tmp_path: Path, seconds: float) -> None:
+    async def main() -> None:
+        async with AsyncExitStack() as stack:
+            first, (ada, bob) = await stack.enter_async_context(table(tmp_path, "ada", "bob"))
+            games = await played([ada, bob])
+            await asyncio.sleep(seconds)
+            await restarted(stack, first, tmp_path)
+            one, two = await ada.rematch(), await bob.rematch()
+            assert one.code == two.code != games[0].code
+
+    run(main())
+
+
+def test_a_game_that_nobody_came_back_to_is_too_long_ago(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path, "ada", "bob") as (_, clients):
+            games = await played(clients)
+        async with table(tmp_path, "ada", seed=2) as (_, (ada,)):
+            with pytest.raises(ProtocolError, match="too long ago: open a new one") as refused:
+                await ada.create(rematch=games[0].episode)
+            assert (refused.value.code, refused.value.field) == ("episode/unknown", "rematch")
 
     run(main())
 

@@ -6,7 +6,7 @@ import asyncio
 import random
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, NoReturn
 
 from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.loading import load_task
@@ -14,6 +14,7 @@ from robotouille.domain.task import Task, Timing
 from robotouille.episode import Chat, Episode, Phase, Rules, SeatTreatment
 from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
 from robotouille.protocol import messages
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.broadcaster import Broadcaster
@@ -161,10 +162,20 @@ class Lobby:
         """A game that is over; ProtocolError if there is none, or it is not."""
         game = self._rematches.find(name)
         if game is None:
-            self.find(name)
-            message = "this game is not over; it can be played again when it is"
-            raise ProtocolError("message/invalid-field", message, "rematch")
+            self._refuse_rematch(name)
         return game
+
+    def _refuse_rematch(self, name: str) -> NoReturn:
+        """Of a game that is not over, is elsewhere, or of which nobody here knows any more."""
+        try:
+            self.find(name)
+        except ProtocolError as error:
+            if error.code != ErrorCode.EPISODE_UNKNOWN:
+                raise
+            message = "no episode has this id or code, or it was too long ago: open a new one"
+            raise ProtocolError(ErrorCode.EPISODE_UNKNOWN, message, "rematch") from None
+        message = "this game is not over; it can be played again when it is"
+        raise ProtocolError("message/invalid-field", message, "rematch")
 
     def _check_room(self, owner: str, *, reserved: bool) -> None:
         if self.draining:
