@@ -63,6 +63,17 @@ def test_deltas_keep_the_copy_up_to_date(server: ScriptedServer, game: GameRepli
     assert game.seen == messages.Seen(episode="e1", step=5)
 
 
+def test_a_delta_says_who_waits(server: ScriptedServer, game: GameReplica) -> None:
+    one, other = game.world.players
+    game.receive(server.delta().model_copy(update={"waits": [1]}), 1.0)
+    (changed,) = game.poll()
+    assert isinstance(changed, Changed)
+    assert changed.waits == (other,)
+    with pytest.raises(ProtocolError, match="nobody"):
+        game.receive(server.delta().model_copy(update={"waits": [7]}), 1.0)
+    assert one not in changed.waits
+
+
 def test_a_gap_is_noticed_and_a_snapshot_asked_for(
     server: ScriptedServer, game: GameReplica
 ) -> None:

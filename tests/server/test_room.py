@@ -1,4 +1,4 @@
-"""How old deltas are when they are sent: the time that writing took is part of it."""
+"""A room beside its episode: how old deltas are when they are sent, and who is told who watches."""
 
 from __future__ import annotations
 
@@ -62,5 +62,30 @@ def test_a_delta_is_as_old_as_its_step_when_it_is_sent(tmp_path: Path) -> None:
             assert later_count == 6
             assert 3 * WRITING <= later_total - total + 1e-6 < 3 * WRITING + 0.1
             disk.slow = False
+
+    run(main())
+
+
+def test_who_watches_is_told_also_when_a_connection_is_lost_and_back(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path) as server,
+            connect(server.url, name="ada") as ada,
+            connect(server.url, name="eve") as eve,
+            connect(server.url, name="zoe") as zoe,
+        ):
+            game = await ada.join((await ada.create("multi_agent/01")).code)
+            for one in (eve, zoe):
+                await one.join(game.code, role="spectator")
+            await asyncio.sleep(0.1)
+            assert game.spectator_names == ("eve", "zoe")
+            game.poll()
+            for session in server.lobby.find(game.code).members[1:]:
+                assert session.peer is not None
+                session.peer.drop("test")
+            await asyncio.sleep(0.1)
+            assert (game.spectators, len(game.poll())) == (0, 1), "both at once, in one roster"
+            await asyncio.sleep(5)
+            assert game.spectator_names == ("eve", "zoe")
 
     run(main())

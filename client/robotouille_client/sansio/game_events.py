@@ -30,7 +30,8 @@ __all__ = [
 class Changed:
     """The state is another: a step was taken, or (`did` empty, `previous` None) a snapshot came.
 
-    `did` are the actions of the step as `(player, action, applied)`.
+    `did` are the actions of the step as `(player, action, applied)`, `waits` the players who did
+    nothing and said that they wait.
     """
 
     step: int
@@ -38,6 +39,7 @@ class Changed:
     previous: State | None = None
     did: tuple[tuple[str, GroundAction, bool], ...] = ()
     turn: str | None = None
+    waits: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ when to look again (`get_timer`, `handle_timer`).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from robotouille.domain.task import Task
@@ -429,11 +429,11 @@ class GameReplica:
             return
         self.step, self.turn = message.step, message.turn
         self.left, self.step_time = None, now
-        did = self._did(message)
+        did, waits = self._did(message), self._players(message.waits)
         self._tally(did)
         self._answer(message)
         self._sent.settle_idle(message.step, turn)
-        self._emit(Changed(message.step, state, previous, did, message.turn))
+        self._emit(Changed(message.step, state, previous, did, message.turn, waits))
         self._caught_up(now)
 
     def _tally(self, did: tuple[tuple[str, GroundAction, bool], ...]) -> None:
@@ -461,6 +461,13 @@ class GameReplica:
         except (ValueError, IndexError) as error:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "a step by nobody") from error
         return tuple(rows)
+
+    def _players(self, numbers: Iterable[int]) -> tuple[str, ...]:
+        """The players of seat numbers; RobotouilleError if there are none such."""
+        try:
+            return tuple(self.world.players[number] for number in numbers)
+        except IndexError as error:
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "a step by nobody") from error
 
     def _answer(self, message: messages.Delta) -> None:
         for i, (row, seq) in enumerate(zip(message.did, message.seq, strict=True)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
@@ -59,6 +60,7 @@ class Broadcaster:
         "_metrics",
         "_notices",
         "_now",
+        "_roster_due",
         "_said",
         "_seat_number",
         "_snapshots",
@@ -92,6 +94,7 @@ class Broadcaster:
         self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
+        self._roster_due = False
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
 
@@ -205,6 +208,8 @@ class Broadcaster:
                 for m in event.moves
             ]
             delta["seq"] = [move.seq for move in event.moves]
+        if event.waits and (waits := self._shown_waits(event)):
+            delta["waits"] = waits
         if unmet := unmet_rows(event.attempts):
             delta["unmet"] = unmet
             delta["why"] = why_rows(event.attempts)
@@ -213,6 +218,13 @@ class Broadcaster:
         if event.step % HASH_EVERY == 0:
             delta["hash"] = self._writer.digest(event.state)
         return delta
+
+    def _shown_waits(self, event: Stepped) -> list[int]:
+        """The seats that said that they wait. Hardly any person's program says so: it is not told
+        of one who is shown as something else."""
+        seats = self._episode.seats
+        undisguised = [p for p in event.waits if seats[p].shown_kind == seats[p].kind]
+        return [self._seat_number[player] for player in undisguised]
 
     def _send_observations(
         self,
@@ -299,6 +311,17 @@ class Broadcaster:
     def publish_roster(self) -> None:
         """Who plays, and whether time runs."""
         self.send_all(self.roster())
+
+    def publish_roster_soon(self) -> None:
+        """The same once for all that happens in this turn of the event loop: many spectators may
+        lose their connections at once."""
+        if not self._roster_due:
+            self._roster_due = True
+            asyncio.get_running_loop().call_soon(self._publish_due)
+
+    def _publish_due(self) -> None:
+        self._roster_due = False
+        self.publish_roster()
 
     # Snapshots
 

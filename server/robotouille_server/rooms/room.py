@@ -296,6 +296,8 @@ class Room:
     def connection_lost(self, session: Session) -> None:
         """The seats of a player are kept; a spectator is only not told anything."""
         session.away_since = self._now()
+        if not session.players:
+            self.broadcaster.publish_roster_soon()
         self.episode.set_present(session.players, False, self._now())
         self.flush()
 
@@ -314,6 +316,8 @@ class Room:
         resume = self._host.resume_token(session)
         welcome = partial(self.broadcaster.welcome_back, session, seen, resume)
         self._write_ahead.when_committed(session, welcome)
+        if not session.players:
+            self.broadcaster.publish_roster_soon()
 
     def players_of(self, session_id: str) -> tuple[str, ...]:
         """The seats that belong to a session, in this process or one before."""

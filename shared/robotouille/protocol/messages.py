@@ -485,8 +485,9 @@ class Delta(FromServer):
     `add` and `remove` are atoms; `timers` gives the new counters of effects (null: gone; an effect
     not known before comes last). `did` is the joint action in the order it applied:
     `[seat number, action, arguments …]`, with the unmet preconditions in `unmet` and `why` under
-    its position if it was rejected. `seq` are the sequence numbers of `did`. `objects` and `atoms`
-    extend the tables of the snapshot. `hash` is the digest of the state, now and then.
+    its position if it was rejected. `seq` are the sequence numbers of `did`. `waits` are the seats
+    that did nothing and said that they wait. `objects` and `atoms` extend the tables of the
+    snapshot. `hash` is the digest of the state, now and then.
     """
 
     type: Literal["delta"] = "delta"
@@ -497,6 +498,7 @@ class Delta(FromServer):
     busy: dict[str, int] | None = None
     did: list[list[int | str]] = []
     seq: list[int] = []
+    waits: list[int] = []
     unmet: dict[str, list[str]] = {}
     why: dict[str, list[Why]] = {}
     turn: str | None = None

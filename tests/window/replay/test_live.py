@@ -9,6 +9,7 @@ import pytest
 
 from robotouille import World
 from robotouille.domain.rendering import Language
+from robotouille.episode.tallies import Activity
 from robotouille.protocol.message_parts import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
@@ -70,6 +71,14 @@ def test_of_a_long_game_the_beginning_is_forgotten(
         assert history.entries(step)
     assert history.state(0) == history.state(history.first)
     assert not history.entries(3)
+
+
+def test_who_said_that_they_wait_does_not_idle(history: LiveHistory) -> None:
+    (player,) = history.world.players
+    state = history.world.initial
+    for waits in ((player,), ()):
+        history.observe(Changed(history.length + 1, state, state, (), waits=waits))
+    assert [history.activity(player, step) for step in (1, 2)] == [Activity.WAITING, Activity.IDLE]
 
 
 def test_what_was_refused_to_oneself_is_kept_with_why(history: LiveHistory) -> None:

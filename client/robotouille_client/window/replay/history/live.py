@@ -165,7 +165,7 @@ class LiveHistory(History):
                 _controller(seat.controller),
                 applied.get(seat.player),
                 event.previous is not None and event.previous.busy_steps(seat.player) > 0,
-                rejected[seat.player] > before.get(seat.player, 0),
+                rejected[seat.player] > before.get(seat.player, 0) or seat.player in event.waits,
                 self._turn is not None and self._turn != seat.player,
             )
             for seat in self._game.seats
