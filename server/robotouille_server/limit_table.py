@@ -47,7 +47,7 @@ from robotouille_server.admin.http.timeouts import (
 from robotouille_server.auth.revocation import KEPT_SECONDS
 from robotouille_server.auth.revocation import MAX_ENTRIES as MAX_REVOKED
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
-from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.conversation.message_budget import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
 from robotouille_server.mqtt.commands import COMMANDS_A_SECOND, COMMANDS_BURST, KEPT_ANSWERS
 from robotouille_server.mqtt.connection import MAX_PACKET_BYTES
 from robotouille_server.mqtt.models import MAX_OPENED, MAX_WATCH_SECONDS

@@ -21,10 +21,11 @@ from robotouille.episode.quota import SEAT_QUOTA_BYTES
 from robotouille.errors import ProtocolError
 from robotouille.protocol import codec, messages
 from robotouille_client.sansio import backoff
-from robotouille_server import ServerSettings, conversation
+from robotouille_server import ServerSettings
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
+from robotouille_server.conversation import message_budget
 from robotouille_server.limit_table import LIMITS, shown_value
 from robotouille_server.rooms import broadcaster, lobby
 from robotouille_server.runtime.metrics import Metrics
@@ -154,22 +155,22 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     defaults, kib = ServerSettings(), 1024
     rate = defaults.messages_per_second
     listing, look, picture = (
-        conversation.COSTS[m]
+        message_budget.COSTS[m]
         for m in (messages.ListEpisodes, messages.GetRendering, messages.GetPicture)
     )
     assert listing == look
     assert f"at most {codec.MAX_CLIENT_BYTES // kib} KiB" in page
     assert f"{rate:g} messages a second, in bursts of {2 * rate:g}" in page
-    joining, resync = (conversation.COSTS[m] for m in (messages.Join, messages.Resync))
+    joining, resync = (message_budget.COSTS[m] for m in (messages.Join, messages.Resync))
     assert joining == resync
     counts = f"`join` and `resync` count as {joining}, `list` and `get_rendering` as {listing}"
     assert f"{counts}, `get_picture` as {picture}" in page
-    assert f"({conversation.MAX_HELLO_BYTES // kib} KiB before `hello` is answered)" in page
+    assert f"({message_budget.MAX_HELLO_BYTES // kib} KiB before `hello` is answered)" in page
     assert f"{codec.MAX_ITEMS} values in all and {codec.MAX_FIELDS} fields in one object" in page
     assert f"parts of messages: {FRAMES_A_SECOND:g} a second, in bursts of {FRAMES_BURST:g}" in page
     assert f"after {MAX_EXCESS} more it is cut off" in page
     assert f"chat) are {SEAT_QUOTA_BYTES // kib**2} MiB in an episode" in page
-    assert f"after {conversation.MAX_REFUSED} of them the connection is closed" in page
+    assert f"after {message_budget.MAX_REFUSED} of them the connection is closed" in page
     assert f"From {peer.MAX_UNSENT // kib} KiB of unread bytes" in page
     assert f"from {peer.MAX_UNSENT // kib} KiB of unsent bytes" in page
     assert f"more than {peer.MAX_HELD // kib**2} MiB unsent" in page

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 SERVER = Path(__file__).resolve().parents[2] / "server/robotouille_server"
-FACES = ["auth", "transport", "rooms.recordings"]
+FACES = ["auth", "conversation", "transport", "rooms.recordings"]
 TABLES = {"limit_table.py"}
 """Modules that list the constants of all others."""
 
