@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Callable, Collection, Iterable, Mapping
-from functools import lru_cache, partial
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from typing import Any, NoReturn
 
-from robotouille.certification.step_limit import people_step_limit
-from robotouille.domain.loading import load_task
-from robotouille.domain.task import Task, Timing
-from robotouille.episode import Chat, Episode, Phase, Rules, SeatTreatment
-from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
+from robotouille.episode import Episode, Phase, Rules
+from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.directory.episode_setup import EpisodeSetup
 from robotouille_server.rooms.directory.listing import (
     MAX_LISTED,
     UnusedCode,
@@ -129,18 +127,7 @@ class Lobby:
         if request.rematch is not None:
             return self._play_again(request, owner, asker)
         self._check_room(owner, reserved=request.open_for is not None)
-        rules = self._rules(request)
-        seed = request.seed if request.seed is not None else self._settings.seed
-        task = self._task(request, rules, seed)
-        rules = self._with_step_limit(rules, task, request)
-        budget = request.move_budget
-        if budget is None:
-            budget = self._settings.move_budget
-        rules = rules.with_budget(budget, task.seats)
-        players = shared_world(task).players
-        _check_players("treatments", request.treatments, players)
-        _check_players("participants", request.participants, players)
-        return self._open(task, rules, seed, owner, request.labels, request.treatments)
+        return self._open(EpisodeSetup.requested(request, self._settings, self.tasks), owner)
 
     def _play_again(self, request: messages.Create, owner: str, asker: Collection[str]) -> Room:
         """The same game as one that is over; all who ask for that get the same room."""
@@ -151,8 +138,7 @@ class Lobby:
         if opened is not None and opened.episode.phase is not Phase.ENDED:
             return opened
         self._check_room(owner, reserved=False)
-        labels = game.labels if owner == game.owner else {}
-        room = self._open(game.task, game.rules, game.seed, owner, labels, game.treatments)
+        room = self._open(game.setup_for(owner), owner)
         game.again = room.id
         if (before := self.rooms.get(game.episode)) is not None:
             before.play_again(room.code)
@@ -195,22 +181,16 @@ class Lobby:
             message = f"{own} of your episodes run already; end one of them first"
             raise ProtocolError("rate/episodes", message)
 
-    def _open(
-        self,
-        task: Task,
-        rules: Rules,
-        seed: int,
-        owner: str,
-        labels: Mapping[str, str],
-        treatments: Mapping[str, SeatTreatment],
-    ) -> Room:
+    def _open(self, setup: EpisodeSetup, owner: str) -> Room:
+        task, rules = setup.task, setup.rules
         episode_id = self._worker.mark_id(self._random.getrandbits(64))
         code = self._new_code()
         world = shared_world(task)
         created = self._timestamp()
         head = header(
-            task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner,
-            labels=labels, treatments=treatments, open_until=self._open_until(rules),
+            task, rules, episode=episode_id, seed=setup.seed, created=created, code=code,
+            owner=owner, labels=setup.labels, treatments=setup.treatments,
+            open_until=self._open_until(rules),
         )  # fmt: skip
         recorder = Recorder(world, wall=self._wall)
         journal = None
@@ -220,7 +200,7 @@ class Lobby:
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
-        episode = Episode(world, rules, self._host.timers.time(), treatments=treatments)
+        episode = Episode(world, rules, self._host.timers.time(), treatments=setup.treatments)
         room = self._room(head, code, episode, recorder, journal)
         get_logger().info(
             "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
@@ -471,58 +451,6 @@ class Lobby:
     def _count(self) -> None:
         self._metrics.episodes.set(len(self._live))
 
-    # What is asked for
-
-    def _rules(self, request: messages.Create) -> Rules:
-        asked = {
-            "clock": request.clock,
-            "step_rate": request.step_rate,
-            "max_steps": request.max_steps,
-            "thinking": request.thinking,
-            "absence": request.absence,
-            "stand_in": request.stand_in,
-            "grace": request.grace,
-            "open_for": request.open_for,
-            "chat": request.chat,
-            "phrases": tuple(request.phrases) or None,
-        }
-        changes = {key: value for key, value in asked.items() if value is not None}
-        rules = self._settings.rules().model_copy(update=changes)
-        if (rules.chat is Chat.PHRASES) != bool(rules.phrases):
-            message = "phrases go with the chat 'phrases', and that with at least one of them"
-            raise ProtocolError("message/invalid-field", message, "phrases")
-        return rules
-
-    def _with_step_limit(self, rules: Rules, task: Task, request: messages.Create) -> Rules:
-        """Where nobody has said how many steps there are, people get what they need."""
-        said = request.max_steps is not None or "max_steps" in self._settings.model_fields_set
-        if said or task.timing is not Timing.PEOPLE:
-            return rules
-        limit = people_step_limit(task, rules.step_rate if rules.scheduled else None)
-        return rules if limit is None else rules.model_copy(update={"max_steps": limit})
-
-    def _task(self, request: messages.Create, rules: Rules, seed: int) -> Task:
-        name = request.task or self._settings.task
-        timing = request.timing or self._settings.timing_for(rules.clock)
-        seats = request.seats if request.seats is not None else self._settings.seats
-        if request.task is not None and request.seats is None:
-            seats = None
-        try:
-            own = self.tasks.load(name, seats, timing, seed)
-            if own is not None:
-                return own
-            if request.task is None:
-                return load_task(name, seats=seats, timing=timing, seed=seed)
-            return _shipped(name, seats, timing, seed)
-        except UnknownTaskError as error:
-            near = did_you_mean(name.partition("@")[0], self.tasks.names)
-            message = f"no task {name!r}{near}" if near else str(error)
-            raise ProtocolError("task/unknown", message, "task") from None
-        except FileError as error:
-            fault = error.faults[0]
-            field = "seats" if fault.path == "seats" else "task"
-            raise ProtocolError("task/invalid", str(fault), field) from None
-
     def _new_code(self) -> str:
         while True:
             letters = [self._random.choice(CODE_LETTERS) for _ in range(CODE_LENGTH)]
@@ -530,19 +458,6 @@ class Lobby:
             if "".join(letters) not in self._codes:
                 half = CODE_LENGTH // 2
                 return f"{''.join(letters[:half])}-{''.join(letters[half:])}"
-
-
-@lru_cache(maxsize=256)
-def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
-    """A task by its name; its files do not change while the server runs."""
-    return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
-
-
-def _check_players(field: str, named: Iterable[str], players: Collection[str]) -> None:
-    for player in named:
-        if player not in players:
-            message = f"no seat {player!r}; there are {', '.join(players)}"
-            raise ProtocolError("seat/unknown", message, field)
 
 
 def _inspect(room: Room) -> bool:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
-from robotouille.domain.task import Task
-from robotouille.episode import Rules, SeatTreatment
 from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille_server.rooms.directory.episode_setup import EpisodeSetup
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.workers import plain_code
 
@@ -33,11 +32,7 @@ class FinishedGame:
 
     episode: str
     code: str
-    task: Task
-    rules: Rules
-    seed: int
-    treatments: Mapping[str, SeatTreatment]
-    labels: Mapping[str, str]
+    setup: EpisodeSetup
     owner: str
     players: frozenset[str]
     banned: frozenset[str]
@@ -47,18 +42,25 @@ class FinishedGame:
     def of(cls, room: Room) -> FinishedGame:
         """That of a room."""
         seats = room.episode.seats.values()
-        return cls(
-            room.id,
-            room.code,
+        setup = EpisodeSetup(
             room.world.task,
             room.episode.rules.model_copy(update={"open_for": None}),
             room.seed,
-            {seat.player: seat.treatment for seat in seats if seat.treatment != NO_TREATMENT},
             room.labels,
+            {seat.player: seat.treatment for seat in seats if seat.treatment != NO_TREATMENT},
+        )
+        return cls(
+            room.id,
+            room.code,
+            setup,
             room.owner,
             frozenset(room.players - {""}),
             frozenset(room.episode.banned),
         )
+
+    def setup_for(self, owner: str) -> EpisodeSetup:
+        """The same again; its labels are for who has opened the first."""
+        return self.setup if owner == self.owner else replace(self.setup, labels={})
 
     def check(self, asker: Collection[str]) -> None:
         """ProtocolError `auth/episode` unless one of these pseudonyms had a seat, `episode/banned`

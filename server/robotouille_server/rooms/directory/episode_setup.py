@@ -1,0 +1,127 @@
+"""What makes an episode: its task and its rules, from what somebody asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+from robotouille.certification.step_limit import people_step_limit
+from robotouille.domain.loading import load_task
+from robotouille.domain.task import Task, Timing
+from robotouille.episode import Chat, Rules, SeatTreatment
+from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
+from robotouille.protocol import messages
+from robotouille.world.world import shared_world
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.task_folder import TaskFolder
+
+__all__ = ["EpisodeSetup"]
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeSetup:
+    """A task, the rules by which it is played, and what a study adds to it.
+
+    `seed` is that with which the task was loaded; `treatments` are what a study does to seats, by
+    player.
+    """
+
+    task: Task
+    rules: Rules
+    seed: int
+    labels: Mapping[str, str]
+    treatments: Mapping[str, SeatTreatment]
+
+    @classmethod
+    def requested(
+        cls, request: messages.Create, settings: ServerSettings, tasks: TaskFolder
+    ) -> EpisodeSetup:
+        """What a request asks for, and where it says nothing what the server's settings say.
+
+        Raises:
+            ProtocolError: `task/unknown`, `task/invalid`, `seat/unknown` or
+                `message/invalid-field`, with the field.
+        """
+        rules = _rules(request, settings)
+        seed = request.seed if request.seed is not None else settings.seed
+        task = _task(request, rules, seed, settings, tasks)
+        rules = _with_step_limit(rules, task, request, settings)
+        budget = request.move_budget
+        if budget is None:
+            budget = settings.move_budget
+        rules = rules.with_budget(budget, task.seats)
+        players = shared_world(task).players
+        _check_players("treatments", request.treatments, players)
+        _check_players("participants", request.participants, players)
+        return cls(task, rules, seed, request.labels, request.treatments)
+
+
+def _rules(request: messages.Create, settings: ServerSettings) -> Rules:
+    asked = {
+        "clock": request.clock,
+        "step_rate": request.step_rate,
+        "max_steps": request.max_steps,
+        "thinking": request.thinking,
+        "absence": request.absence,
+        "stand_in": request.stand_in,
+        "grace": request.grace,
+        "open_for": request.open_for,
+        "chat": request.chat,
+        "phrases": tuple(request.phrases) or None,
+    }
+    changes = {key: value for key, value in asked.items() if value is not None}
+    rules = settings.rules().model_copy(update=changes)
+    if (rules.chat is Chat.PHRASES) != bool(rules.phrases):
+        message = "phrases go with the chat 'phrases', and that with at least one of them"
+        raise ProtocolError("message/invalid-field", message, "phrases")
+    return rules
+
+
+def _with_step_limit(
+    rules: Rules, task: Task, request: messages.Create, settings: ServerSettings
+) -> Rules:
+    """Where nobody has said how many steps there are, people get what they need."""
+    said = request.max_steps is not None or "max_steps" in settings.model_fields_set
+    if said or task.timing is not Timing.PEOPLE:
+        return rules
+    limit = people_step_limit(task, rules.step_rate if rules.scheduled else None)
+    return rules if limit is None else rules.model_copy(update={"max_steps": limit})
+
+
+def _task(
+    request: messages.Create, rules: Rules, seed: int, settings: ServerSettings, tasks: TaskFolder
+) -> Task:
+    name = request.task or settings.task
+    timing = request.timing or settings.timing_for(rules.clock)
+    seats = request.seats if request.seats is not None else settings.seats
+    if request.task is not None and request.seats is None:
+        seats = None
+    try:
+        own = tasks.load(name, seats, timing, seed)
+        if own is not None:
+            return own
+        if request.task is None:
+            return load_task(name, seats=seats, timing=timing, seed=seed)
+        return _shipped(name, seats, timing, seed)
+    except UnknownTaskError as error:
+        near = did_you_mean(name.partition("@")[0], tasks.names)
+        message = f"no task {name!r}{near}" if near else str(error)
+        raise ProtocolError("task/unknown", message, "task") from None
+    except FileError as error:
+        fault = error.faults[0]
+        field = "seats" if fault.path == "seats" else "task"
+        raise ProtocolError("task/invalid", str(fault), field) from None
+
+
+@lru_cache(maxsize=256)
+def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
+    """A task by its name; its files do not change while the server runs."""
+    return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
+
+
+def _check_players(field: str, named: Iterable[str], players: Collection[str]) -> None:
+    for player in named:
+        if player not in players:
+            message = f"no seat {player!r}; there are {', '.join(players)}"
+            raise ProtocolError("seat/unknown", message, field)
