@@ -53,7 +53,7 @@ from robotouille_server.mqtt.connection import MAX_PACKET_BYTES
 from robotouille_server.mqtt.models import MAX_OPENED, MAX_WATCH_SECONDS
 from robotouille_server.mqtt.outbox import MAX_MESSAGES, MAX_STEPS
 from robotouille_server.mqtt.watches import MAX_WATCHES
-from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES
+from robotouille_server.rooms.broadcast.broadcaster import MAX_SPECTATOR_NAMES
 from robotouille_server.rooms.directory.listing import MAX_CODES
 from robotouille_server.rooms.directory.rematches import MAX_FINISHED
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS

@@ -27,7 +27,8 @@ from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
 from robotouille_server.conversation import message_budget
 from robotouille_server.limit_table import LIMITS, shown_value
-from robotouille_server.rooms import broadcaster, lobby
+from robotouille_server.rooms import lobby
+from robotouille_server.rooms.broadcast import broadcaster
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import peer
 from robotouille_server.transport.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS

@@ -5,13 +5,16 @@ from __future__ import annotations
 import pytest
 
 from robotouille import World
-from robotouille.episode import Clock, Episode, Rules, Said, SeatTreatment, Stepped
-from robotouille.episode.rules import ShownKind
+from robotouille.episode import Clock, Episode, Rules, Said, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille.protocol.states import StateWriter
 from robotouille_server.auth import Role
-from robotouille_server.rooms.broadcaster import KEPT_DELTAS, MAX_SPECTATOR_NAMES, Broadcaster
+from robotouille_server.rooms.broadcast.broadcaster import (
+    KEPT_DELTAS,
+    MAX_SPECTATOR_NAMES,
+    Broadcaster,
+)
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.metrics import Metrics
 from tests.support.peers import SilentPeer
@@ -23,11 +26,9 @@ WORLD = World("synchronous/01_cheese_sandwich")
 class Room:
     """An episode of one player, and those to whom it is sent."""
 
-    def __init__(self, treatment: SeatTreatment | None = None) -> None:
-        treatments = {PLAYER: treatment} if treatment is not None else {}
-        rules = Rules(clock=Clock.LOCKSTEP)
-        self.episode = Episode(WORLD, rules, 0.0, treatments=treatments)
-        self.episode.join(PLAYER, "Ada", "bot", 0.0)
+    def __init__(self) -> None:
+        self.episode = Episode(WORLD, Rules(clock=Clock.LOCKSTEP), 0.0)
+        self.episode.join(PLAYER, "Ada", "human", 0.0)
         self.episode.events()
         self.broadcaster = Broadcaster(
             "e-1", "AAAAA-BBBBB", self.episode, StateWriter(WORLD), Metrics(), lambda: 0.0
@@ -45,11 +46,11 @@ class Room:
     def session(self, name: str) -> Session:
         return next(s for s in self.broadcaster.members if s.name == name)
 
-    def step(self, *, waits: bool = False) -> Stepped:
+    def step(self) -> Stepped:
         """Take a step and publish it."""
         episode = self.episode
-        action = None if waits else episode.state.actions(PLAYER)[0]
-        episode.submit(PLAYER, episode.seat(PLAYER).seq + 1, action, 0.0, waits=waits)
+        action = episode.state.actions(PLAYER)[0]
+        episode.submit(PLAYER, episode.seat(PLAYER).seq + 1, action, 0.0)
         (stepped,) = [event for event in episode.events() if isinstance(event, Stepped)]
         self.broadcaster.publish_step(stepped)
         return stepped
@@ -66,17 +67,6 @@ def test_a_delta_is_the_same_for_all_in_each_encoding(room: Room) -> None:
     assert packed.kinds() == text.kinds() == ["delta"]
     assert packed.got[0]["step"] == text.got[0]["step"] == 1
     assert packed.got[0]["did"] == text.got[0]["did"]
-
-
-@pytest.mark.parametrize(("shown_as", "told"), [(None, [0]), ("bot", [0]), ("human", None)])
-def test_a_delta_says_who_waits_but_unmasks_nobody(
-    shown_as: ShownKind | None, told: list[int] | None
-) -> None:
-    room = Room(SeatTreatment(shown_as=shown_as))
-    peer = room.member("Bob")
-    room.step(waits=True)
-    room.step()
-    assert [delta.get("waits") for delta in peer.got] == [told, None]
 
 
 def test_who_is_behind_gets_no_deltas_and_a_snapshot_once_it_has_caught_up(room: Room) -> None:

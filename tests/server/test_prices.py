@@ -16,7 +16,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MAX_FIELDS, MAX_ITEMS, MAX_LIST, MSGPACK, SUBPROTOCOLS
 from robotouille_server import Server
 from robotouille_server.conversation.message_budget import COSTS, MAX_HELLO_BYTES
-from robotouille_server.rooms.snapshots import Snapshots
+from robotouille_server.rooms.broadcast.snapshots import Snapshots
 from robotouille_server.runtime.token_bucket import TokenBucket
 from tests.support.fuzzing.wire import TEXT, Closed, Wire, frame
 from tests.support.servers import Raw, raw, serving

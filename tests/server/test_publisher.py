@@ -9,7 +9,7 @@ from robotouille import World
 from robotouille.episode import Absence, Clock, Controller, Episode, Event, Rules
 from robotouille.protocol.states import StateWriter
 from robotouille_server.auth import Role
-from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
 from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler

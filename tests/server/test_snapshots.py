@@ -11,7 +11,7 @@ from robotouille import World
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.states import StateWriter
-from robotouille_server.rooms.snapshots import Snapshots, last_seq, own_answers
+from robotouille_server.rooms.broadcast.snapshots import Snapshots, last_seq, own_answers
 from robotouille_server.transport import frame_of
 
 WORLD = World("synchronous/01_cheese_sandwich")

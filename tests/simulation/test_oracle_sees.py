@@ -14,7 +14,7 @@ import pytest
 
 from robotouille.episode import Event, Said, Stepped
 from robotouille.protocol import messages
-from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
 from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings.journal import Journal
 from robotouille_server.rooms.room import Room

@@ -14,7 +14,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
 from robotouille_server.rooms.directory.episode_setup import EpisodeSetup
 from robotouille_server.rooms.directory.listing import (
     MAX_LISTED,

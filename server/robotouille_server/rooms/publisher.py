@@ -27,7 +27,7 @@ from robotouille.episode import (
     Stepped,
 )
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
 from robotouille_server.rooms.seats.slow_seats import SlowSeats
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
@@ -103,7 +103,7 @@ class Publisher:
                 self._metrics.outcomes.labels(event.outcome.reason.value).inc()
                 if event.outcome.reason is Reason.ABANDONED:
                     self._broadcaster.publish_notice(ABANDONED.format(event.outcome.detail))
-                self._broadcaster.send_all(self._broadcaster.ended(event.outcome))
+                self._broadcaster.publish_end(event.outcome)
             case Noted() | RoundTripMeasured():
                 pass  # It is for the recording.
             case Moderated():

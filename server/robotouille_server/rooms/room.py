@@ -23,7 +23,7 @@ from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
 from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings import Journal
 from robotouille_server.rooms.seats.action_requests import ActionRequests

@@ -197,7 +197,7 @@ class Simulation:
         server = self.server.server
         rooms = server.lobby.rooms.values() if server is not None else []
         return "; ".join(
-            f"{room.id}: {room.broadcaster.phase}, step {room.episode.step}, "
+            f"{room.id}: {room.episode.phase}, step {room.episode.step}, "
             f"holds {dict(room.episode.pauses.until)}, due {room.episode.due()}, seats "
             + ", ".join(
                 f"{s.player} {s.name} {s.controller.value}" for s in room.episode.seats.values()

@@ -1,1 +1,1 @@
-"""What a lobby knows of its rooms: how they are listed, and which can be played again."""
+"""What a lobby knows of its rooms: how one is set up, listed, and played again."""

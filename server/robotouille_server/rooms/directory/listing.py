@@ -34,7 +34,7 @@ def info(room: Room, labels: Mapping[str, str]) -> messages.EpisodeInfo:
         code=room.code,
         task=room.world.task.name,
         clock=rules.clock.value,
-        phase=room.broadcaster.phase,
+        phase=room.episode.phase,
         step=episode.step,
         max_steps=rules.max_steps,
         seats=room.broadcaster.seats(),

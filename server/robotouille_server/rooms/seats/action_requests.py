@@ -8,7 +8,7 @@ from robotouille.episode import Episode
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.write_ahead import WriteAhead
 from robotouille_server.runtime.metrics import Metrics

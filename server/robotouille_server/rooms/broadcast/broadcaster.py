@@ -7,29 +7,20 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from itertools import islice
-from typing import Any, cast
+from typing import Any
 
 import msgpack
 from pydantic import BaseModel
 
-from robotouille.episode import (
-    ActionAnswer,
-    Episode,
-    Outcome,
-    QuotaReached,
-    Rejected,
-    Said,
-    Stepped,
-)
+from robotouille.episode import Episode, Outcome, QuotaReached, Rejected, Said, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
-from robotouille.replay.recorder import HASH_EVERY
+from robotouille.protocol.states import StateWriter
 from robotouille.world.unmet import UnmetKind
-from robotouille.world.world import State
+from robotouille_server.rooms.broadcast.episode_messages import EpisodeMessages
+from robotouille_server.rooms.broadcast.snapshots import Snapshots, last_seq, own_answers
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.snapshots import Snapshots, last_seq, own_answers
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import Peer, frame_of
 
@@ -55,6 +46,7 @@ class Broadcaster:
         "_code",
         "_deltas",
         "_episode",
+        "_episode_messages",
         "_id",
         "_last_delta",
         "_metrics",
@@ -62,9 +54,7 @@ class Broadcaster:
         "_now",
         "_roster_due",
         "_said",
-        "_seat_number",
         "_snapshots",
-        "_writer",
         "members",
         "rematch",
         "snapshot_when_committed",
@@ -87,11 +77,10 @@ class Broadcaster:
         self._id = episode_id
         self._code = code
         self._episode = episode
-        self._writer = writer
+        self._episode_messages = EpisodeMessages(episode_id, episode, writer, now)
         self._snapshots = Snapshots(episode_id, episode, writer)
         self._metrics = metrics
         self._now = now
-        self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
         self._roster_due = False
@@ -177,7 +166,7 @@ class Broadcaster:
     def publish_step(self, event: Stepped) -> None:
         """The delta of a step, to everybody who keeps up."""
         self._snapshots.forget()
-        delta = self._delta(event)
+        delta = self._episode_messages.delta(event)
         payload = MSGPACK.pack(delta)
         self._deltas.append(payload)  # type: ignore[arg-type]
         self._last_delta = event.step
@@ -198,34 +187,6 @@ class Broadcaster:
             if session.wants_text:
                 self._send_observations(session, event, texts)
 
-    def _delta(self, event: Stepped) -> dict[str, Any]:
-        """The fields of a `delta` message, as plain values: it is made for every step."""
-        delta: dict[str, Any] = {"type": "delta", "step": event.step}
-        delta |= self._writer.changes(event.before, event.state)
-        if event.moves:
-            delta["did"] = [
-                [self._seat_number[m.player], m.action.name, *m.action.arguments]
-                for m in event.moves
-            ]
-            delta["seq"] = [move.seq for move in event.moves]
-        if event.waits and (waits := self._shown_waits(event)):
-            delta["waits"] = waits
-        if unmet := unmet_rows(event.attempts):
-            delta["unmet"] = unmet
-            delta["why"] = why_rows(event.attempts)
-        if event.turn is not None:
-            delta["turn"] = event.turn
-        if event.step % HASH_EVERY == 0:
-            delta["hash"] = self._writer.digest(event.state)
-        return delta
-
-    def _shown_waits(self, event: Stepped) -> list[int]:
-        """The seats that said that they wait. Hardly any person's program says so: it is not told
-        of one who is shown as something else."""
-        seats = self._episode.seats
-        undisguised = [p for p in event.waits if seats[p].shown_kind == seats[p].kind]
-        return [self._seat_number[player] for player in undisguised]
-
     def _send_observations(
         self,
         session: Session,
@@ -244,10 +205,10 @@ class Broadcaster:
                     seat=session.seat_shown(move.player),
                 )
                 self.send(session, rejected)
-        phase = "running" if event.step < self._episode.step else self.phase
+        phase = "running" if event.step < self._episode.step else self._episode.phase.value
         for player in session.views:
             if player not in texts:
-                texts[player] = self._observation(
+                texts[player] = self._episode_messages.observation(
                     player, event.state, event.step, event.turn, phase
                 )
             self.send(session, texts[player])
@@ -308,6 +269,10 @@ class Broadcaster:
                 )
             )
 
+    def publish_end(self, outcome: Outcome) -> None:
+        """The game is over."""
+        self.send_all(self._episode_messages.ended(outcome))
+
     def publish_roster(self) -> None:
         """Who plays, and whether time runs."""
         self.send_all(self.roster())
@@ -359,23 +324,17 @@ class Broadcaster:
         if session.wants_text:
             episode = self._episode
             for player in session.views:
-                observation = self._observation(
-                    player, episode.state, episode.step, episode.on_turn, self.phase
+                observation = self._episode_messages.observation(
+                    player, episode.state, episode.step, episode.on_turn, self._episode.phase.value
                 )
                 peer.answer(observation)
             if not session.wants_state and episode.outcome is not None:
-                self.send(session, self.ended(episode.outcome))
-
-    def ended(self, outcome: Outcome) -> messages.Ended:
-        """How the game ended."""
-        episode = self._episode
-        row = cast("messages.OutcomeRow", outcome.to_json())
-        return messages.Ended(step=episode.step, outcome=row, hash=episode.state.digest)
+                self.send(session, self._episode_messages.ended(episode.outcome))
 
     def _own_fields(self, session: Session) -> dict[str, Any]:
         """The fields of a `snapshot` message that change between steps, or by who gets it."""
         episode = self._episode
-        pause = self._pause()
+        pause = self._episode_messages.pause
         there_or_not: dict[str, Any] = {
             **own_answers(episode, session.players),
             "turn": episode.on_turn,
@@ -386,75 +345,30 @@ class Broadcaster:
             "outcome": episode.outcome and episode.outcome.to_json(),
         }
         own: dict[str, Any] = {
-            "phase": self.phase,
+            "phase": self._episode.phase.value,
             "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in self.seats()],
             **{name: value for name, value in there_or_not.items() if value},
         }
-        if (starts_in := self._starts_in()) is not None:
+        if (starts_in := self._episode_messages.starts_in) is not None:
             own["starts_in"] = starts_in
         if (due := episode.due()) is not None:
             own["left"] = max(0.0, due - self._now())
         return own
 
-    def _observation(
-        self, player: str | None, state: State, step: int, turn: str | None, phase: str
-    ) -> messages.Observation:
-        answer = self._episode.seats[player].answer if player else ActionAnswer(0, 0)
-        return messages.Observation(
-            episode=self._id,
-            step=step,
-            phase=phase,
-            seat=player,
-            text=state.text_view(player),
-            actions=[a.sentence for a in state.actions(player)] if player else [],
-            turn=turn,
-            seq=answer.seq,
-            reasons=list(answer.reasons),
-        )
-
-    @property
-    def phase(self) -> str:
-        """The phase as it is sent: `paused` while a game that has begun stands still."""
-        return self._episode.phase.value
-
-    def _pause(self) -> messages.Pause | None:
-        shown = self._episode.pauses.shown if self._episode.paused else None
-        if shown is None:
-            return None
-        why, until = shown
-        left = None if until is None else round(max(0.0, until - self._now()), 3)
-        return messages.Pause(reason=why.value, left=left)
-
-    def _starts_in(self) -> float | None:
-        """The seconds until the game begins, while that is counted down."""
-        starts_at = self._episode.starts_at
-        return None if starts_at is None else round(max(0.0, starts_at - self._now()), 3)
-
     def seats(self) -> list[messages.SeatInfo]:
-        latency = {p: session.latency_ms for session in self.members for p in session.players}
-        return [
-            messages.SeatInfo(
-                player=seat.player,
-                name=seat.name,
-                kind=seat.shown_kind,
-                present=seat.present,
-                controller=seat.shown_controller.value,
-                acted=seat.tally.acted,
-                rejected=seat.tally.rejected,
-                ready=seat.ready,
-                latency_ms=latency.get(seat.player, 0),
-            )
-            for seat in self._episode.seats.values()
-        ]
+        """The seats as everybody is told them."""
+        return self._episode_messages.seats(
+            {p: session.latency_ms for session in self.members for p in session.players}
+        )
 
     def roster(self) -> messages.Roster:
         return messages.Roster(
-            phase=self.phase,
+            phase=self._episode.phase.value,
             turn=self._episode.on_turn,
-            pause=self._pause(),
+            pause=self._episode_messages.pause,
             seats=self.seats(),
             waits_for=list(self.waits_for()),
-            starts_in=self._starts_in(),
+            starts_in=self._episode_messages.starts_in,
             spectators=self.spectators,
             spectator_names=self.spectator_names,
             rematch=self.rematch,
