@@ -96,6 +96,49 @@ async def test_a_game_its_end_its_replay_again_and_quit(evening: Evening) -> Non
     assert recording.outcome["reason"] == "goal"
 
 
+@pytest.mark.parametrize("chosen", ["Watch the replay", "Save a video"])
+async def test_the_end_card_looks_as_before_when_one_comes_back_to_it(
+    evening: Evening, chosen: str
+) -> None:
+    """Beside the kitchen, with the focus on what was chosen."""
+    if chosen == "Save a video":
+        pytest.importorskip("av")
+
+    def looks() -> bytes:
+        surface = pygame.display.get_surface()
+        assert surface is not None
+        return pygame.image.tobytes(surface, "RGB")
+
+    def script() -> Iterator[None]:
+        yield from keys_of(SMALL)
+        yield from wait(300)
+        assert evening.window is not None
+        card = evening.window.card
+        assert card is not None
+        card.focus(next(row for row in card.rows if row.label == chosen))
+        yield from wait(1)
+        post(pygame.K_F11, pygame.K_F11)  # The whole window is drawn anew.
+        yield from wait(3)
+        before = looks()
+        post(pygame.K_RETURN)
+        yield from wait(10)
+        post(pygame.K_ESCAPE)
+        yield from wait(3)
+        if chosen == "Watch the replay":
+            yield from evening.choose("Leave the replay")
+        assert evening.window.card is not card
+        assert evening.window.card is not None
+        assert evening.window.card.message == ("No video was saved." if "video" in chosen else "")
+        evening.window.card.message = ""
+        yield from wait(3)
+        assert looks() == before
+        yield from evening.choose("Quit")
+        yield from wait(100)
+
+    await asyncio.wait_for(evening.go(script, SMALL), 60)
+    assert not evening.fingers.ended
+
+
 async def test_a_video_is_saved_or_given_up(evening: Evening) -> None:
     pytest.importorskip("av")
 

@@ -41,12 +41,22 @@ class GameCards:
         self._menu = menu
         self._news = news
         self._stand_still = stand_still
-        self._last: View | None = None
+        self._message = ""
+        self._chosen: object = None
 
     def over(self, view: View) -> Form:
         """What one sees, and may do, when a game is over."""
-        self._last = view
-        return end_card(view, self._outcome(), self._buttons())
+        form = end_card(view, self._outcome(), self._buttons())
+        form.message = self._message
+        row = next((row for row in form.rows if row.answer == self._chosen), None)
+        if row is not None and self._chosen is not None:
+            form.focus(row)
+        return form
+
+    def came_back(self, message: str, chosen: object) -> None:
+        """The game is shown once more, e.g. after its replay, which was `chosen`: its card tells
+        what came of that."""
+        self._message, self._chosen = message, chosen
 
     def leaving(self, view: View) -> Form:
         """Whether one means to leave a game that goes on."""
@@ -65,14 +75,3 @@ class GameCards:
     def news(self) -> str:
         """What has happened since a card is shown."""
         return self._news()
-
-    def again(self, message: str, chosen: object) -> Form:
-        """The card of a game that is over once more, e.g. after its replay, which was `chosen`."""
-        if self._last is None:
-            raise AssertionError("asked again for what was not over")
-        form = self.over(self._last)
-        form.message = message
-        row = next((row for row in form.rows if row.answer == chosen), None)
-        if row is not None:
-            form.focus(row)
-        return form

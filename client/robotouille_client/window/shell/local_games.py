@@ -87,8 +87,9 @@ class LocalGames:
             return [("Play again", "again"), ("Next task", "next"), *of_it, *LEAVE]
 
         cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
+        show = partial(self._ui.show, source, cards, caption=task_title(setup.task))
         try:
-            answer = await self._ui.show(source, cards, caption=task_title(setup.task))
+            answer = await show()
         finally:
             path = game.finish(over=source.finished)
             self._note_best(game)
@@ -97,7 +98,7 @@ class LocalGames:
                 self._ui.message = "The game could not be kept."
             return answer
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
-        return await self._replays.review(answer, cards, watch, save)
+        return await self._replays.review(answer, cards, watch, save, show)
 
     def _note_best(self, game: LocalGame) -> None:
         """Remember in how few steps a task was done, in the timing that people play in."""

@@ -167,15 +167,16 @@ class RemoteGames:
         )
         caption = f"Robotouille {game.code}"
         self._ui.settings.code = game.code
+        show = partial(self._ui.show, source, cards, caption=caption, look=look, strip=strip)
         try:
-            answer = await self._ui.show(source, cards, caption=caption, look=look, strip=strip)
+            answer = await show()
         finally:
             if game.over:  # Its code leads nowhere any more.
                 self._ui.settings.code = ""
         watch = partial(self._replays.watch_seen, history, look, self._stem(game))
         save = partial(self._save, game, history, look)
         while True:
-            answer = await self._replays.review(answer, cards, watch, save)
+            answer = await self._replays.review(answer, cards, watch, save, show)
             if answer != "again":
                 return answer
             try:
@@ -183,8 +184,8 @@ class RemoteGames:
                 made = await self._ui.wait(ask, waiting_form("Opening the kitchen …"))
                 return None if made is None else answer
             except (RobotouilleError, OSError, ValueError) as error:
-                self._ui.message = explain(error)
-            answer = await self._ui.ask(cards.again(self._ui.told(), answer))
+                cards.came_back(explain(error), answer)
+            answer = await show()
 
     def _buttons(self, game: Game, history: LiveHistory) -> Sequence[tuple[str, object]]:
         """What comes next; a study's window can only be closed."""

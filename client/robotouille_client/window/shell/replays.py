@@ -67,14 +67,17 @@ class Replays:
         cards: GameCards,
         watch: Callable[[], Awaitable[None]],
         save: Callable[[], Awaitable[None]],
+        show: Callable[[], Awaitable[object]],
     ) -> object:
-        """After a game: do what is asked for with it, until something else is."""
+        """After a game: do what is asked for with it, until something else is; `show` shows it once
+        more, as it ended, with its cards."""
         while answer in ("watch", "video"):
             try:
                 await (watch if answer == "watch" else save)()
             except (RobotouilleError, OSError) as error:
                 self._ui.message = explain(error)
-            answer = await self._ui.ask(cards.again(self._ui.told(), answer))
+            cards.came_back(self._ui.told(), answer)
+            answer = await show()
         return answer
 
     async def watch(self, path: Path) -> None:
