@@ -141,6 +141,16 @@ def test_keys_of_the_game_are_never_an_answer(seat: Seat, key: int) -> None:
     assert answer(seat) == "again", "nor do they move the focus"
 
 
+def test_keys_of_the_game_do_not_leave_it(seat: Seat) -> None:
+    """Who presses Esc to forget what waits, when nothing does any more, and plays on."""
+    seat.press(pygame.K_ESCAPE)
+    assert seat.window.card is not None
+    seat.press(pygame.K_s, pygame.K_e, pygame.K_SPACE, pygame.K_1)
+    assert seat.window.answer is None
+    seat.press(pygame.K_RETURN)
+    assert seat.window.card is None, "Go on"
+
+
 def test_a_gamepad_is_heard_once_its_buttons_rest(seat: Seat) -> None:
     seat.end()
     for _ in range(20):

@@ -23,7 +23,7 @@ from robotouille_client.window.hands.walking import walks
 from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.local import LocalSource
-from robotouille_client.window.view import View
+from robotouille_client.window.view import NEWS, View
 
 RULES = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=5, countdown=3.0)
 
@@ -85,6 +85,16 @@ def test_out_of_steps_is_not_won() -> None:
     view = game.view()
     assert view.outcome == "Out of steps after 5 steps"
     assert not view.won
+
+
+def test_what_cannot_be_said_is_told() -> None:
+    timer = Timer()
+    game = source(timer)
+    for timer.now in (0.0, 3.0, 4.0):
+        game.view()
+    game.say("that was close")
+    (line,) = game.view().chat[-1:]
+    assert line == (NEWS, "the episode is over")
 
 
 def test_the_step_limit_of_a_game_here() -> None:

@@ -319,8 +319,8 @@ class Window:
         self._card = ShownCard(form, self._clock, by_itself=by_itself, at_once=at_once, held=held)
         self._drawn_last = None
         self._input.hands.release()
-        if self._strip is not None:  # The mouse is the card's now.
-            self._strip.handle(pygame.Event(pygame.WINDOWLEAVE), pygame.Rect(0, 0, 0, 0))
+        if self._strip is not None:  # The mouse and what is held are the card's now.
+            self._strip.handle(pygame.Event(pygame.WINDOWFOCUSLOST), pygame.Rect(0, 0, 0, 0))
 
     def _ask(self, card: ShownCard, event: pygame.Event, pressed: Command | None) -> Command | None:
         """Give the card what is done, and take its answer."""

@@ -23,9 +23,10 @@ _NEVER_PLAYS = (Command.ENTER, Command.CANCEL)
 class ShownCard:
     """A `form` that one has asked for, or that came `by_itself`, at the end of a game.
 
-    The latter is not for those who still play, or type: what is pressed before it `listens` does
-    nothing and, as letters and the space bar always do, makes it wait again. A key that is held
-    since before, one of `held`, is not pressed.
+    Letters and the space bar, which play, are never for it: it takes arrows, Enter and Esc, the
+    mouse and gamepads. One that came by itself is not for those who still play, or type: what is
+    pressed before it `listens` does nothing, and makes it wait again, as letters always do. A key
+    that is held since before, one of `held`, is not pressed.
 
     Args:
         at_once: Whether it listens from the beginning, e.g. since one comes back to it.
@@ -54,28 +55,38 @@ class ShownCard:
 
     def wait(self) -> None:
         """Something was pressed that is not for the form: who did that may not be done."""
-        self._keys_from = max(self._keys_from, self._clock() + QUIET_SECONDS)
+        if self.by_itself:
+            self._keys_from = max(self._keys_from, self._clock() + QUIET_SECONDS)
 
     def handle(self, event: pygame.Event, pressed: Command | None, keys: KeyMap) -> Command | None:
         """Follow an event, which a gamepad may have `pressed` a command with; a command that is
         not for the form comes back."""
-        if not self.by_itself:
-            return self._follow(event, pressed, keys)
         if event.type == pygame.KEYUP:
             self._held.discard(event.key)
-        if pressed is None and event.type != pygame.KEYDOWN:
-            heard = self._clock() >= self._mouse_from and event.type != pygame.TEXTINPUT
-            return self._follow(event, pressed, keys) if heard else None
-        if pressed is None and event.key in self._held:
-            return None
-        name = "" if pressed else pygame.key.name(event.key).casefold()
-        asked, letter = pressed or keys.command(name), len(name) == 1 or name == "space"
-        listens = self.listens
-        if letter or (not listens and asked not in (*_NEVER_PLAYS, *_WINDOWS)):
-            self.wait()
-        if asked in _WINDOWS and (listens or not letter):
-            return asked
-        return self._follow(event, pressed, keys) if listens and not letter else None
+        elif event.type == pygame.WINDOWFOCUSLOST:
+            self._held.clear()
+        if pressed is not None:
+            return self.form.command(pressed) if self._hears(pressed) else None
+        if event.type == pygame.KEYDOWN:
+            return self._key(event, keys)
+        heard = self._clock() >= self._mouse_from and event.type != pygame.TEXTINPUT
+        return self.form.handle(event, keys) if heard else None
 
-    def _follow(self, event: pygame.Event, pressed: Command | None, keys: KeyMap) -> Command | None:
-        return self.form.handle(event, keys) if pressed is None else self.form.command(pressed)
+    def _key(self, event: pygame.Event, keys: KeyMap) -> Command | None:
+        name = pygame.key.name(event.key).casefold()
+        asked, letter = keys.command(name), len(name) == 1 or name == "space"
+        if event.key in self._held:
+            return None
+        if asked in _WINDOWS and (self.listens or not letter):
+            return asked
+        if letter:
+            self.wait()
+            return None
+        return self.form.handle(event, keys) if self._hears(asked) else None
+
+    def _hears(self, asked: Command | None) -> bool:
+        """Whether what is pressed now is for the form; who plays presses more."""
+        listens = self.listens
+        if not (listens or asked in _NEVER_PLAYS):
+            self.wait()
+        return listens

@@ -220,7 +220,10 @@ class LocalSource:
         self._submit(self._me, action)
 
     def say(self, text: str) -> None:
-        self._episode.say(self._name, self._me, text, self._now())
+        try:
+            self._episode.say(self._name, self._me, text, self._now())
+        except ProtocolError as error:
+            self._chat_log.happened(error.message)
 
     @property
     def outcome(self) -> dict[str, Any] | None:

@@ -1,0 +1,250 @@
+"""Anything may be pressed at any time: nothing breaks, no key answers what it was not meant for,
+and Escape always leads somewhere with a way out."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+
+import pygame
+import pytest
+from tests.support.evening import SIZE, Evening, wait
+from tests.support.window_play import Script, Timer, post
+
+from robotouille import World, load_task
+from robotouille.episode.rules import Clock
+from robotouille_client.window.forms.display import Display
+from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
+from robotouille_client.window.shell.games.local_game import GameSetup
+from robotouille_client.window.shell.settings import Settings
+from robotouille_client.window.view import (
+    Bubble,
+    FarewellView,
+    LobbyRow,
+    LobbyView,
+    PauseView,
+    SeatView,
+    View,
+)
+from robotouille_client.window.window import Window
+
+WORLD = World(load_task("multi_agent/01", timing="people"))
+ME, OTHER = WORLD.players
+LOBBY = LobbyView((LobbyRow("ada (you)", "here"), LobbyRow("ben", "free")), code="KQXZB-MHTWA")
+STATES: dict[str, dict[str, object]] = {
+    "waiting": {"lobby": LOBBY},
+    "waiting for who is ready": {"lobby": dataclasses.replace(LOBBY, ready=False)},
+    "countdown": {"starts_in": 2.0},
+    "running": {},
+    "refused": {"bubbles": (Bubble(ME, "Somebody stands there."),)},
+    "paused": {"pause": PauseView("Paused", "ben is away", 20.0, 0.5)},
+    "watching": {"me": None},
+    "connection lost": {"offline": 25.0},
+    "bot thinking": {"thinking": (OTHER,), "waits_for": (OTHER,)},
+    "ended": {"outcome": "Out of steps"},
+    "sent out": {"farewell": FarewellView("You were sent out", "By the operator.")},
+}
+LAST = ("ended", "sent out")
+LETTERS = [*"abcdehmqstw123456789", "SPACE"]
+KEYS = [
+    *LETTERS, "RETURN", "ESCAPE", "TAB", "BACKSPACE", "DELETE", "HOME", "END", "PAGEUP",
+    "PAGEDOWN", "LEFT", "RIGHT", "UP", "DOWN", "LSHIFT", *(f"F{n}" for n in (*range(1, 11), 12)),
+]  # fmt: skip
+"""Not F11: large pictures take long."""
+BUTTONS = range(pygame.CONTROLLER_BUTTON_DPAD_RIGHT + 1)
+NOT_THE_GAMES = {"RETURN", "ESCAPE"}
+"""The keys that may answer a card; the mouse and gamepads may, too."""
+
+
+class Moody(Script):
+    """A game in one state after the other."""
+
+    def __init__(self) -> None:
+        super().__init__(WORLD, ME, slow=True)
+        self.now = "running"
+
+    @property
+    def finished(self) -> bool:
+        return self.now in LAST
+
+    def view(self) -> View:
+        seats = (SeatView(ME, "ada"), SeatView(OTHER, "ben", "bot"))
+        return dataclasses.replace(super().view(), seats=seats, **STATES[self.now])  # type: ignore[arg-type]
+
+    def be_ready(self, ready: bool) -> None:
+        self.said.append(str(ready))
+
+
+class Anybody:
+    """Somebody who presses and clicks anything, before a window that is opened anew when closed."""
+
+    def __init__(self, seed: int, folder: Path) -> None:
+        self.random = Random(seed)
+        self.timer = Timer()
+        self.source = Moody()
+        self.folder = folder
+        self.display = Display((320, 240), headless=True)
+        self.display.open()
+        self.window = self.open()
+
+    def open(self) -> Window:
+        return Window(
+            display=self.display, clock=self.timer, screenshots=self.folder,
+            cards=GameCards(lambda: None, lambda: (("Play again", "again"), *REVIEW, *LEAVE)),
+        )  # fmt: skip
+
+    def press_escape(self) -> None:
+        for kind in (pygame.KEYUP, pygame.KEYDOWN, pygame.KEYUP):
+            pygame.event.post(pygame.Event(kind, key=pygame.K_ESCAPE, mod=0, unicode=""))
+        self.window.frame(self.source)
+
+    def do_anything(self) -> None:
+        """One input; where that was an answer, it was meant as one."""
+        name, events = anything(self.random)
+        shown = self.window._card
+        for event in events:
+            pygame.event.post(event)
+        self.window.frame(self.source)
+        if self.window.answer is not None:
+            assert shown is not None, name
+            assert name in NOT_THE_GAMES | {"click", "pad"}, name
+            assert self.window.answer in {row.answer for row in shown.form.rows}
+            if shown.by_itself and name != "click":
+                assert self.timer.now >= shown._keys_from, f"{name} came too early"
+            self.window = self.open()
+        self.timer.now += self.random.choice((0.02, 0.02, 0.1, 0.5))
+        if self.random.random() < 0.1 and self.source._asked is not None:
+            self.source.step()
+
+    def escape(self) -> None:
+        """Press Escape until there is a way out; what it does then."""
+        for _ in range(5):
+            if self.window.card is None:
+                self.press_escape()
+        card, by_itself = self.window.card, self.source.finished
+        assert card is not None, f"{self.source.now}: Escape leads nowhere"
+        assert {row.answer for row in card.rows} & {"menu", "quit"}, card.title
+        for _ in range(2 if by_itself else 1):  # A line of chat may be open over it.
+            self.timer.now += 2.0
+            if self.window.answer is None:
+                self.press_escape()
+        assert self.window.card is None or self.window.answer == "menu"
+
+
+def anything(random: Random, size: tuple[int, int] = (320, 240)) -> tuple[str, list[pygame.Event]]:
+    """What it is called, and its events."""
+    kind = random.choice(("key", "key", "key", "key", "click", "mouse", "pad", "odd"))
+    at = random.randrange(size[0]), random.randrange(size[1])
+    if kind == "key":
+        name = random.choice(KEYS)
+        return name, pressed(name, random)
+    if kind == "click":
+        down = pygame.Event(pygame.MOUSEBUTTONDOWN, pos=at, button=random.choice((1, 1, 2, 3, 4)))
+        return kind, [down, pygame.Event(pygame.MOUSEBUTTONUP, pos=at, button=1)]
+    if kind == "mouse":
+        held = (random.randrange(2), 0, 0)
+        moved = pygame.Event(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=held)
+        return kind, [random.choice((moved, pygame.Event(pygame.MOUSEWHEEL, x=0, y=-1)))]
+    if kind == "pad":
+        button, axis = random.choice(BUTTONS), random.randrange(4)
+        tilt = pygame.Event(
+            pygame.CONTROLLERAXISMOTION, axis=axis, value=random.choice((-30_000, 0, 30_000))
+        )
+        push = [
+            pygame.Event(each, button=button, instance_id=0)
+            for each in (pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP)
+        ]
+        return kind, random.choice((push, push, [tilt]))
+    odd = (pygame.WINDOWLEAVE, pygame.WINDOWFOCUSLOST)
+    gone = pygame.Event(pygame.CONTROLLERDEVICEREMOVED, instance_id=0)
+    return kind, [random.choice((*map(pygame.Event, odd), gone))]
+
+
+def pressed(name: str, random: Random) -> list[pygame.Event]:
+    """A key that goes down, may type a letter, and mostly comes up again."""
+    key = getattr(pygame, f"K_{name}")
+    mod = pygame.KMOD_LSHIFT if random.random() < 0.1 else 0
+    events = [pygame.Event(pygame.KEYDOWN, key=key, mod=mod, unicode="")]
+    if name in LETTERS:
+        letter = " " if name == "SPACE" else name
+        events.append(pygame.Event(pygame.TEXTINPUT, text=letter))
+    if random.random() < 0.9:
+        events.append(pygame.Event(pygame.KEYUP, key=key, mod=mod))
+    return events
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_anything_may_be_pressed_in_every_state_of_a_game(state: str, tmp_path: Path) -> None:
+    anybody = Anybody(list(STATES).index(state), tmp_path)
+    for _ in range(4):
+        for _ in range(8):
+            anybody.do_anything()
+        anybody.source.now = state
+        for _ in range(12):
+            anybody.do_anything()
+        anybody.escape()
+        anybody.source.now = "running"
+        anybody.window = anybody.open()
+    anybody.display.close()
+
+
+def to_replay(evening: Evening) -> Iterator[None]:
+    """To the end of a game of three turns, and its replay."""
+    for _ in range(4):
+        post(pygame.K_SPACE)
+        yield from wait(3)
+    yield from wait(60)
+    yield from evening.choose("Watch the replay")
+
+
+def to_menu(evening: Evening, size: int = 12) -> Iterator[None]:
+    """Escape; where that asks whether one means it, what leads away."""
+    pygame.event.post(pygame.Event(pygame.KEYUP, key=pygame.K_ESCAPE, mod=0))
+    for _ in range(size):
+        if evening.titles[-1:] == ["Hello, player"]:
+            return
+        asked = len(evening.titles)
+        post(pygame.K_ESCAPE)
+        yield from wait(60)
+        card = evening.window.card if evening.window is not None else None
+        if len(evening.titles) > asked and card is not None and card.title.endswith("?"):
+            post(pygame.K_DOWN, pygame.K_RETURN)
+            yield from wait(60)
+    raise AssertionError(f"no way out of {evening.titles[-1]!r}")
+
+
+STARTS = {
+    "game": (
+        GameSetup("synchronous/01", clock=Clock.REALTIME, rate=10.0, max_steps=60),
+        lambda evening: wait(1),
+    ),
+    "replay": (GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3), to_replay),
+    "tutorial": (None, lambda evening: evening.choose("Tutorial: two minutes")),
+}
+
+
+@pytest.mark.parametrize("inputs", [40, pytest.param(250, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("start", STARTS)
+async def test_anything_may_be_pressed_from_the_menu_to_the_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start: str, inputs: int
+) -> None:
+    """Nothing is raised, and there is a way back to the menu from wherever one came to."""
+    monkeypatch.chdir(tmp_path)
+    settings = Settings(learned=True, size=SIZE, task="synchronous/01", server="ws://127.0.0.1:9")
+    evening = Evening(tmp_path, settings)
+    evening.watch(monkeypatch)
+    random, (game, steps) = Random(inputs), STARTS[start]
+
+    def script() -> Iterator[None]:
+        yield
+        yield from steps(evening)
+        for _ in range(inputs):
+            for event in anything(random, SIZE)[1]:
+                pygame.event.post(event)
+            yield from wait(random.choice((1, 1, 1, 20)))
+        yield from to_menu(evening)
+
+    await asyncio.wait_for(evening.go(script, game), 60)
