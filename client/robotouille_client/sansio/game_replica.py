@@ -8,18 +8,17 @@ when to look again (`get_timer`, `handle_timer`).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robotouille.domain.task import Task
-from robotouille.episode.lifecycle import Controller
 from robotouille.episode.quota import MAX_NOTE
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet, from_words
+from robotouille.world.unmet import from_words
 from robotouille.world.world import State, World, shared_world
 from robotouille_client.sansio.game_events import (
     ActResult,
@@ -34,6 +33,7 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
 )
 from robotouille_client.sansio.sent_actions import ActionRequest, SentActions, wire_action
+from robotouille_client.sansio.taken_step import TakenStep, told_unmet
 
 __all__ = ["PRESENT", "GameReplica"]
 
@@ -48,8 +48,6 @@ PRESENT = -1
 MAX_EVENTS = 10_000
 MAX_STEP = 1_000_000
 """The rules allow no more: who remembers each step cannot remember any number."""
-NOT_THEIRS = (Controller.ABSENT, Controller.STAND_IN)
-"""Who moves a seat while what it does is not its participant's."""
 
 
 class GameReplica:
@@ -429,52 +427,16 @@ class GameReplica:
             return
         self.step, self.turn = message.step, message.turn
         self.left, self.step_time = None, now
-        did, waits = self._did(message), self._players(message.waits)
-        self._tally(did)
-        self._answer(message)
+        taken = TakenStep.of(message, self.world)
+        self.seats = taken.tallied(self.seats)
+        for seat in self.own_seats:
+            if (decided := taken.decided.get(seat)) is not None:
+                seq, unmet = decided
+                self._sent.settle(seat, seq, ActResult.of(message.step, unmet))
         self._sent.settle_idle(message.step, turn)
+        did, waits = taken.did, taken.waits
         self._emit(Changed(message.step, state, previous, did, message.turn, waits))
         self._caught_up(now)
-
-    def _tally(self, did: tuple[tuple[str, GroundAction, bool], ...]) -> None:
-        """Count what each seat's participant has done since the roster last came."""
-        done = {player: applied for player, _, applied in did}
-        self.seats = tuple(
-            seat.model_copy(
-                update={"acted": seat.acted + 1}
-                if done[seat.player]
-                else {"rejected": seat.rejected + 1}
-            )
-            if seat.player in done and seat.controller not in NOT_THEIRS
-            else seat
-            for seat in self.seats
-        )
-
-    def _did(self, message: messages.Delta) -> tuple[tuple[str, GroundAction, bool], ...]:
-        """Who did what, and whether it applied; RobotouilleError if that makes no sense."""
-        rows = []
-        try:
-            for i, (row, _) in enumerate(zip(message.did, message.seq, strict=True)):
-                player = self.world.players[int(row[0])]
-                action = self.world.action(str(row[1]), *map(str, row[2:]))
-                rows.append((player, action, str(i) not in message.unmet))
-        except (ValueError, IndexError) as error:
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, "a step by nobody") from error
-        return tuple(rows)
-
-    def _players(self, numbers: Iterable[int]) -> tuple[str, ...]:
-        """The players of seat numbers; RobotouilleError if there are none such."""
-        try:
-            return tuple(self.world.players[number] for number in numbers)
-        except IndexError as error:
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, "a step by nobody") from error
-
-    def _answer(self, message: messages.Delta) -> None:
-        for i, (row, seq) in enumerate(zip(message.did, message.seq, strict=True)):
-            player = self.world.players[int(row[0])]
-            if player in self.own_seats:
-                unmet = _unmet(message.unmet.get(str(i), ()), message.why.get(str(i), ()))
-                self._sent.settle(player, seq, ActResult.of(message.step, unmet))
 
     def _told(self, seat: str | None, seq: int, step: int, reasons: Sequence[str]) -> None:
         """What became of a seat's last action, in words."""
@@ -502,7 +464,7 @@ class GameReplica:
         limited = message.code == ErrorCode.RATE_LIMITED
         if limited and self._sent.slow_down(message.seq, now):
             return
-        unmet = _unmet(message.reasons, message.why)
+        unmet = told_unmet(message.reasons, message.why)
         self._sent.resolve(message.seq, ActResult(False, message.step, unmet, message.code))
         told = message.seq, message.step, message.action, unmet, message.code
         self._emit(Refused(*told, message.seat or self.seat or ""))
@@ -525,10 +487,3 @@ class GameReplica:
 
     def _emit(self, event: GameEvent) -> None:
         self._events.append(event)
-
-
-def _unmet(words: Sequence[str], why: Sequence[messages.Why]) -> tuple[Unmet, ...]:
-    """Reasons with their words; an older server gives the words alone."""
-    if len(words) != len(why):
-        return from_words(*words)
-    return tuple(each.value(said) for each, said in zip(why, words, strict=True))
