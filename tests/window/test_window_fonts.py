@@ -136,3 +136,17 @@ def test_any_name_fits_its_room(name: str) -> None:
     assert surface.get_width() <= 121
     assert any(surface.get_at((x, y)).a for x in range(surface.get_width())
                for y in range(surface.get_height()))  # fmt: skip
+
+
+def test_it_is_logged_once_that_letters_of_a_script_cannot_be_shaped(monkeypatch, caplog) -> None:
+    def refused(font: pygame.font.Font, script: str) -> None:
+        raise pygame.error("SDL_ttf was built without HarfBuzz")
+
+    monkeypatch.setattr(
+        "pygame.font.Font", type("Unshaped", (pygame.font.Font,), {"set_script": refused})
+    )
+    fonts = FontStack(find=tuple)
+    for size in (12, 20):
+        fonts.font(0, size, "Tibt")
+    told = [record.getMessage() for record in caplog.records]
+    assert told == ["letters of the script Tibt are not shaped: SDL_ttf was built without HarfBuzz"]

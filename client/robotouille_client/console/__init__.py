@@ -1,17 +1,22 @@
-"""What the commands share: how they fail, how a server is named, and a seat that outlives them."""
+"""What all commands share: how they fail, how a server is named, and what NAME=VALUE is; progress
+on the terminal, and a seat that outlives them, are modules beside this."""
 
-from robotouille_client.console.command_line import (
-    LenientOption,
-    RenderingOption,
-    TokenOption,
-    check_look,
-    explain,
-    fail,
-    failing,
-    name_and_value,
-    server_url,
-    terminable,
-)
+from __future__ import annotations
+
+import functools
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, NoReturn, ParamSpec
+
+import typer
+
+from robotouille.errors import FileError, ProtocolError, RobotouilleError
+from robotouille.program import printable, quoted, tell
+
+if TYPE_CHECKING:
+    from robotouille.domain.task import Task
 
 __all__ = [
     "LenientOption",
@@ -25,3 +30,107 @@ __all__ = [
     "server_url",
     "terminable",
 ]
+
+P = ParamSpec("P")
+
+TokenOption = Annotated[
+    str | None,
+    typer.Option(
+        "--token",
+        envvar="ROBOTOUILLE_TOKEN",
+        help="A signed role token, where the server asks for one.",
+    ),
+]
+
+RenderingOption = Annotated[
+    str,
+    typer.Option(help="What the kitchen looks like, by the name of a rendering, e.g. chalk."),
+]
+
+LenientOption = Annotated[
+    bool,
+    typer.Option(help="Draw tiles with names in place of the pictures that are missing."),
+]
+
+
+def check_look(task: Task | None, rendering: str, lenient: bool) -> None:
+    """Print all that is wrong with how things are going to look, and exit; what is only missing
+    is for `lenient` to be drawn otherwise.
+
+    Raises:
+        RobotouilleError: There is no such rendering, or one cannot be used at all.
+    """
+    from robotouille.world.lint import lint_look
+
+    errors = lint_look(task, rendering)
+    if errors and not lenient:
+        lines = "\n".join(map(str, errors))
+        fail(f"{lines}\n--lenient draws tiles with names in place of what is missing")
+
+
+def explain(error: Exception) -> str:
+    """An error in words, on one line (those of a file: a line for each); of a value that a schema
+    refuses, what it was for."""
+    if isinstance(error, ProtocolError):
+        return printable(error.message)
+    if isinstance(error, FileError):
+        return str(error)
+    from pydantic import ValidationError
+
+    if not isinstance(error, ValidationError):
+        return printable(str(error.args[0]) if isinstance(error, KeyError) else str(error))
+    first = error.errors()[0]
+    field = ".".join(str(part) for part in first["loc"])
+    return f"{field}: {first['msg']}, found {first['input']!r}"
+
+
+def fail(message: str, status: int = 1) -> NoReturn:
+    """Print an error to stderr and exit."""
+    tell(message, err=True)
+    raise typer.Exit(status)
+
+
+def failing(command: Callable[P, None]) -> Callable[P, None]:
+    """A command whose errors are told in a line, and end with status 1."""
+
+    @functools.wraps(command)
+    def guarded(*arguments: P.args, **options: P.kwargs) -> None:
+        try:
+            command(*arguments, **options)
+        except RobotouilleError as error:
+            fail(explain(error))
+
+    return guarded
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """SIGTERM interrupts as Ctrl+C does, so that what has been begun is brought to an end."""
+
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def name_and_value(text: str, option: str) -> tuple[str, str]:
+    """What an option says of a name, as `condition=a`.
+
+    Raises:
+        RobotouilleError: It is no NAME=VALUE.
+    """
+    name, _, value = text.partition("=")
+    if not (name and value):
+        raise RobotouilleError(f"{option} {quoted(text)}: write it as NAME=VALUE")
+    return name, value
+
+
+def server_url(url: str | None, host: str, port: int) -> str:
+    """The URL of a server: as given, or made of host and port."""
+    if url is None:
+        return f"ws://{f'[{host}]' if ':' in host else host}:{port}"
+    return url if "://" in url else f"ws://{url}"

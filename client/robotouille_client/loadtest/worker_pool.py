@@ -17,6 +17,8 @@ from robotouille_client.loadtest.workload import LoadPlan
 
 __all__ = ["Second", "WorkerLostError", "WorkerPool"]
 
+COMMAND = (sys.executable, "-P", "-m", "robotouille_client.loadtest.worker.load_worker")
+"""A worker's; -P: no file of the current folder takes the place of a library."""
 STOP_SECONDS = 10.0
 
 
@@ -158,12 +160,7 @@ class WorkerPool:
 def _command(cpus: tuple[int, ...]) -> list[str]:
     """A worker's command line, with its cores."""
     cores = ",".join(map(str, cpus))
-    return [
-        sys.executable,
-        "-m",
-        "robotouille_client.loadtest.worker.load_worker",
-        *([cores] if cores else []),
-    ]
+    return [*COMMAND, *([cores] if cores else [])]
 
 
 def _write(worker: asyncio.subprocess.Process, line: str) -> None:

@@ -22,6 +22,8 @@ from robotouille_server.runtime.workers import WorkerSlot
 
 __all__ = ["supervise", "this_worker"]
 
+COMMAND = (sys.executable, "-P", "-m", "robotouille_server")
+"""A worker's; -P: no file of the current folder takes the place of a library."""
 INDEX = "ROBOTOUILLE_WORKER_INDEX"
 PARENT = "ROBOTOUILLE_WORKER_PARENT"
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 5.0
@@ -98,7 +100,7 @@ class _Supervisor:
             self._processes[index] = None
         elif now >= self._next[index] and not self._signals:
             environment = {**os.environ, INDEX: str(index), PARENT: str(os.getpid())}
-            command = [sys.executable, "-m", "robotouille_server", *sys.argv[1:]]
+            command = [*COMMAND, *sys.argv[1:]]
             self._processes[index] = subprocess.Popen(command, env=environment)  # noqa: S603
             self._started[index] = now
 

@@ -7,6 +7,7 @@ names are never the same row of boxes.
 
 from __future__ import annotations
 
+import logging
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
@@ -16,6 +17,8 @@ from itertools import groupby
 import pygame
 
 __all__ = ["FontStack", "clusters", "printable", "script_of", "system_fonts"]
+
+_LOG = logging.getLogger(__name__)
 
 _FAMILIES = (
     "notosans", "dejavusans", "liberationsans", "freesans", "segoeui", "helveticaneue",
@@ -139,7 +142,8 @@ class FontStack:
                 return False
             try:
                 font = pygame.font.Font(path, _TRIED_AT)
-            except (pygame.error, OSError):
+            except (pygame.error, OSError) as error:
+                _LOG.info("a font cannot be opened: %s: %s", path, error)
                 continue
             self._paths.append(path)
             self._tried.append(font)
@@ -166,8 +170,14 @@ def _shape(font: pygame.font.Font, script: str) -> None:
         font.set_script(script)
         if script in _FROM_THE_RIGHT:
             font.set_direction(pygame.DIRECTION_RTL)
-    except pygame.error:
-        pass
+    except pygame.error as error:
+        _tell_unshaped(script, str(error))
+
+
+@lru_cache(maxsize=64)
+def _tell_unshaped(script: str, why: str) -> None:
+    """Say, once for each script, that its letters stand side by side as they are."""
+    _LOG.warning("letters of the script %s are not shaped: %s", script, why)
 
 
 @lru_cache(maxsize=4096)

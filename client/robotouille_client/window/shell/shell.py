@@ -94,7 +94,7 @@ class Shell:
                     asked = menu(self.settings, self.ui.told(), chosen)
                     answer = chosen = await self.ui.ask(asked)
         except ClosedByOwnerError:
-            pass
+            return  # So it ends from everywhere.
         finally:
             self._remember()
             self.ui.close()
