@@ -29,6 +29,7 @@ from robotouille import State, Task, World, load_task, task_names
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 from tests.support.viewer_pictures import VIEWER_SIZES, viewer_picture
 
@@ -84,7 +85,8 @@ def scene(
         (Bubble(players[-1], "I am here.", "chat"),), (("Ada", "Hello."),), step_seconds=0.2,
     )  # fmt: skip
     surface = pygame.Surface(size)
-    Painter(rendering, strong_contrast=strong).paint(surface, replace(view, **seen), ui)
+    painter = Painter(rendering, preferences=Preferences(strong_contrast=strong))
+    painter.paint(surface, replace(view, **seen), ui)
     width = min(KEPT if size[0] > size[1] else KEPT * 2 // 3, size[0])
     return pygame.transform.smoothscale(surface, (width, width * size[1] // size[0]))
 

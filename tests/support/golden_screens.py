@@ -27,6 +27,7 @@ from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
 from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.screens.main_menu import leaving, menu
 from robotouille_client.window.shell.screens.play_menu import PlayMenu
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu
@@ -59,9 +60,11 @@ def proven_game() -> bytes:
 
 
 def _settings() -> Settings:
+    best = {f"{BURGER}@2": 40}
     return Settings(
-        name="ada", learned=True, task=BURGER, seats=2, best={f"{BURGER}@2": 40}, code="KQXZB-MHTWA"
-    )
+        preferences=Preferences(name="ada"), learned=True, task=BURGER, seats=2, best=best,
+        code="KQXZB-MHTWA",
+    )  # fmt: skip
 
 
 def _replays() -> Form:
@@ -103,8 +106,7 @@ def screen(name: str, size: tuple[int, int], *, strong: bool = False) -> pygame.
     display, form = Display(size, headless=True), SCREENS[name]()
     display.open()
     try:
-        shown = Screen(display)
-        shown.strong_contrast = strong
+        shown = Screen(display, preferences=Preferences(strong_contrast=strong))
         for _ in range(MAX_LATE):
             shown.draw(form)
             if not form.idle():

@@ -160,7 +160,7 @@ def test_the_look_of_kitchens_is_a_setting() -> None:
     menu = SettingsMenu(settings)
     look = next(row for row in menu.form.rows if row.label == "Look")
     look.command(Command.USE)
-    assert settings.rendering == "chalk"
+    assert settings.preferences.rendering == "chalk"
     usual, chalk = Thumbnails(), Thumbnails("chalk")
     assert usual.at("synchronous/01", (60, 60)) is None, "it is drawn when there is time"
     for pictures in (usual, chalk):

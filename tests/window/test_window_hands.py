@@ -20,6 +20,7 @@ from robotouille_client.window.controls import Controls
 from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap, key_words
 from robotouille_client.window.hands.walking import towards
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble
 from robotouille_client.window.window import Window
 
@@ -304,7 +305,7 @@ def test_keys_can_be_changed_and_none_means_two_things() -> None:
     again = KeyMap(keys.changed)
     assert again.changed == keys.changed == {"left": [], "use": ["f"], "list": ["a"]}
     assert KeyMap({"nothing": ["x"], "use": ["return"]}).command("return") is Command.ENTER
-    table = Table(Script(World("training/01")), keys=keys)
+    table = Table(Script(World("training/01")), preferences=Preferences(keys=keys.changed))
     table.press(pygame.K_a)
     assert table.overlay().choices
     table.window.close()

@@ -11,6 +11,7 @@ from tests.support.window_play import Script
 from robotouille import World
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import View
 
 SCALES = (1.0, 1.3, 1.5, 1.6)
@@ -23,7 +24,7 @@ class Written(Painter):
     """A painter that knows the words it has written since the last picture."""
 
     def __init__(self, scale: float) -> None:
-        super().__init__(text_scale=scale)
+        super().__init__(preferences=Preferences(text_scale=scale))
         self.words: list[str] = []
         line = self.text.line
 
@@ -74,7 +75,7 @@ def test_of_the_other_keys_the_last_stay_longest(view: View, scale: float) -> No
 def test_a_notice_lies_over_the_wall_at_most(
     view: View, size: tuple[int, int], scale: float, notice: str
 ) -> None:
-    painter, surface = Painter(text_scale=scale), pygame.Surface(size)
+    painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)
     before = painter.layout(size, view.world)
     told = replace(view, notice=notice)
     painter.paint(surface, told)

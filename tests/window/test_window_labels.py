@@ -18,6 +18,7 @@ from robotouille_client.window.pictures import theme
 from robotouille_client.window.pictures.badges import seat_fill, seat_ink
 from robotouille_client.window.pictures.colour_vision import contrast, strong_ink
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, SeatView, View
 
 SIZES = [(320, 240), (640, 360), (1280, 720), (2560, 1440)]
@@ -72,7 +73,7 @@ def test_letters_grow_with_the_window() -> None:
     small, large = (painter.layout(size, world) for size in SIZES[2:])
     assert large.text == 2 * small.text
     assert abs(large.panel.width - 2 * small.panel.width) <= 2
-    bigger = Painter(text_scale=1.5).layout(SIZES[2], world)
+    bigger = Painter(preferences=Preferences(text_scale=1.5)).layout(SIZES[2], world)
     assert bigger.text == round(1.5 * small.text)
     assert painter.layout((320, 240), world).text >= 11
 
@@ -123,7 +124,7 @@ def test_strong_contrast_is_of_all_letters_and_of_nothing_that_is_strong_already
     pictures = []
     for chosen in (False, True):
         surface = pygame.Surface((640, 360))
-        Painter(strong_contrast=chosen).paint(surface, crowded(9))
+        Painter(preferences=Preferences(strong_contrast=chosen)).paint(surface, crowded(9))
         pictures.append(pygame.image.tobytes(surface, "RGB"))
     assert pictures[0] != pictures[1]
 
@@ -194,7 +195,7 @@ def test_the_list_covers_neither_the_order_nor_the_seats_nor_ones_own_player(
 ) -> None:
     world = World(task)
     seats = tuple(SeatView(player, player) for player in world.players)
-    painter, surface = Painter(text_scale=scale), pygame.Surface(size)
+    painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)
     painter.paint(surface, View(world, world.initial, seats=seats, me=world.players[0]), CHOICES)
     rows = [area for area, key in painter._key_strip._places if key.isdigit()]
     whole, place = rows[0].unionall(rows[1:]), painter.layout(size, world)

@@ -49,7 +49,7 @@ async def sit(
     first: Coroutine[Any, Any, object] | None = None,
 ) -> None:
     """Open the window, and do what a script says; if that ends, the process is stopped."""
-    evening.shell.settings.server = server.url
+    evening.shell.settings.prefer(server=server.url)
     evening.shell.ui.clock = asyncio.get_running_loop().time
     evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
 

@@ -15,6 +15,7 @@ from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.spots import Spot, ways
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import View
 
 SIZE = (640, 400)
@@ -94,7 +95,7 @@ def test_hot_soup_steams(course) -> None:
 
 
 def test_who_wants_no_movement_sees_only_that_from_place_to_place(course) -> None:
-    still = Painter(reduced_motion=True)
+    still = Painter(preferences=Preferences(reduced_motion=True))
     for step, count in ((15, 1), (2, 3)):
         shown = View(course[step].world, course[step], course[step - 1], step)
         frozen = replace(shown, previous=None)

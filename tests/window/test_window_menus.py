@@ -397,9 +397,10 @@ def test_settings_count_at_once(display: Display) -> None:
     ctrl(pygame.K_a)
     post("Ada", pygame.K_ESCAPE)
     follow(form)
-    assert (settings.sound, settings.reduced_motion, settings.text_scale) == (False, True, 1.1)
-    assert settings.name == "Ada"
-    assert settings.strong_contrast
+    now = settings.preferences
+    assert (now.sound, now.reduced_motion, now.text_scale) == (False, True, 1.1)
+    assert now.name == "Ada"
+    assert now.strong_contrast
     assert told[:4] == ["sound", "reduced_motion", "text_scale", "strong_contrast"]
     assert form.result == "back"
 
@@ -410,7 +411,7 @@ def test_an_empty_name_is_none(display: Display) -> None:
     ctrl(pygame.K_a)
     post(pygame.K_BACKSPACE)
     follow(form)
-    assert settings.name == "Ada"
+    assert settings.preferences.name == "Ada"
 
 
 def test_keys_as_they_were_stays_and_a_key_that_is_taken_is_told(display: Display) -> None:
@@ -656,12 +657,12 @@ def test_the_language_file_is_a_setting_and_its_faults_are_told(
         ('{"kind": {}}', "kind"), ("{", "broken.json"), ('{"actions": {"cut": 3}}', "cut"),
     ):  # fmt: skip
         (tmp_path / "broken.json").write_text(broken_words)
-        settings.language_file = str(tmp_path / "broken.json")
+        settings.prefer(language_file=str(tmp_path / "broken.json"))
         ui.follow_settings()
         assert ui.words == NO_WORDS
         assert told in ui.words_fault
-        settings.language_file = ""
+        settings.prefer(language_file="")
         ui.follow_settings()
-    settings.language_file = str(tmp_path / "none.json")
+    settings.prefer(language_file=str(tmp_path / "none.json"))
     ui.follow_settings()
     assert "none.json" in ui.words_fault

@@ -100,4 +100,4 @@ async def test_what_was_typed_is_kept_when_one_goes_back(
         yield from evening.choose("Quit")
 
     await evening.go(script)
-    assert evening.shell.settings.server == "ws://127.0.0.1:87650"
+    assert evening.shell.ui.preferences.server == "ws://127.0.0.1:87650"

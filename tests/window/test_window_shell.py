@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pygame
 import pytest
+from pydantic import ValidationError
 from tests.support.evening import Evening, keys_of, wait
 from tests.support.own_renderings import own_renderings
 from tests.support.servers import serving
@@ -26,6 +27,7 @@ from robotouille_client import connect
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.widgets import Choice
 from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.screens.saving_form import SavingForm
@@ -264,7 +266,7 @@ async def test_settings_are_kept_and_followed(evening: Evening) -> None:
 
     await asyncio.wait_for(evening.go(script), 60)
     kept, _ = load_settings(evening.folder / "window.json")
-    assert (kept.name, kept.keys) == ("Ada e", {"use": ["f"]})
+    assert (kept.preferences.name, kept.preferences.keys) == ("Ada e", {"use": ["f"]})
 
 
 async def test_the_tutorial_ends_with_its_task(evening: Evening) -> None:
@@ -338,7 +340,7 @@ async def test_a_task_that_is_none_is_told_in_the_menu(evening: Evening) -> None
         yield from wait(3)
         yield from evening.choose("Quit")
 
-    evening.shell.settings.server = "ws://127.0.0.1:9"
+    evening.shell.settings.prefer(server="ws://127.0.0.1:9")
     await asyncio.wait_for(evening.go(script), 60)
 
 
@@ -350,7 +352,7 @@ def test_open_a_kitchen_on_a_server_wait_for_others_and_leave(
 
     async def main() -> None:
         async with serving(tmp_path / "server") as server:
-            evening.shell.settings.server = server.url
+            evening.shell.settings.prefer(server=server.url)
             evening.shell.settings.task = "multi_agent/01"
 
             def script() -> Iterator[None]:
@@ -483,7 +485,7 @@ def test_settings_that_are_a_pipe(tmp_path: Path) -> None:
     assert settings == Settings()
     assert "no file" in words
     assert not save_settings(Settings(name="ada"), path)
-    assert load_settings(path)[0].name == "ada"
+    assert load_settings(path)[0].preferences.name == "ada"
 
 
 @pytest.mark.parametrize("key", ["\\ud800", "\\u202e", "", "a\\nb"])
@@ -500,7 +502,7 @@ def test_a_link_to_settings_stays_one(tmp_path: Path) -> None:
     path.symlink_to(whole)
     assert not save_settings(Settings(name="ada"), path)
     assert path.is_symlink()
-    assert load_settings(whole)[0].name == "ada"
+    assert load_settings(whole)[0].preferences.name == "ada"
 
 
 def test_two_windows_do_not_write_into_one_draft(
@@ -519,8 +521,26 @@ def test_two_windows_do_not_write_into_one_draft(
     monkeypatch.setattr(Path, "replace", other_first)
     assert not save_settings(Settings(name="ada"), path)
     assert len(set(drafts)) == 2
-    assert load_settings(path)[0].name == "ada"
+    assert load_settings(path)[0].preferences.name == "ada"
     assert [each.name for each in tmp_path.iterdir()] == ["window.json"]
+
+
+def test_preferences_stand_among_the_others_in_the_file() -> None:
+    plain = json.loads(Settings(code="ABC", name="ada").model_dump_json())
+    assert plain.keys() >= {"version", "name", "keys", "code", "best"}
+    assert "preferences" not in plain
+    again = Settings.model_validate(plain)
+    assert (again.code, again.preferences) == ("ABC", Preferences(name="ada"))
+
+
+def test_preferences_give_way_to_others_and_never_change() -> None:
+    settings = Settings()
+    before = settings.preferences
+    settings.prefer(keys={"use": ["f"]})
+    assert before == Preferences()
+    assert settings.preferences.key_map.keys(Command.USE) == ("f",)
+    with pytest.raises(ValidationError):
+        before.sound = False  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("file", ["a\0b", "/dev/zero", "pipe"])
@@ -539,7 +559,7 @@ def test_a_look_that_is_gone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert not save_settings(Settings(rendering="marble"), settings_path())
     shell = open_shell()
     try:
-        assert shell.settings.rendering == ""
+        assert shell.ui.preferences.rendering == ""
         assert "'marble'" in shell.ui.message
     finally:
         shell.ui.close()
@@ -564,7 +584,7 @@ async def test_what_is_missing_in_a_look_is_told_when_it_is_chosen(
     assert isinstance(row, Choice)
     for _ in range(4):
         row.command(Command.USE)
-        told[row.value] = (menu.form.message, shell.settings.rendering)
+        told[row.value] = (menu.form.message, shell.ui.preferences.rendering)
     said, kept = told["broken"]
     assert said.startswith("'broken' cannot be used, kitchens look as usual: flor: unknown field")
     assert kept == ""
@@ -586,7 +606,7 @@ def test_what_is_missing_in_a_remembered_look_is_told(
     assert not save_settings(Settings(rendering="mine"), settings_path())
     shell = open_shell()
     try:
-        assert shell.settings.rendering == "mine"
+        assert shell.ui.preferences.rendering == "mine"
         assert "there is no picture 'no.svg'" in shell.ui.message
     finally:
         shell.ui.close()
@@ -604,7 +624,7 @@ def test_a_size_that_is_asked_for_comes_before_a_window_that_fills_the_screen(
     try:
         assert (shell.ui.display.size, shell.ui.display.fullscreen) == ((640, 480), False)
         shell._remember()
-        assert load_settings(settings_path())[0].fullscreen
+        assert load_settings(settings_path())[0].preferences.fullscreen
     finally:
         shell.ui.close()
 
@@ -627,17 +647,17 @@ def test_the_settings_file_says_its_version(tmp_path: Path) -> None:
 @pytest.mark.parametrize("renamed", [False, True])
 async def test_what_is_said_for_one_time_is_not_kept(tmp_path: Path, renamed: bool) -> None:
     path = tmp_path / "settings.json"
-    remembered = Settings(name="ada", size=(1280, 720))
+    remembered = Preferences(name="ada", size=(1280, 720))
     display = Display((640, 360), headless=True)
     now = remembered.model_copy(update={"name": "guest", "size": (640, 360)})
-    shell = Shell(now, display, path=path, remembered=remembered)
+    shell = Shell(Settings(preferences=now), display, path=path, remembered=remembered)
 
     async def first() -> object:
         if renamed:
-            shell.settings.name = "grace"
+            shell.settings.prefer(name="grace")
         return "quit"
 
     await shell.run(first())
     kept, _ = load_settings(path)
-    assert kept.size == (1280, 720)
-    assert kept.name == ("grace" if renamed else "ada")
+    assert kept.preferences.size == (1280, 720)
+    assert kept.preferences.name == ("grace" if renamed else "ada")

@@ -40,7 +40,7 @@ def play(
         async with serving(evening.folder / "server") as server:
             made = {"task": "synchronous/01", "clock": "turn", "max_steps": 3, **rules}
             room = server.lobby.create(Create(**made))  # type: ignore[arg-type]
-            evening.shell.settings.server = server.url
+            evening.shell.settings.prefer(server=server.url)
             evening.shell.ui.clock = asyncio.get_running_loop().time
             evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
             evening.fingers.script = script(server)

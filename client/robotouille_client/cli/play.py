@@ -89,13 +89,14 @@ def play(
 def _picture(setup: GameSetup, size: str, path: Path, rendering: str) -> None:
     """Save a game's first picture."""
     from robotouille_client.window import parse_size
+    from robotouille_client.window.preferences import Preferences
     from robotouille_client.window.shell.games.local_game import LocalGame
     from robotouille_client.window.window import Window
 
     if not path.parent.is_dir():
         raise RobotouilleError(f"there is no folder {path.parent}")
     game = LocalGame(replace(setup, countdown=0.0), "you", time.monotonic, None)
-    window = Window(parse_size(size), headless=True, rendering=rendering)
+    window = Window(parse_size(size), headless=True, preferences=Preferences(rendering=rendering))
     try:
         window.frame(game.source)
         window.screenshot(path)

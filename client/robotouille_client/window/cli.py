@@ -88,6 +88,7 @@ async def _show(
 ) -> None:
     import asyncio
 
+    from robotouille_client.window.preferences import Preferences
     from robotouille_client.window.shell.games.remote_game import shown
     from robotouille_client.window.window import Window
 
@@ -99,7 +100,7 @@ async def _show(
         caption=caption,
         headless=headless,
         look=look,
-        rendering=rendering,
+        preferences=Preferences(rendering=rendering),
         strip=strip,
         clock=loop.time,
     )

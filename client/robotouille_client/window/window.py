@@ -6,7 +6,7 @@ import asyncio
 import dataclasses
 import gc
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pygame
@@ -18,11 +18,12 @@ from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.shown_card import ShownCard
-from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.hands.commands import Command
 from robotouille_client.window.hands.gamepad import Gamepads
-from robotouille_client.window.hands.play_input import HelpRows, PlayInput
+from robotouille_client.window.hands.play_input import PlayInput
 from robotouille_client.window.hands.sounds import Sounds
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
 
@@ -40,17 +41,14 @@ STAY = "stay"
 class Window:
     """One pygame window.
 
-    `headless` draws the same without a screen. `extra_keys` do more than the window does by itself,
-    e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is that of
-    a kitchen which is not installed, `rendering` the name of the one that is chosen for the others;
-    `words` are laid over those of its language. A `strip` is drawn below the kitchen, and asked
-    first about each event; a `painter` that is given draws instead of the window's own, and draws
-    the strip itself. `text_scale` makes letters larger, `strong_contrast` lighter or darker; with
-    `reduced_motion` only what matters moves. `keys` are those of the window's own commands. A
-    `display` that is given stays open when this window is closed. `cards` are shown beside the
-    kitchen when a game is over, and when its owner wants to leave it; `answer` is what was chosen
-    there, None if the window was closed. `sounds` are told each view. `clock` and `sleep` are
-    injected for tests.
+    It draws and listens as its owner's `preferences` have it; `size` is that of a display of its
+    own, and `headless` draws the same without a screen. `look` is that of a kitchen which is not
+    installed, in place of the preferred one; `words` are laid over those of its language. A `strip`
+    is drawn below the kitchen, and asked first about each event; a `painter` that is given draws
+    instead of the window's own, and draws the strip itself. A `display` that is given stays open
+    when this window is closed. `cards` are shown beside the kitchen when a game is over, and when
+    its owner wants to leave it; `answer` is what was chosen there, None if the window was closed.
+    `sounds` are told each view. `clock` and `sleep` are injected for tests.
 
     Of its `frames` only those are `drawn` that look different, or follow an event.
     """
@@ -63,17 +61,11 @@ class Window:
         fps: int = 60,
         headless: bool = False,
         screenshots: Path | None = None,
-        extra_keys: Mapping[str, Callable[[], None]] | None = None,
-        help_rows: HelpRows | None = None,
+        preferences: Preferences = Preferences(),
         look: KitchenLook | None = None,
         words: Language = NO_WORDS,
-        rendering: str = "",
         strip: Strip | None = None,
         painter: Painter | None = None,
-        text_scale: float = 1.0,
-        reduced_motion: bool = False,
-        strong_contrast: bool = False,
-        keys: KeyMap | None = None,
         display: Display | None = None,
         gamepads: Gamepads | None = None,
         cards: Cards | None = None,
@@ -97,25 +89,21 @@ class Window:
         self._cards = cards
         self._sounds = sounds
         self._card: ShownCard | None = None
-        self._keys = keys or KeyMap()
+        self._keys = preferences.key_map
         self._keys_down: set[int] = set()
         self._over = False
         self._still = False
         self._painter = painter or Painter(
-            look.rendering if look else rendering,
+            look.rendering if look else None,
             look.pictures if look else None,
             strip,
-            text_scale=text_scale,
-            reduced_motion=reduced_motion,
+            preferences=preferences,
             words=words,
-            strong_contrast=strong_contrast,
         )
         self._input = PlayInput(
             keys=self._keys,
             look=look,
             words=words,
-            extra_keys=extra_keys or {},
-            help_rows=help_rows,
             target=self._target,
             key_at=self._painter.key_at,
             alone=strip is None,

@@ -31,6 +31,7 @@ from robotouille_client.window.drawing.window_layout import Layout, layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import View
 
@@ -48,14 +49,13 @@ class Painter:
     walks of several steps are not seen.
 
     Args:
-        rendering: In place of the one that belongs to the domain; by its name for the domains whose
-            rendering it extends.
+        rendering: In place of the preferred one, or the one that belongs to the domain; by its name
+            for the domains whose rendering it extends.
         pictures: A folder in which they are looked for first.
         strip: What is drawn below the kitchen.
-        text_scale: How much larger letters are than they would be.
-        reduced_motion: Nothing moves but from place to place: no hops, no steam, no sparks.
+        preferences: Where these want little motion, nothing moves but from place to place: no hops,
+            no steam, no sparks.
         words: What is laid over those of the rendering.
-        strong_contrast: Letters stand out more than they would.
     """
 
     def __init__(
@@ -64,18 +64,15 @@ class Painter:
         pictures: Path | None = None,
         strip: Strip | None = None,
         *,
-        text_scale: float = 1.0,
-        reduced_motion: bool = False,
+        preferences: Preferences = Preferences(),
         words: Language = NO_WORDS,
-        strong_contrast: bool = False,
     ) -> None:
-        self._rendering = rendering
+        self._rendering = rendering or preferences.rendering
         self._words = words
         self._pictures = () if pictures is None else (pictures,)
         self._strip = strip
-        self.text_scale = text_scale
-        self.reduced_motion = reduced_motion
-        self.text = self._text = Typesetter(strong=strong_contrast)
+        self._preferences = preferences
+        self.text = self._text = Typesetter(strong=preferences.strong_contrast)
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
         self._preloader: Preloader | None = None
@@ -153,7 +150,7 @@ class Painter:
             return 1.0
         self._poses(view)
         life = self._life(view)
-        lively = bool(life.working or life.emissions) and not self.reduced_motion
+        lively = bool(life.working or life.emissions) and not self._preferences.reduced_motion
         if (
             self._motion.walking(view.step)
             or life.travels
@@ -173,7 +170,7 @@ class Painter:
             earlier = spots(place, self.stage(view.previous), poses)
         return Scene(
             stage, poses, spots(place, stage, poses), earlier, life, view.phase,
-            view.step + view.phase, not self.reduced_motion,
+            view.step + view.phase, not self._preferences.reduced_motion,
         )  # fmt: skip
 
     def _life(self, view: View) -> Life:
@@ -195,11 +192,13 @@ class Painter:
         """Where things are on a surface of a size, below the notice that was drawn last."""
         problem = world.task.problem
         lines = 0.0 if self._strip is None else self._strip.lines
-        place = layout(size, problem.width, problem.height, lines, self.text_scale)
+        place = layout(size, problem.width, problem.height, lines, self._preferences.text_scale)
         if not self._notice or world is not self._world:
             return place
         head = self._interruptions.head_lines(place, self._notice)
-        return layout(size, problem.width, problem.height, lines, self.text_scale, head)
+        return layout(
+            size, problem.width, problem.height, lines, self._preferences.text_scale, head
+        )
 
     def stage(self, state: State) -> Stage:
         """What there is to draw of a state; the newest few are kept."""
@@ -235,9 +234,7 @@ class Painter:
         self._notice = ""
         self._preloader = None
         chosen = self._rendering
-        art = (
-            chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen or "")
-        )
+        art = chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen)
         language = art.language.with_words(self._words)
         self._art: RenderingFile = art.model_copy(update={"language": language})
         self._sprites = Sprites(

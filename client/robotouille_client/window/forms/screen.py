@@ -11,10 +11,11 @@ import pygame
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.repeats import Repeats
-from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.hands.commands import Command
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BACKGROUND, FAINT
+from robotouille_client.window.preferences import Preferences
 
 __all__ = ["ClosedByOwnerError", "Screen", "text_size"]
 
@@ -35,22 +36,19 @@ def text_size(size: tuple[int, int], scale: float) -> int:
 
 
 class Screen:
-    """Asks forms in a display until each has a result."""
+    """Asks forms in a display until each has a result; its `preferences` may change meanwhile."""
 
     def __init__(
         self,
         display: Display,
         *,
-        keys: KeyMap | None = None,
+        preferences: Preferences = Preferences(),
         gamepads: Gamepads | None = None,
-        text_scale: float = 1.0,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.display = display
-        self.keys = keys or KeyMap()
+        self.preferences = preferences
         self.gamepads = gamepads or Gamepads()
-        self.text_scale = text_scale
-        self.strong_contrast = False
         self._sleep = sleep
         self._text: Typesetter | None = None
 
@@ -102,14 +100,14 @@ class Screen:
         form.message = self.gamepads.notice(event) or form.message
         if pressed is not None:
             form.command(pressed)
-        elif form.handle(event, self.keys) is Command.FULLSCREEN:
+        elif form.handle(event, self.preferences.key_map) is Command.FULLSCREEN:
             self.display.toggle_fullscreen()
 
     def _again(self, held: pygame.Event | Command, form: Form) -> None:
         if isinstance(held, Command):
             form.command(held)
         else:
-            form.handle(held, self.keys)
+            form.handle(held, self.preferences.key_map)
 
     def draw(self, form: Form) -> None:
         """Show a form as it is now."""
@@ -117,7 +115,7 @@ class Screen:
         if surface is None:
             return
         width, height = surface.get_size()
-        size = text_size((width, height), self.text_scale)
+        size = text_size((width, height), self.preferences.text_scale)
         self._background(surface, "Robotouille" if height >= HIGH * size else "")
         above = 4 * size if height >= HIGH * size else size // 2
         below = size if height >= HIGH * size else size // 2
@@ -142,7 +140,7 @@ class Screen:
     def _typesetter(self) -> Typesetter:
         if self._text is None:
             self._text = Typesetter()
-        self._text.strong = self.strong_contrast
+        self._text.strong = self.preferences.strong_contrast
         return self._text
 
 

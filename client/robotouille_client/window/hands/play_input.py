@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import pygame
 
@@ -44,8 +44,6 @@ class PlayInput:
         keys: KeyMap,
         look: KitchenLook | None,
         words: Language = NO_WORDS,
-        extra_keys: Mapping[str, Callable[[], None]],
-        help_rows: HelpRows | None,
         target: Callable[[tuple[int, int], View], str | None],
         key_at: Callable[[tuple[int, int]], str],
         alone: bool = True,
@@ -55,8 +53,6 @@ class PlayInput:
         self.hands = Hands(keys, clock)
         self._look = look
         self._words = words
-        self._extra_keys = extra_keys
-        self._help_rows = help_rows
         self._target = target
         self._key_at = key_at
         self._alone = alone
@@ -219,9 +215,6 @@ class PlayInput:
             elif said:
                 source.say(said)
             return None
-        if name in self._extra_keys:
-            self._extra_keys[name]()
-            return None
         command = self.hands.keys.command(name)
         if self.hands.choices is not None:
             if name in tuple("123456789"):
@@ -303,7 +296,7 @@ class PlayInput:
         keys = self.hands.keys
         if view.me is None and not self._alone:
             return ()
-        rows = [("", "You are watching")] if view.me is None and self._help_rows is None else []
+        rows = [("", "You are watching")] if view.me is None else []
         if view.me is not None and not view.frozen:
             rows = [(self._walk_keys(view), "walk"), (keys.words(Command.LIST), "all actions")]
         if view.lobby is not None and view.lobby.ready is not None and not view.frozen:
@@ -353,8 +346,6 @@ class PlayInput:
         return self._listed[1]
 
     def _help_of(self, view: View) -> HelpRows:
-        if self._help_rows is not None:
-            return self._help_rows
         keys = self.hands.keys
         bound = self.controls(view).bindings.keyboard_actions
         always = {b.input_instructions.key for b in bound if b.input_instructions.at is None}

@@ -16,6 +16,7 @@ from robotouille.replay.recording import Recording
 from robotouille_client.window import parse_size, require_screen
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.replay.background.span_export import SpanExport
 from robotouille_client.window.replay.background.steps_search import StepsSearch
 from robotouille_client.window.replay.history.recorded import RecordedHistory
@@ -68,7 +69,7 @@ def watch(
             Window,
             parse_size(size),
             headless=screenshot is not None,
-            rendering=rendering,
+            preferences=Preferences(rendering=rendering),
             cards=ReplayCards(),
         ),
     )

@@ -76,7 +76,7 @@ class LocalGames:
     def _game(self, setup: GameSetup, recordings: Path | None) -> LocalGame:
         ui = self._ui
         return LocalGame(
-            setup, ui.settings.name, ui.clock, recordings, self._make_partners, ui.words
+            setup, ui.preferences.name, ui.clock, recordings, self._make_partners, ui.words
         )
 
     async def _play_once(self, game: LocalGame, setup: GameSetup) -> object:

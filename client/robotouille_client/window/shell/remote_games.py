@@ -18,6 +18,7 @@ from robotouille_client.console import explain, server_url
 from robotouille_client.console.kept_seat import kept_seat, state_folder
 from robotouille_client.game import Game
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.replay.history.live import LiveHistory
 from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
 from robotouille_client.window.shell.games.remote_game import RemoteGame, remote_game, shown
@@ -28,7 +29,6 @@ from robotouille_client.window.shell.screens.server_menus import (
     lobby_menu,
     waiting_form,
 )
-from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.user_interface import UserInterface
 
 __all__ = ["RemoteGames"]
@@ -101,7 +101,7 @@ class RemoteGames:
             if episodes is None:
                 return None
             own = {one.code for one in episodes if self._has_kept_seat(one)}
-            form = lobby_menu(episodes, self._ui.settings.server, own)
+            form = lobby_menu(episodes, self._ui.preferences.server, own)
             answer = await self._ui.ask(form)
             if answer == "back":
                 return None
@@ -111,7 +111,7 @@ class RemoteGames:
 
     def _has_kept_seat(self, episode: EpisodeInfo) -> bool:
         """Whether a seat is kept there for a window of this name whose process stopped."""
-        name = self._ui.settings.name
+        name = self._ui.preferences.name
         if all(seat.present or not seat.name for seat in episode.seats):
             return False
         with kept_seat(state_folder(), self._address(None), episode.code, name) as kept:
@@ -149,8 +149,8 @@ class RemoteGames:
 
     def _name(self, *, watch: bool) -> str:
         """What one is called; who has chosen no name, and only watches, is no player."""
-        name = self._ui.settings.name
-        return WATCHER if watch and name == Settings.model_fields["name"].default else name
+        name = self._ui.preferences.name
+        return WATCHER if watch and name == Preferences.model_fields["name"].default else name
 
     async def _play(self, entered: RemoteGame) -> object:
         """A game, and what comes after it: `again` where one has entered the next."""
@@ -214,7 +214,7 @@ class RemoteGames:
         Raises:
             RobotouilleError: The server cannot be reached, or refuses.
         """
-        address, name = self._address(url), self._ui.settings.name
+        address, name = self._address(url), self._ui.preferences.name
 
         async def asked() -> T:
             async with connect(address, name=name, kind="human", token=self._token) as client:
@@ -223,4 +223,4 @@ class RemoteGames:
         return await self._ui.wait(asked(), waiting_form("Connecting …"))
 
     def _address(self, url: str | None) -> str:
-        return server_url(url or self._ui.settings.server, "", 0)
+        return server_url(url or self._ui.preferences.server, "", 0)

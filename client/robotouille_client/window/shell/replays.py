@@ -49,7 +49,7 @@ class Replays:
             menu = ReplaysMenu(
                 recent_recordings(folders),
                 message,
-                rendering=self._ui.settings.rendering,
+                rendering=self._ui.preferences.rendering,
                 chosen=path,
             )
             path = await self._ui.ask(menu.form)
@@ -95,7 +95,7 @@ class Replays:
         make = partial(ui.window, ReplayCards())
         viewer = Viewer(
             recordings,
-            rendering=ui.settings.rendering,
+            rendering=ui.preferences.rendering,
             now=ui.clock,
             make_window=make,
             words=ui.words,
@@ -111,7 +111,7 @@ class Replays:
         from robotouille_client.window.replay.viewer import ReplayCards
 
         viewer = HistoryViewer(
-            history, self._ui.clock, stem, rendering=self._ui.settings.rendering, look=look
+            history, self._ui.clock, stem, rendering=self._ui.preferences.rendering, look=look
         )
         window = self._ui.window(
             ReplayCards(), caption=self._ui.display.caption, look=look, strip=viewer.strip
@@ -143,7 +143,7 @@ class Replays:
         from robotouille_client.window.replay.film import filming
 
         form = SavingForm(output.name)
-        rendering = self._ui.settings.rendering
+        rendering = self._ui.preferences.rendering
 
         async def write() -> bool:
             args = (history, output, VIDEO_RATE, VIDEO_SIZE)

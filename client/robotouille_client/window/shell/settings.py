@@ -8,50 +8,64 @@ import os
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
+
+from robotouille_client.window.preferences import Preferences, Word
 
 __all__ = ["Settings", "load_settings", "save_settings", "settings_path"]
 
 VERSION = 1
 MAX_BYTES = 100_000
 """Of the file: nobody has so many settings."""
-Name = Annotated[str, Field(min_length=1, max_length=40)]
-Word = Annotated[str, Field(max_length=40)]
-Side = Annotated[int, Field(ge=160, le=8192)]
 
 
 class Settings(BaseModel):
-    """All that is remembered.
+    """All that is remembered: what the window's owner prefers, and what was done last.
 
-    `size` is that of the window in pixels, `rendering` the name of the one that is chosen for the
-    kitchens that may look like it, `language_file` a file with words of the owner's own.
-    `text_scale` makes letters larger or smaller, `strong_contrast` lighter or darker. `keys` are
-    those that differ from the defaults. `task`, `partner` and `rate` (steps a second) were played
-    last, `server` and `code` joined last. `best` has the fewest steps in which each task was done
-    here, by `NAME@PLAYERS`.
+    `task`, `partner` and `rate` (steps a second) were played last, `code` was joined last. `best`
+    has the fewest steps in which each task was done here, by `NAME@PLAYERS`. In the file the
+    preferences stand among the others.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     version: int = VERSION
-    name: Name = "player"
-    size: tuple[Side, Side] = (1280, 720)
-    fullscreen: bool = False
-    sound: bool = True
-    reduced_motion: bool = False
-    strong_contrast: bool = False
-    rendering: Annotated[str, Field(max_length=64)] = ""
-    language_file: Annotated[str, Field(max_length=400)] = ""
-    text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
-    keys: dict[Word, list[Word]] = Field(default={}, max_length=40)
+    preferences: Preferences = Preferences()
     task: Annotated[str, Field(max_length=200)] = "synchronous/01"
     seats: Annotated[int, Field(ge=1, le=8)] = 1
     partner: Word = "planner"
     rate: Annotated[float, Field(ge=1, le=20)] = 5.0
-    server: Annotated[str, Field(max_length=200)] = "ws://127.0.0.1:8765"
     code: Word = ""
     learned: bool = False
     best: dict[str, Annotated[int, Field(ge=0)]] = Field(default={}, max_length=1000)
+
+    def prefer(self, **changes: object) -> None:
+        """Prefer something else from now on."""
+        self.preferences = self.preferences.model_copy(update=changes)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather(cls, plain: dict[str, Any]) -> dict[str, Any]:
+        """The preferences as a value of their own."""
+        preferred = {name: plain[name] for name in plain if name in Preferences.model_fields}
+        if not preferred:
+            return plain
+        others = {name: value for name, value in plain.items() if name not in preferred}
+        return {**others, "preferences": preferred}
+
+    @model_serializer(mode="wrap")
+    def _scatter(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The preferences among the others."""
+        plain = serialize(self)
+        return {**plain.pop("preferences"), **plain}
 
 
 def settings_path() -> Path:
@@ -89,12 +103,14 @@ def load_settings(path: Path) -> tuple[Settings, str]:
 
 def _sound(raw: dict[str, Any], path: Path) -> tuple[Settings, str]:
     """The settings without those that make no sense, and words where there are such."""
-    wrong = [name for name in raw if name not in Settings.model_fields]
-    kept = {name: value for name, value in raw.items() if name in Settings.model_fields}
+    known = (Settings.model_fields | Preferences.model_fields).keys() - {"preferences"}
+    wrong = [name for name in raw if name not in known]
+    kept = {name: value for name, value in raw.items() if name in known}
     try:
         settings = Settings.model_validate(kept)
     except ValidationError as error:
-        faulty = dict.fromkeys(str(fault["loc"][0]) for fault in error.errors())
+        places = (fault["loc"] for fault in error.errors())
+        faulty = dict.fromkeys(str(at[1] if at[0] == "preferences" else at[0]) for at in places)
         wrong = [*faulty, *wrong]
         sound = {name: value for name, value in kept.items() if name not in faulty}
         settings = Settings.model_validate(sound)

@@ -17,6 +17,7 @@ from robotouille_client.console import explain
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.screen import ClosedByOwnerError
 from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.local_games import LocalGames
 from robotouille_client.window.shell.remote_games import RemoteGames
 from robotouille_client.window.shell.replays import Replays
@@ -36,8 +37,8 @@ class Shell:
         recordings: Where games that are played here are kept, None to keep none.
         tasks: A folder of own kitchens: recordings of them are shown with its pictures.
         token: A signed role token, where servers ask for one.
-        remembered: What is on disk, where that differs: what was said for this time only is not
-            kept, unless it is changed.
+        remembered: The preferences on disk, where these differ: what was said for this time only
+            is not kept, unless it is changed.
         menu: Whether there is one; without it, the shell ends with what comes first.
         make_partners: The bots of games that are played here.
         clock, sleep: Injected for tests.
@@ -49,7 +50,7 @@ class Shell:
         display: Display,
         *,
         path: Path | None = None,
-        remembered: Settings | None = None,
+        remembered: Preferences | None = None,
         recordings: Path | None = None,
         tasks: Path | None = None,
         token: str | None = None,
@@ -64,10 +65,8 @@ class Shell:
         self.local = LocalGames(self.ui, self.replays, recordings, make_partners)
         self.remote = RemoteGames(self.ui, self.replays, recordings, token=token, menu=menu)
         self._path = path
-        self._remembered = remembered or settings
-        self._for_now = {
-            name: value for name, value in settings if value != getattr(self._remembered, name)
-        }
+        self._remembered = remembered or settings.preferences
+        self._said = settings.preferences
         self._menu = menu
         self._places: dict[object, Callable[[], Awaitable[object]]] = {
             "play": self.local.choose,
@@ -110,7 +109,7 @@ class Shell:
     # What is remembered
 
     async def _set(self) -> object:
-        self.settings.fullscreen = self.ui.display.fullscreen
+        self.settings.prefer(fullscreen=self.ui.display.fullscreen)
         answer: object = "settings"
         try:
             while answer != "back":
@@ -128,27 +127,25 @@ class Shell:
 
     def _follow(self, field: str) -> str:
         """Do as a setting, which was changed, says from now on; what is wrong with it."""
-        full = self.settings.fullscreen
+        full = self.ui.preferences.fullscreen
         if field == "fullscreen" and full != self.ui.display.fullscreen:
             self.ui.display.toggle_fullscreen()
         self.ui.follow_settings()
         return self.ui.look_fault if field == "rendering" else self.ui.words_fault
 
     def _set_keys(self, keys: KeyMap) -> None:
-        self.settings.keys = keys.changed
+        self.settings.prefer(keys=keys.changed)
         self.ui.follow_settings()
 
     def _remember(self) -> None:
-        self.settings.size = self.ui.display.size
-        self.settings.fullscreen = self.ui.display.fullscreen
+        display = self.ui.display
+        self.settings.prefer(size=display.size, fullscreen=display.fullscreen)
         if self._path is not None:
-            saved = self.settings.model_copy(update=self._as_before())
+            saved = self.settings.model_copy()
+            saved.prefer(**self._as_before())
             self.ui.message = save_settings(saved, self._path) or self.ui.message
 
     def _as_before(self) -> dict[str, object]:
         """What was said for this time only, and has not been changed since, as it was."""
-        return {
-            name: getattr(self._remembered, name)
-            for name, value in self._for_now.items()
-            if getattr(self.settings, name) == value
-        }
+        now, said, before = self.settings.preferences, self._said, self._remembered
+        return {name: getattr(before, name) for name, value in now if value == getattr(said, name)}

@@ -42,9 +42,10 @@ def open_shell(
         shipped_rendering(rendering)
     path = settings_path()
     settings, told = load_settings(path)
-    if settings.rendering and settings.rendering not in other_renderings():
-        told = told or f"There is no look {settings.rendering!r} any more: kitchens look as usual."
-        settings.rendering = ""
+    look = settings.preferences.rendering
+    if look and look not in other_renderings():
+        told = told or f"There is no look {look!r} any more: kitchens look as usual."
+        settings.prefer(rendering="")
     for_now: dict[str, object] = {}
     if size is not None:
         for_now |= {"size": parse_size(size), "fullscreen": False}
@@ -52,9 +53,10 @@ def open_shell(
         for_now["rendering"] = rendering
     if name:
         for_now["name"] = name
-    remembered = settings
-    settings = settings.model_copy(update=for_now)
-    display = Display(settings.size, fullscreen=settings.fullscreen)
+    remembered = settings.preferences
+    settings.prefer(**for_now)
+    preferences = settings.preferences
+    display = Display(preferences.size, fullscreen=preferences.fullscreen)
     Screen(display).splash("Robotouille")
 
     from robotouille_client.window.shell.games.local_game import recordings_folder

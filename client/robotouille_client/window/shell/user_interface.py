@@ -18,6 +18,7 @@ from robotouille_client.window.forms.screen import ClosedByOwnerError, Screen
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.sounds import Sounds
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.view import Source
 from robotouille_client.window.window import Window
@@ -61,9 +62,14 @@ class UserInterface:
         self.follow_settings()
 
     @property
+    def preferences(self) -> Preferences:
+        """What the window's owner prefers now."""
+        return self.settings.preferences
+
+    @property
     def keys(self) -> KeyMap:
         """The keys of the window's owner."""
-        return self._screen.keys
+        return self.preferences.key_map
 
     def open(self) -> None:
         """Open the display, and see which gamepads there are."""
@@ -79,15 +85,13 @@ class UserInterface:
 
     def follow_settings(self) -> None:
         """Do as the settings say."""
-        self._screen.keys = KeyMap(self.settings.keys)
-        self._screen.text_scale = self.settings.text_scale
-        self._screen.strong_contrast = self.settings.strong_contrast
+        preferences = self._screen.preferences = self.preferences
         if self._sounds is not None:
-            self._sounds.on = self.settings.sound
-        if self.settings.language_file != self._words_file:
-            self._read_words(self.settings.language_file)
-        if self.settings.rendering != self._look:
-            self._check_look(self.settings.rendering)
+            self._sounds.on = preferences.sound
+        if preferences.language_file != self._words_file:
+            self._read_words(preferences.language_file)
+        if preferences.rendering != self._look:
+            self._check_look(preferences.rendering)
 
     def _check_look(self, look: str) -> None:
         """See that a look can be drawn; `look_fault` says what is missing in it. One that cannot
@@ -96,7 +100,8 @@ class UserInterface:
         try:
             errors = lint_look(None, look)
         except RobotouilleError as error:
-            self._look = self.settings.rendering = ""
+            self._look = ""
+            self.settings.prefer(rendering="")
             first = error.faults[0] if isinstance(error, FileError) and error.faults else error
             self.look_fault = f"{look!r} cannot be used, kitchens look as usual: {first}"
             return
@@ -149,12 +154,8 @@ class UserInterface:
             gamepads=self._gamepads,
             cards=cards,
             sounds=self._sounds,
-            keys=self.keys,
+            preferences=self.preferences,
             words=self.words,
-            text_scale=self.settings.text_scale,
-            reduced_motion=self.settings.reduced_motion,
-            strong_contrast=self.settings.strong_contrast,
-            rendering=self.settings.rendering,
             clock=self.clock,
             sleep=self._sleep,
             **options,
@@ -164,7 +165,7 @@ class UserInterface:
         """Run a window until something was chosen in it."""
         await window.run(source, linger=None)
         if self._sounds is not None:
-            self.settings.sound = self._sounds.on
+            self.settings.prefer(sound=self._sounds.on)
         if window.answer is None:
             raise ClosedByOwnerError
         return window.answer

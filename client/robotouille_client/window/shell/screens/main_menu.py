@@ -29,7 +29,7 @@ def menu(settings: Settings, message: str = "", chosen: object = None) -> Form:
         Button("Settings", "settings"),
         Button("Quit", "quit"),
     ]
-    form = Form(f"Hello, {settings.name}", rows, cancel="leave", picture=_emblem)
+    form = Form(f"Hello, {settings.preferences.name}", rows, cancel="leave", picture=_emblem)
     last = next((row for row in rows if row.answer == chosen), None)
     if last is not None:
         form.focus(last)

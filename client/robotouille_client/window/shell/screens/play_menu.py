@@ -53,7 +53,7 @@ class TaskChoice:
         self._words = words
         self._changed = changed
         self._you = you
-        self._pictures = Thumbnails(settings.rendering)
+        self._pictures = Thumbnails(settings.preferences.rendering)
         options = [(task_title(name), name) for name in names]
         self._task = Choice("Task", options, last, lambda _: self._follow(), opens="task")
         self._goal = Words("")

@@ -23,8 +23,8 @@ class JoinMenu:
         self._code = TextField(
             "Code", settings.code, 40, "ask who opened it", self._changed, replaced=True
         )
-        self._server = TextField("Server", settings.server, 200, changed=self._changed)
-        self._name = TextField("Your name", settings.name)
+        self._server = TextField("Server", settings.preferences.server, 200, changed=self._changed)
+        self._name = TextField("Your name", settings.preferences.name)
         play = Button("Play", "play")
         rows = (
             self._code, play, Button("Watch", "watch"),
@@ -36,8 +36,8 @@ class JoinMenu:
     def remember(self, settings: Settings) -> None:
         """Keep what was typed for the next time."""
         settings.code = "".join(self._code.text.split())
-        settings.server = self._server.text.strip() or settings.server
-        settings.name = self._name.text.strip() or settings.name
+        typed = {"server": self._server.text.strip(), "name": self._name.text.strip()}
+        settings.prefer(**{field: text for field, text in typed.items() if text})
 
     def _changed(self, text: str) -> None:
         """What was told was about another code, or another server."""
@@ -50,7 +50,7 @@ class OpenMenu:
     def __init__(self, settings: Settings, message: str = "") -> None:
         self._settings = settings
         self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
-        self._server = TextField("Server", settings.server, 200, changed=self._changed)
+        self._server = TextField("Server", settings.preferences.server, 200, changed=self._changed)
         self._ends = (Button("Open and join", "open"), Button("Back", "back"))
         self._task = TaskChoice(settings, str, self._arrange)
         self.form = self._made()
@@ -62,7 +62,8 @@ class OpenMenu:
             await self._task.pick(ask)
             self.form = self._made()
         self._task.remember()
-        self._settings.server = self._server.text.strip() or self._settings.server
+        if server := self._server.text.strip():
+            self._settings.prefer(server=server)
         self._settings.rate = self._rate.value
         return answer == "open"
 

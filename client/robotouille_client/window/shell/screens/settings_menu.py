@@ -31,7 +31,7 @@ _FIXED = "Arrows always walk, Enter always does what has the focus."
 
 
 class SettingsMenu:
-    """A form that changes settings as it is used.
+    """A form that changes preferences as it is used.
 
     `changed` is told the name of each that was changed, and says what is wrong with it, if
     anything is.
@@ -55,7 +55,7 @@ class SettingsMenu:
             self._choice("reduced_motion", "What moves", motion),
             self._choice("fullscreen", "Fill the screen", [("no", False), ("yes", True)]),
             Slider(
-                "Size of letters", settings.text_scale, 0.8, 1.6, 0.1,
+                "Size of letters", settings.preferences.text_scale, 0.8, 1.6, 0.1,
                 lambda x: f"{round(x * 100)} %", lambda scale: self._set("text_scale", scale),
             ),
             self._text("language_file", "Language file", 400, "words of your own: a JSON file"),
@@ -70,15 +70,15 @@ class SettingsMenu:
             if text.strip() or may_be_empty:
                 self._set(field, text.strip())
 
-        value = str(getattr(self._settings, field))
+        value = str(getattr(self._settings.preferences, field))
         return TextField(label, value, length, may_be_empty, changed)
 
     def _choice(self, field: str, label: str, options: Sequence[tuple[str, object]]) -> Choice:
-        value = getattr(self._settings, field)
+        value = getattr(self._settings.preferences, field)
         return Choice(label, options, value, lambda new: self._set(field, new))
 
     def _set(self, field: str, value: object) -> None:
-        setattr(self._settings, field, value)
+        self._settings.prefer(**{field: value})
         self.form.message = self._changed(field) or _AT_ONCE
 
 

@@ -25,7 +25,7 @@ class TaskPicker:
 
     def __init__(self, settings: Settings, chosen: str) -> None:
         self._best = settings.best
-        self._pictures = Thumbnails(settings.rendering)
+        self._pictures = Thumbnails(settings.preferences.rendering)
         self._lengths: dict[str, int | None] = {}
         self._names = listed_tasks()
         self.form = Picker(
