@@ -8,21 +8,20 @@ from typing import Any
 
 import pytest
 
-from robotouille_client import Game
 from robotouille_client.bots import cli as bots
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.console.kept_seat import kept_seat
 from robotouille_client.window import cli
+from robotouille_client.window.preferences import Preferences
+from robotouille_client.window.shell.games.remote_game import RemoteGame
 from robotouille_server import Server
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 
 
 async def window(server: Server, code: str, name: str) -> None:
-    await cli._run(
-        server.url, code, name, None, False, None, None,
-        size=(320, 240), headless=True, screenshot=None, screenshot_step=None, linger=0.5,
-    )  # fmt: skip
+    entry = cli.Entry(server.url, code, None, None, watch=False, token=None, ready=False)
+    await cli._run(entry, name, cli.Unattended((320, 240), Preferences(), True, 0.5, None, None))
 
 
 async def killed(task: asyncio.Task[None]) -> None:
@@ -34,8 +33,8 @@ async def killed(task: asyncio.Task[None]) -> None:
 def test_a_window_that_was_killed_comes_back_into_its_seat(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def stay(game: Game, *_: object, **__: object) -> None:
-        while not game.ended:
+    async def stay(entered: RemoteGame, _: cli.Unattended) -> None:
+        while not entered.game.ended:
             await asyncio.sleep(0.1)
         await asyncio.sleep(1.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Coroutine
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 from robotouille_client.bots import cli as bots
 from robotouille_client.window import cli
+from robotouille_client.window.preferences import Preferences
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 
@@ -42,11 +44,11 @@ def test_a_token_comes_from_the_command_line_or_the_environment(
     monkeypatch: pytest.MonkeyPatch, module: object, first: str
 ) -> None:
     given = typed(monkeypatch, module, first, "--token", "from-the-line")
-    assert "from-the-line" in given["arguments"]
+    assert "from-the-line" in str(given["arguments"])
     given = typed(monkeypatch, module, first, ROBOTOUILLE_TOKEN="from-outside")
-    assert "from-outside" in given["arguments"]
+    assert "from-outside" in str(given["arguments"])
     given = typed(monkeypatch, module, first, "--token", "mine", ROBOTOUILLE_TOKEN="other")
-    assert "mine" in given["arguments"]
+    assert "mine" in str(given["arguments"])
 
 
 def test_help_does_not_show_a_token() -> None:
@@ -67,12 +69,10 @@ def test_rules_need_an_episode_to_open(words: list[str]) -> None:
 
 async def look_in(server: Server, token: str | None, code: str | None, **opening: object) -> None:
     """A window without a screen, until it is closed."""
-    await cli._run(
-        server.url, code, "ada", None, False, token,
-        cli._opening(opening.pop("create", None), **opening),  # type: ignore[arg-type]
-        size=(320, 240), headless=True, screenshot=None, screenshot_step=None, linger=0.5,
-        rendering="",
-    )  # fmt: skip
+    asked = cli._opening(opening.pop("create", None), **opening)  # type: ignore[arg-type]
+    entry = cli.Entry(server.url, code, asked, None, watch=False, token=token, ready=False)
+    shown = cli.Unattended((320, 240), Preferences(), True, 0.5, None, None)
+    await cli._run(entry, "ada", shown)
 
 
 async def until_joined(server: Server, window: asyncio.Task[None]) -> None:
@@ -134,11 +134,19 @@ def opened(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[tuple[bool, boo
     """How a command opens the window: whether something was asked for, whether with a menu."""
     found: list[tuple[bool, bool]] = []
 
-    def record(*arguments: object, asked: bool, menu: bool, ready: bool) -> None:
-        found.append((asked, menu))
+    class Recorded:
+        remote = None
+
+        def __init__(self, *, menu: bool, **options: object) -> None:
+            self.menu = menu
+
+        async def run(self, first: Coroutine[object, object, object] | None) -> None:
+            found.append((first is not None, self.menu))
+            if first is not None:
+                first.close()
 
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr(cli, "_open_shell", record)
+    monkeypatch.setattr("robotouille_client.window.shell.starting.open_shell", Recorded)
     done = runner.invoke(client_app, list(words))
     assert done.exit_code == 0, done.output
     return found

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from contextlib import AsyncExitStack, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import AsyncExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
 
@@ -13,9 +13,20 @@ import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.program import VersionOption, printable, tell
+from robotouille_client.bots import llm_options as llm
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.names import given_names
-from robotouille_client.console import TokenOption, explain, fail, server_url
+from robotouille_client.console import (
+    SERVER_HOST,
+    SERVER_PORT,
+    HostOption,
+    PortOption,
+    TokenOption,
+    UrlOption,
+    failing,
+    interruptible,
+    server_url,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
@@ -258,6 +269,21 @@ def _language_model(model: str, **options: Any) -> TextBot:
     return made
 
 
+@contextmanager
+def _frames_told() -> Iterator[None]:
+    """Where somebody's own policy fails, the lines of it come before the error."""
+    from robotouille_client.bots.own_policy import OwnPolicyError
+
+    try:
+        yield
+    except OwnPolicyError as error:
+        if error.frames:
+            tell(error.frames, err=True)
+        raise
+
+
+@interruptible
+@failing
 def command(
     kind: Annotated[
         str,
@@ -269,114 +295,50 @@ def command(
     episode: Annotated[
         str | None, typer.Option(help="Id or code; the first that waits if left out.")
     ] = None,
-    host: Annotated[str, typer.Option(help="The server's host.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="The server's port.")] = 8765,
-    url: Annotated[str | None, typer.Option(help="The server's URL, instead of both.")] = None,
+    host: HostOption = SERVER_HOST,
+    port: PortOption = SERVER_PORT,
+    url: UrlOption = None,
     seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None,
-    seats: Annotated[
-        str | None,
-        typer.Option(help="llm: several seats for one model: all that are free, or robot1,robot2."),
-    ] = None,
-    control: Annotated[
-        Literal["turns", "joint"] | None,
-        typer.Option(
-            help="llm with several seats: asked for one after the other (turns, if left out), or "
-            "for all at once."
-        ),
-    ] = None,
+    seats: llm.Seats = None,
+    control: llm.Control = None,
     name: Annotated[
         str | None, typer.Option(help="The bot's name; else a given name, or that of its class.")
     ] = None,
     token: TokenOption = None,
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of what is random.")] = 0,
-    model: Annotated[
-        str, typer.Option(help="llm: the model's name; `local` for a small one, `mock` for none.")
-    ] = "mock",
-    base_url: Annotated[
-        str, typer.Option(help="llm: an OpenAI-compatible endpoint; OpenAI's if left out.")
-    ] = "",
-    strategy: Annotated[
-        str, typer.Option(help="llm: how it is asked (docs/benchmark.md).")
-    ] = "react-last-reasoning-action",
-    temperature: Annotated[float | None, typer.Option(help="llm: sent with each request.")] = None,
-    price: Annotated[
-        str, typer.Option(help="llm: of a million tokens sent and received, e.g. 0.40/1.20.")
-    ] = "",
-    timeout: Annotated[
-        float | None, typer.Option(min=0.1, help="llm: seconds for an attempt; 120 if left out.")
-    ] = None,
-    attempts: Annotated[
-        int | None, typer.Option(min=1, help="llm: how often it is asked at most; 6 if left out.")
-    ] = None,
-    transcript: Annotated[
-        Path | None, typer.Option(help="llm: a file for what the model is sent and says.")
-    ] = None,
-    late: Annotated[
-        Literal["apply", "revalidate", "drop"],
-        typer.Option(help="llm in real time: what becomes of late answers (docs/benchmark.md)."),
-    ] = "apply",
-    helper: Annotated[
-        Literal["none", "planner"],
-        typer.Option(help="llm in real time: who acts while the model thinks."),
-    ] = "none",
-    digest_tokens: Annotated[
-        int,
-        typer.Option(
-            min=0, help="llm in real time: the longest digest of what has changed; 0: none."
-        ),
-    ] = 0,
-    charge: Annotated[
-        str,
-        typer.Option(
-            help="llm, where thinking is declared: what it costs. `wall`, `tokens:20` for 20 ms a "
-            "token, `declared:1500` for 1,500 ms a call."
-        ),
-    ] = "wall",
+    model: llm.Model = "mock",
+    base_url: llm.BaseUrl = "",
+    strategy: llm.Strategy = "react-last-reasoning-action",
+    temperature: llm.Temperature = None,
+    price: llm.Price = "",
+    timeout: llm.Timeout = None,
+    attempts: llm.Attempts = None,
+    transcript: llm.Transcript = None,
+    late: llm.Late = "apply",
+    helper: llm.Helper = "none",
+    digest_tokens: llm.DigestTokens = 0,
+    charge: llm.Charge = "wall",
     json_output: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
     version: VersionOption = False,
 ) -> None:
     """Play a seat of an episode to its end."""
     import asyncio
 
-    from pydantic import ValidationError
-
-    from robotouille_client.bots.own_policy import OwnPolicyError
-
-    try:
-        bot: MakePolicy | TextBot
-        several = _seats(kind, seat, seats, control)
+    several = _seats(kind, seat, seats, control)
+    with _frames_told():
         if kind == LLM:
-            bot = _language_model(
-                model,
-                base_url=base_url,
-                strategy=strategy,
-                transcript=transcript,
-                seed=seed,
-                temperature=temperature,
-                prices=price,
-                timeout=timeout,
-                attempts=attempts,
-                late=late,
-                helper=helper,
-                digest_tokens=digest_tokens,
-                charge=charge,
+            bot: MakePolicy | TextBot = _language_model(
+                model, base_url=base_url, strategy=strategy, transcript=transcript, seed=seed,
+                temperature=temperature, prices=price, timeout=timeout, attempts=attempts,
+                late=late, helper=helper, digest_tokens=digest_tokens, charge=charge,
                 control=(control or "turns") if several else "each",
-            )
+            )  # fmt: skip
         else:
             bot = _maker(kind, seed, plan)
-        address = server_url(url, host, port)
         own = [f"{kind.rpartition(':')[2]}-bot"] if ":" in kind else given_names(seed, seat)
-        names = [name] if name else own
+        names, address = [name] if name else own, server_url(url, host, port)
         outcome = asyncio.run(_run(address, names, token, episode, seat, bot, several))
-    except OwnPolicyError as error:
-        if error.frames:
-            tell(error.frames, err=True)
-        fail(explain(error))
-    except (RobotouilleError, ValidationError) as error:
-        fail(explain(error))
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
     if json_output:
         typer.echo(json.dumps(outcome))
     else:

@@ -5,19 +5,18 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from pydantic import ValidationError
 
-from robotouille.errors import RobotouilleError
 from robotouille.generation.generator import ATTEMPTS, Generator
 from robotouille.generation.instance import Instance
 from robotouille.generation.paper_instances import seeds_from
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
 from robotouille.program import printable_json, tell
-from robotouille_client.console import explain, fail
+from robotouille_client.console import fail, failing, interruptible
 
 __all__ = ["generate"]
 
@@ -27,6 +26,8 @@ FLAGS = {"width": "size", "height": "size", "min_steps": "min-steps", "max_steps
 """The options that are not called like their parameters."""
 
 
+@interruptible
+@failing
 def generate(
     task: Annotated[str, typer.Argument(help="Task name or problem file.")],
     seed: Annotated[int, typer.Option(help="Decides everything that is drawn.")] = 42,
@@ -76,28 +77,26 @@ def generate(
         fail("--out - is for one instance without --json")
     if seed == 0 and count > 1:
         fail("--seed: several instances have multiples of a seed, which has to be 1 or more")
-    try:
-        width, height = _size(size)
-        parameters = Parameters(
-            width, height, stations, items, stacking, held, min_steps, max_steps
-        )
+    with _told_by_option():
+        parameters = Parameters(*_size(size), stations, items, stacking, held, min_steps, max_steps)
         generator = Generator(sound_task(load_task(task)), kind, parameters, attempts=attempts)
         for instance in _progress(generator, seeds_from(seed, count), task):
             if out == STDOUT:
                 typer.echo(printable_json(instance.text), nl=False)
             else:
-                path = _write(instance, Path(out))
-                row = _row(instance, path)
+                row = _row(instance, _write(instance, Path(out)))
                 typer.echo(json.dumps(row)) if json_output else tell(_words(row))
+
+
+@contextmanager
+def _told_by_option() -> Iterator[None]:
+    """Errors in a line: the option that cannot be met comes first."""
+    try:
+        yield
     except GenerationError as error:
-        option = FLAGS.get(error.parameter, error.parameter)
-        fail(f"{option}: {error.message}")
-    except (RobotouilleError, ValidationError) as error:
-        fail(explain(error))
+        fail(f"{FLAGS.get(error.parameter, error.parameter)}: {error.message}")
     except OSError as error:
         fail(f"{error.filename}: cannot be written: {error.strerror}")
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
 
 
 def _size(text: str | None) -> tuple[int | None, int | None]:

@@ -19,19 +19,36 @@ if TYPE_CHECKING:
     from robotouille.domain.task import Task
 
 __all__ = [
+    "SERVER_HOST",
+    "SERVER_PORT",
+    "HostOption",
     "LenientOption",
+    "PortOption",
     "RenderingOption",
     "TokenOption",
+    "UrlOption",
     "check_look",
     "explain",
     "fail",
     "failing",
+    "interruptible",
     "name_and_value",
     "server_url",
     "terminable",
 ]
 
 P = ParamSpec("P")
+
+SERVER_HOST, SERVER_PORT = "127.0.0.1", 8765
+"""Where a server is that nobody has told to be anywhere else."""
+INTERRUPTED = 130
+"""The exit status after Ctrl+C, as shells have it."""
+
+UrlOption = Annotated[
+    str | None, typer.Option(help="The server's URL, instead of its host and port.")
+]
+HostOption = Annotated[str, typer.Option(help="The server's host.")]
+PortOption = Annotated[int, typer.Option(help="The server's port.")]
 
 TokenOption = Annotated[
     str | None,
@@ -91,14 +108,35 @@ def fail(message: str, status: int = 1) -> NoReturn:
 
 
 def failing(command: Callable[P, None]) -> Callable[P, None]:
-    """A command whose errors are told in a line, and end with status 1."""
+    """A command whose errors, and values that a schema refuses, are told in a line; the exit status
+    is 1."""
 
     @functools.wraps(command)
     def guarded(*arguments: P.args, **options: P.kwargs) -> None:
         try:
             command(*arguments, **options)
-        except RobotouilleError as error:
+        except _told() as error:
             fail(explain(error))
+
+    return guarded
+
+
+def _told() -> tuple[type[Exception], ...]:
+    """The errors that are told in a line; the schemas' library is slow to load."""
+    from pydantic import ValidationError
+
+    return RobotouilleError, ValidationError
+
+
+def interruptible(command: Callable[P, None]) -> Callable[P, None]:
+    """A command that Ctrl+C ends without a word."""
+
+    @functools.wraps(command)
+    def guarded(*arguments: P.args, **options: P.kwargs) -> None:
+        try:
+            command(*arguments, **options)
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
 
     return guarded
 

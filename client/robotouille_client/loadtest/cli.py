@@ -4,28 +4,42 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption
-from robotouille_client.console import explain, fail, server_url
+from robotouille_client.console import (
+    SERVER_HOST,
+    SERVER_PORT,
+    HostOption,
+    PortOption,
+    UrlOption,
+    explain,
+    fail,
+    failing,
+    interruptible,
+    server_url,
+)
 from robotouille_client.loadtest.cores import keep_to_cores, parse_cores
 
 if TYPE_CHECKING:
+    from robotouille_client.loadtest.load_test import LoadTest
     from robotouille_client.loadtest.workload import LoadPlan
 
 __all__ = ["main"]
 
 
+@interruptible
+@failing
 def command(
-    url: Annotated[
-        str | None, typer.Option(help="The server's URL, instead of host, port.")
-    ] = None,
-    host: Annotated[str, typer.Option(help="The server's host.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="The server's port.")] = 8765,
+    url: UrlOption = None,
+    host: HostOption = SERVER_HOST,
+    port: PortOption = SERVER_PORT,
     token: Annotated[
         str | None, typer.Option(envvar="ROBOTOUILLE_TOKEN", help="Role token of the bots.")
     ] = None,
@@ -75,46 +89,62 @@ def command(
     """
     import asyncio
 
-    from pydantic import ValidationError
-    from rich.console import Console
-
     from robotouille_client.loadtest.load_test import LoadTest
     from robotouille_client.loadtest.progress import ProgressDisplay
-    from robotouille_client.loadtest.report.report import make_report
-    from robotouille_client.loadtest.report.terminal_summary import print_summary
-    from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
-    try:
+    with _told_by_option():
         _check_files(json_file, html_file)
         cores = parse_cores(cpus)
-        plan = LoadPlan(
-            url=server_url(url, host, port), rooms=rooms, mix=parse_mix(mix), rate=rate,
-            task=task, ramp=ramp, duration=duration, processes=processes, storm=storm,
-            slow_readers=slow_readers, spectators=spectators,
-            spectators_per_room=spectators_per_room, seed=seed,
+        plan = _plan(
+            url=server_url(url, host, port), rooms=rooms, mix=mix, rate=rate, task=task, ramp=ramp,
+            duration=duration, processes=processes, storm=storm, slow_readers=slow_readers,
+            spectators=spectators, spectators_per_room=spectators_per_room, seed=seed,
         )  # fmt: skip
-        _check(plan)
         keep_to_cores(cores)
         load_test = LoadTest(
             plan, token=token, pid=pid, metrics=metrics, cpus=cores, progress=ProgressDisplay()
         )
         asyncio.run(load_test.run())
-        report = make_report(load_test)
-        print_summary(report, Console())
-        if json_file is not None:
-            json_file.write_text(json.dumps(report.to_json(), indent=1) + "\n")
-        if html_file is not None:
-            from robotouille_client.loadtest.report.html_page import render_page
+        _report(load_test, json_file, html_file)
 
-            html_file.write_text(render_page(report))
+
+@contextmanager
+def _told_by_option() -> Iterator[None]:
+    """Errors in a line; where a value cannot be that of a plan, its option comes first."""
+    from pydantic import ValidationError
+
+    try:
+        yield
     except ValidationError as error:
         fail("--" + explain(error).replace("_", "-", 1), 2)
-    except RobotouilleError as error:
-        fail(explain(error))
     except OSError as error:
         fail(f"{error.filename or ''}: {error.strerror or error}".removeprefix(": "))
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
+
+
+def _plan(*, mix: str, **options: Any) -> LoadPlan:
+    """What is to be done, as the options say."""
+    from robotouille_client.loadtest.workload import LoadPlan, parse_mix
+
+    plan = LoadPlan(mix=parse_mix(mix), **options)
+    _check(plan)
+    return plan
+
+
+def _report(load_test: LoadTest, json_file: Path | None, html_file: Path | None) -> None:
+    """Print what was measured, and write it down where that is asked for."""
+    from rich.console import Console
+
+    from robotouille_client.loadtest.report.report import make_report
+    from robotouille_client.loadtest.report.terminal_summary import print_summary
+
+    report = make_report(load_test)
+    print_summary(report, Console())
+    if json_file is not None:
+        json_file.write_text(json.dumps(report.to_json(), indent=1) + "\n")
+    if html_file is not None:
+        from robotouille_client.loadtest.report.html_page import render_page
+
+        html_file.write_text(render_page(report))
 
 
 def _check(plan: LoadPlan) -> None:

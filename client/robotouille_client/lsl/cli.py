@@ -7,19 +7,28 @@ from typing import Annotated
 import typer
 
 from robotouille.program import VersionOption, printable, tell
-from robotouille_client.console import TokenOption, failing, server_url
+from robotouille_client.console import (
+    SERVER_HOST,
+    SERVER_PORT,
+    HostOption,
+    PortOption,
+    TokenOption,
+    UrlOption,
+    failing,
+    interruptible,
+    server_url,
+)
 
 __all__ = ["command", "main"]
 
 
+@interruptible
 @failing
 def command(
     episode: Annotated[str, typer.Argument(help="The episode's code or id.", show_default=False)],
-    url: Annotated[
-        str | None, typer.Option(help="The server's URL; or name it by host and port.")
-    ] = None,
-    host: Annotated[str, typer.Option(help="The server's host.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="The server's port.")] = 8765,
+    url: UrlOption = None,
+    host: HostOption = SERVER_HOST,
+    port: PortOption = SERVER_PORT,
     name: Annotated[str, typer.Option(help="The spectator's name.")] = "lsl",
     token: TokenOption = None,
     version: VersionOption = False,
@@ -44,10 +53,7 @@ def command(
         async with connect(where, name=name, token=token) as client:
             return await stream(client, episode, opening)
 
-    try:
-        game = asyncio.run(run())
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
+    game = asyncio.run(run())
     reason = game.outcome["reason"] if game.outcome else "the connection is over"
     tell(printable(f"over at step {game.step}: {reason}"), err=True)
 

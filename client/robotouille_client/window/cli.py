@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -16,23 +16,28 @@ from robotouille.absence import Absence
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption
 from robotouille_client.console import (
+    SERVER_HOST,
+    SERVER_PORT,
+    HostOption,
     LenientOption,
+    PortOption,
     RenderingOption,
     TokenOption,
+    UrlOption,
     check_look,
-    explain,
-    fail,
+    failing,
+    interruptible,
     server_url,
 )
 
 if TYPE_CHECKING:
     from robotouille_client.client import Client
-    from robotouille_client.game import Game
-    from robotouille_client.window.pictures.kitchen_look import KitchenLook
+    from robotouille_client.window.preferences import Preferences
+    from robotouille_client.window.shell.games.remote_game import RemoteGame
+    from robotouille_client.window.shell.remote_games import RemoteGames
 
 __all__ = ["main"]
 
-HERE = ("127.0.0.1", 8765)
 PLAYER, WATCHER = "player", "watcher"
 SIZE = "1280x720"
 
@@ -50,6 +55,33 @@ class Opening:
 
     task: str
     rules: dict[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Which episode of a server to enter, and how. Without a `code` it is the one that is opened,
+    or the first that waits for players."""
+
+    url: str
+    code: str | None
+    opening: Opening | None
+    seat: str | None
+    watch: bool
+    token: str | None
+    ready: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Unattended:
+    """A window that closes by itself, `linger` seconds after the end; a picture of it is saved at a
+    step, or at the end."""
+
+    size: tuple[int, int]
+    preferences: Preferences
+    headless: bool
+    linger: float | None
+    screenshot: Path | None
+    screenshot_step: int | None
 
 
 def _opening(task: str | None, **rules: object) -> Opening | None:
@@ -75,39 +107,44 @@ async def _find_code(client: Client, opening: Opening | None) -> str:
     )
 
 
-async def _show(
-    game: Game,
-    connected: Callable[[], bool],
-    size: tuple[int, int],
-    headless: bool,
-    screenshot: Path | None,
-    screenshot_step: int | None,
-    linger: float | None,
-    look: KitchenLook | None,
-    rendering: str,
-) -> None:
+async def _run(entry: Entry, name: str, shown: Unattended) -> None:
+    """Enter an episode, and show it until the window closes."""
+    from robotouille_client.client import connect
+    from robotouille_client.window.shell.games.remote_game import remote_game
+
+    code = entry.code
+    if code is None:
+        async with connect(entry.url, name=name, kind="human", token=entry.token) as client:
+            code = await _find_code(client, entry.opening)
+    opened = remote_game(
+        entry.url, code, name, seat=entry.seat, watch=entry.watch, token=entry.token
+    )
+    async with opened as entered:
+        await _show(entered, shown)
+
+
+async def _show(entered: RemoteGame, shown: Unattended) -> None:
     import asyncio
 
-    from robotouille_client.window.preferences import Preferences
-    from robotouille_client.window.shell.games.remote_game import shown
+    from robotouille_client.window.shell.games.remote_game import shown as views_of
     from robotouille_client.window.window import Window
 
-    loop = asyncio.get_running_loop()
-    source, strip, _ = shown(game, loop.time, connected, look)
-    caption = f"Robotouille {game.code}"
+    loop, game, screenshot = asyncio.get_running_loop(), entered.game, shown.screenshot
+    connected = entered.client.connected.is_set
+    source, strip, _ = views_of(game, loop.time, connected, entered.look)
     window = Window(
-        size,
-        caption=caption,
-        headless=headless,
-        look=look,
-        preferences=Preferences(rendering=rendering),
+        shown.size,
+        caption=f"Robotouille {game.code}",
+        headless=shown.headless,
+        look=entered.look,
+        preferences=shown.preferences,
         strip=strip,
         clock=loop.time,
     )
-    showing = asyncio.create_task(window.run(source, linger=linger))
+    showing = asyncio.create_task(window.run(source, linger=shown.linger))
     try:
         while not showing.done():
-            due = screenshot_step is not None and game.step >= screenshot_step
+            due = shown.screenshot_step is not None and game.step >= shown.screenshot_step
             if screenshot is not None and (due or game.ended) and window.frames > 1:
                 await asyncio.sleep(0.5 if game.ended else 0)
                 window.screenshot(screenshot)
@@ -120,33 +157,13 @@ async def _show(
             await showing
 
 
-async def _run(
-    url: str,
-    code: str | None,
-    name: str,
-    seat: str | None,
-    watch: bool,
-    token: str | None,
-    opening: Opening | None,
-    **show: object,
-) -> None:
-    from robotouille_client.client import connect
-    from robotouille_client.window.shell.games.remote_game import remote_game
-
-    if code is None:
-        async with connect(url, name=name, kind="human", token=token) as client:
-            code = await _find_code(client, opening)
-    opened = remote_game(url, code, name, seat=seat, watch=watch, token=token)
-    async with opened as entered:
-        connected = entered.client.connected.is_set
-        await _show(entered.game, connected, look=entered.look, **show)  # type: ignore[arg-type]
-
-
+@interruptible
+@failing
 def command(
     code: Annotated[str | None, typer.Argument(help="Code or id of the episode to join.")] = None,
-    host: Annotated[str, typer.Option(help="The server's host.")] = HERE[0],
-    port: Annotated[int, typer.Option(help="The server's port.")] = HERE[1],
-    url: Annotated[str | None, typer.Option(help="The server's URL, instead of both.")] = None,
+    host: HostOption = SERVER_HOST,
+    port: PortOption = SERVER_PORT,
+    url: UrlOption = None,
     name: Annotated[
         str | None, typer.Option(help="Your name, as others see it; else that of the settings.")
     ] = None,
@@ -199,79 +216,51 @@ def command(
     version: VersionOption = False,
 ) -> None:
     """Play or watch an episode in a window; without arguments, a menu. H shows the keys."""
-    from pydantic import ValidationError
-
     from robotouille_client.window import parse_size, require_pygame, require_screen
 
-    try:
-        require_pygame()
-        if not headless:
-            require_screen()
-        check_look(None, rendering, lenient)
-        if headless and linger is None:
-            linger = 1.0
-        opening = _opening(
-            create, seats=seats, absence=absence, stand_in=stand_in and stand_in.value, grace=grace
-        )
-        address = server_url(url, host, port)
-        if headless or screenshot is not None or linger is not None:
-            _run_until_stopped(
-                _run(
-                    address, code, name or (WATCHER if watch else PLAYER), seat, watch, token,
-                    opening,
-                    size=parse_size(size or SIZE), headless=headless, screenshot=screenshot,
-                    screenshot_step=screenshot_step, linger=linger, rendering=rendering,
-                )
-            )  # fmt: skip
-            return
-        asked = (code, create, url, seat) != (None,) * 4 or watch or (host, port) != HERE
-        if menu is None:
-            menu = code is None or token is None
-        if not (menu or asked):
-            raise RobotouilleError("without a menu there is nothing to show: name a CODE")
-        _open_shell(
-            address, code, name, seat, watch, token, opening, size, rendering, tasks, asked=asked,
-            menu=menu, ready=ready,
+    require_pygame()
+    if not headless:
+        require_screen()
+    check_look(None, rendering, lenient)
+    opening = _opening(
+        create, seats=seats, absence=absence, stand_in=stand_in and stand_in.value, grace=grace
+    )
+    entry = Entry(server_url(url, host, port), code, opening, seat, watch, token, ready)
+    if headless or screenshot is not None or linger is not None:
+        from robotouille_client.window.preferences import Preferences
+
+        shown = Unattended(
+            parse_size(size or SIZE), Preferences(rendering=rendering), headless,
+            1.0 if headless and linger is None else linger, screenshot, screenshot_step,
         )  # fmt: skip
-    except (RobotouilleError, ValidationError) as error:
-        fail(explain(error))
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
+        whom = name or (WATCHER if watch else PLAYER)
+        _run_until_stopped(_run(entry, whom, shown))
+        return
+    here = (host, port) == (SERVER_HOST, SERVER_PORT)
+    asked = (code, create, url, seat) != (None,) * 4 or watch or not here
+    if menu is None:
+        menu = code is None or token is None
+    if not (menu or asked):
+        raise RobotouilleError("without a menu there is nothing to show: name a CODE")
 
-
-def _open_shell(
-    address: str,
-    code: str | None,
-    name: str | None,
-    seat: str | None,
-    watch: bool,
-    token: str | None,
-    opening: Opening | None,
-    size: str | None,
-    rendering: str,
-    tasks: Path | None,
-    *,
-    asked: bool,
-    menu: bool,
-    ready: bool,
-) -> None:
-    """The window with its menu, if it has one; first the episode that was asked for."""
     from robotouille_client.window.shell.starting import open_shell
 
     shell = open_shell(
         size=size, name=name, token=token, menu=menu, rendering=rendering, tasks=tasks
     )
-    games = shell.remote
+    _run_until_stopped(shell.run(_enter(shell.remote, entry) if asked else None))
 
-    async def first() -> object:
-        found = code
-        if found is None:
-            found = await games.ask_server(lambda client: _find_code(client, opening), address)
-        if not found:
-            return None
-        return await games.join(found, watch=watch, seat=seat, url=address, ready=ready)
 
-    _run_until_stopped(shell.run(first() if asked else None))
+async def _enter(games: RemoteGames, entry: Entry) -> object:
+    """What the window shows first: the episode that was asked for."""
+    code = entry.code
+    if code is None:
+        code = await games.ask_server(lambda client: _find_code(client, entry.opening), entry.url)
+    if not code:
+        return None
+    return await games.join(
+        code, watch=entry.watch, seat=entry.seat, url=entry.url, ready=entry.ready
+    )
 
 
 def _run_until_stopped(work: Coroutine[Any, Any, None]) -> None:

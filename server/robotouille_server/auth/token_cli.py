@@ -58,6 +58,14 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
     @app.callback()
     def options(version: VersionOption = False) -> None: ...
 
+    _add_mint(app, wall)
+    _add_show(app, wall)
+    _add_rotate(app)
+    _add_revoke(app, wall)
+    return app
+
+
+def _add_mint(app: typer.Typer, wall: Callable[[], float]) -> None:
     @app.command("mint")
     def mint(
         role: Annotated[Role, typer.Argument(help="What the bearer may do.", show_default=False)],
@@ -98,6 +106,8 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
             tell(token)
             tell(printable(f"{_sentence(grant)}."), err=True)
 
+
+def _add_show(app: typer.Typer, wall: Callable[[], float]) -> None:
     @app.command("show")
     def show(
         token: Annotated[str, typer.Argument(help="The token; - reads it from standard input.")],
@@ -116,6 +126,8 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         if revoked:
             raise typer.Exit(1)
 
+
+def _add_rotate(app: typer.Typer) -> None:
     @app.command("rotate")
     def rotate_keys(
         keep: Annotated[
@@ -137,9 +149,6 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         tell(f"{keys}: {new.kid} signs from now on; {_listed(kept[1:])} still verify")
         if dropped:
             tell(f"tokens signed with {_listed(dropped)} are refused from now on")
-
-    _add_revoke(app, wall)
-    return app
 
 
 def _add_revoke(app: typer.Typer, wall: Callable[[], float]) -> None:
