@@ -14,7 +14,7 @@ from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.schema import InputFile
 from robotouille.planning.plan import read_plan
 from robotouille.resources import data_folder
-from robotouille_client.window.controls import Controls
+from robotouille_client.window.hands.controls import Controls
 from robotouille_client.window.hands.possible import use
 
 PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/domain/input.json"

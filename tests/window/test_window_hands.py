@@ -16,8 +16,8 @@ from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.scene import scene
-from robotouille_client.window.controls import Controls
 from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap, key_words
+from robotouille_client.window.hands.controls import Controls
 from robotouille_client.window.hands.walking import towards
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.preferences import Preferences

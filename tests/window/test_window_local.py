@@ -18,7 +18,7 @@ from robotouille.planning.policies.team_talk import request
 from robotouille.planning.search.unsolvable import is_cut_off
 from robotouille.world.people.wording import Wording
 from robotouille_client.bots.partners import PromptPartners
-from robotouille_client.window.controls import Controls
+from robotouille_client.window.hands.controls import Controls
 from robotouille_client.window.hands.walking import walks
 from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
 from robotouille_client.window.sources.blockages import Blockages

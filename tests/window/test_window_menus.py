@@ -20,7 +20,6 @@ from robotouille.domain.rendering import NO_WORDS, language_of, read_language
 from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.replay.container import frame_ends, plain
 from robotouille_client.bots.partners import prompt_partners
-from robotouille_client.window.controls import Controls
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.picker import Picker, PickerEntry, Told
@@ -29,6 +28,7 @@ from robotouille_client.window.forms.screen import Screen, text_size
 from robotouille_client.window.forms.text_field import TextField
 from robotouille_client.window.forms.widgets import Button, Choice, Look, Row, Slider
 from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.hands.controls import Controls
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.shell.games.local_game import LocalGame
 from robotouille_client.window.shell.screens.play_menu import PlayMenu

@@ -538,7 +538,7 @@ def test_preferences_give_way_to_others_and_never_change() -> None:
     before = settings.preferences
     settings.prefer(keys={"use": ["f"]})
     assert before == Preferences()
-    assert settings.preferences.key_map.keys(Command.USE) == ("f",)
+    assert settings.preferences.keys == {"use": ["f"]}
     with pytest.raises(ValidationError):
         before.sound = False  # type: ignore[misc]
 

@@ -6,8 +6,6 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from robotouille_client.window.hands.commands import KeyMap
-
 __all__ = ["Preferences"]
 
 Name = Annotated[str, Field(min_length=1, max_length=40)]
@@ -41,8 +39,3 @@ class Preferences(BaseModel):
     text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
     keys: dict[Word, list[Word]] = Field(default={}, max_length=40)
     server: Annotated[str, Field(max_length=200)] = "ws://127.0.0.1:8765"
-
-    @property
-    def key_map(self) -> KeyMap:
-        """Which key means which command."""
-        return KeyMap(self.keys)

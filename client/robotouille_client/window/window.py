@@ -18,7 +18,7 @@ from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.shown_card import ShownCard
-from robotouille_client.window.hands.commands import Command
+from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.play_input import PlayInput
 from robotouille_client.window.hands.sounds import Sounds
@@ -89,7 +89,7 @@ class Window:
         self._cards = cards
         self._sounds = sounds
         self._card: ShownCard | None = None
-        self._keys = preferences.key_map
+        self._keys = KeyMap(preferences.keys)
         self._keys_down: set[int] = set()
         self._over = False
         self._still = False

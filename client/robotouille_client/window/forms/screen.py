@@ -11,7 +11,7 @@ import pygame
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.repeats import Repeats
-from robotouille_client.window.hands.commands import Command
+from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BACKGROUND, FAINT
@@ -36,7 +36,7 @@ def text_size(size: tuple[int, int], scale: float) -> int:
 
 
 class Screen:
-    """Asks forms in a display until each has a result; its `preferences` may change meanwhile."""
+    """Asks forms in a display until each has a result."""
 
     def __init__(
         self,
@@ -47,10 +47,14 @@ class Screen:
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.display = display
-        self.preferences = preferences
+        self.prefer(preferences)
         self.gamepads = gamepads or Gamepads()
         self._sleep = sleep
         self._text: Typesetter | None = None
+
+    def prefer(self, preferences: Preferences) -> None:
+        """Draw and listen as they have it from now on."""
+        self._preferences, self.keys = preferences, KeyMap(preferences.keys)
 
     def splash(self, words: str) -> None:
         """Words in an otherwise empty window, while something is loaded."""
@@ -100,14 +104,14 @@ class Screen:
         form.message = self.gamepads.notice(event) or form.message
         if pressed is not None:
             form.command(pressed)
-        elif form.handle(event, self.preferences.key_map) is Command.FULLSCREEN:
+        elif form.handle(event, self.keys) is Command.FULLSCREEN:
             self.display.toggle_fullscreen()
 
     def _again(self, held: pygame.Event | Command, form: Form) -> None:
         if isinstance(held, Command):
             form.command(held)
         else:
-            form.handle(held, self.preferences.key_map)
+            form.handle(held, self.keys)
 
     def draw(self, form: Form) -> None:
         """Show a form as it is now."""
@@ -115,7 +119,7 @@ class Screen:
         if surface is None:
             return
         width, height = surface.get_size()
-        size = text_size((width, height), self.preferences.text_scale)
+        size = text_size((width, height), self._preferences.text_scale)
         self._background(surface, "Robotouille" if height >= HIGH * size else "")
         above = 4 * size if height >= HIGH * size else size // 2
         below = size if height >= HIGH * size else size // 2
@@ -140,7 +144,7 @@ class Screen:
     def _typesetter(self) -> Typesetter:
         if self._text is None:
             self._text = Typesetter()
-        self._text.strong = self.preferences.strong_contrast
+        self._text.strong = self._preferences.strong_contrast
         return self._text
 
 

@@ -8,8 +8,8 @@ from functools import partial
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene
 from robotouille.world.world import State
-from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap, key_words
+from robotouille_client.window.hands.controls import Button, Controls, Meaning
 from robotouille_client.window.hands.possible import EARLY, WAIT, ends_work, possible, use, walk
 from robotouille_client.window.hands.queue import ActionQueue, Intent
 from robotouille_client.window.hands.walking import destination

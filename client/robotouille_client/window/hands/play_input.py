@@ -11,10 +11,10 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
-from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.hands.chat_line import ChatLine
 from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap, key_words
+from robotouille_client.window.hands.controls import Button, Controls, Meaning
 from robotouille_client.window.hands.hands import MAX_CHOICES, Hands, told
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.pictures.kitchen_look import KitchenLook

@@ -10,7 +10,7 @@ from robotouille.world.people.usefulness import useful_actions, work_in_progress
 from robotouille.world.scene import scene
 from robotouille.world.timers import Progress
 from robotouille.world.world import State
-from robotouille_client.window.controls import Controls, Meaning
+from robotouille_client.window.hands.controls import Controls, Meaning
 from robotouille_client.window.hands.walking import destination, towards
 
 __all__ = ["EARLY", "WAIT", "ends_work", "possible", "use", "walk"]

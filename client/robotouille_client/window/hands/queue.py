@@ -8,7 +8,7 @@ from typing import Literal
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.occupancy import Occupancy
-from robotouille_client.window.controls import Meaning
+from robotouille_client.window.hands.controls import Meaning
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Bubble, Source, View
 

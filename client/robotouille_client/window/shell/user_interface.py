@@ -69,7 +69,7 @@ class UserInterface:
     @property
     def keys(self) -> KeyMap:
         """The keys of the window's owner."""
-        return self.preferences.key_map
+        return self._screen.keys
 
     def open(self) -> None:
         """Open the display, and see which gamepads there are."""
@@ -85,7 +85,8 @@ class UserInterface:
 
     def follow_settings(self) -> None:
         """Do as the settings say."""
-        preferences = self._screen.preferences = self.preferences
+        preferences = self.preferences
+        self._screen.prefer(preferences)
         if self._sounds is not None:
             self._sounds.on = preferences.sound
         if preferences.language_file != self._words_file:
