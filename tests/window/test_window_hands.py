@@ -248,6 +248,17 @@ def test_what_waits_long_is_replaced_by_another_wish(slow: Table) -> None:
     assert len(slow.source.acted) == 2
 
 
+def test_what_is_meant_for_where_one_walks_to_waits_for_the_walk(slow: Table) -> None:
+    """However long that is not answered: others decide, or the steps are long."""
+    slow.press(pygame.K_LEFT)
+    slow.timer.now += 1.0
+    slow.press(pygame.K_e)
+    assert len(slow.source.acted) == 1
+    assert slow.overlay().queued == ("E",)
+    slow.step()
+    assert len(slow.source.acted) == 2
+
+
 def test_an_action_is_acknowledged_at_once_and_confirmed(slow: Table) -> None:
     slow.press(pygame.K_LEFT)
     mark = slow.overlay().mark

@@ -92,20 +92,20 @@ class ActionQueue:
     def ask(self, intent: Intent, source: Source, view: View) -> str:
         """Do something now, or when what came before it is done; a notice, or nothing.
 
-        While a walk is tried again, what follows waits for it, and all else comes in its place.
+        What follows waits for a walk that is not answered, or tried again; all else comes in the
+        place of one that is tried again.
         """
         if view.frozen or view.me is None:
             return ""
         self._settle(view)
-        if self._retry is not None and intent.follows:
+        asked = self._sent if self._sent is not None and self._sent.fate == "asked" else None
+        walks = asked is not None and destination(asked.action) is not None
+        if intent.follows and (walks or self._retry is not None):
             return self._wait(intent)
         if self._retry is not None:
             self._forget()
         busy = bool(view.state.busy_steps(view.me)) or view.starts_in is not None
-        sent = self._sent
-        just_sent = (
-            sent is not None and sent.fate == "asked" and self._clock() - sent.time < QUICK_SECONDS
-        )
+        just_sent = asked is not None and self._clock() - asked.time < QUICK_SECONDS
         if not (busy or just_sent or self._waiting):
             return self._do(intent, source, view)
         return self._wait(intent)
