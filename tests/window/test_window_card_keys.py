@@ -202,6 +202,8 @@ def test_what_is_typed_as_the_game_ends_stays_a_line_of_chat(seat: Seat) -> None
     seat.end()
     seat.type("you all", every=1.0)
     assert seat.overlay.typing == "see you all"
+    assert seat.window.card is not None
+    assert not seat.window.card.listens, "no row is marked"
     seat.press(pygame.K_RETURN)
     assert seat.overlay.typing is None
     assert seat.source.said == []
@@ -209,6 +211,7 @@ def test_what_is_typed_as_the_game_ends_stays_a_line_of_chat(seat: Seat) -> None
     seat.press(pygame.K_RETURN)
     assert seat.window.answer is None
     seat.later()
+    assert seat.window.card.listens
     assert answer(seat) == "again"
 
 

@@ -228,7 +228,7 @@ class Window:
             return "", False
         form = self._card.form
         form.message = self._cards.news() or form.message
-        form.listens = self._card.listens
+        form.listens = self._card.listens and not self._chats_over(self._card)
         return form.message, form.listens
 
     # Events
@@ -244,14 +244,22 @@ class Window:
             return
         self._input.tell(self._gamepads.notice(event))
         pressed = self._gamepads.read(event)
-        if self._card is not None and not self._is_typed(event, self._card):
-            self._obey(self._ask(self._card, event, pressed), view)
-        elif pressed is not None:
-            self._obey(self._input.command(pressed, source, view), view)
-        else:
-            self._obey(self._input.handle(event, source, view), view)
+        self._obey(self._hand_on(event, pressed, source, view), view)
         if self._gamepads.let_go(event):
             self._input.hands.release()
+
+    def _hand_on(
+        self, event: pygame.Event, pressed: Command | None, source: Source, view: View
+    ) -> Command | None:
+        """Give an event, or what was pressed on a gamepad, to the card or the game."""
+        card, typed = self._card, event.type in (pygame.KEYDOWN, pygame.TEXTINPUT)
+        if card is not None and not (typed and self._chats_over(card)):
+            return self._ask(card, event, pressed)
+        if pressed is not None:
+            return self._input.command(pressed, source, view)
+        if card is not None:
+            card.wait()
+        return self._input.handle(event, source, view)
 
     def _note_keys(self, event: pygame.Event) -> None:
         """Follow which keys are held."""
@@ -262,13 +270,10 @@ class Window:
         elif event.type == pygame.WINDOWFOCUSLOST:
             self._keys_down.clear()
 
-    def _is_typed(self, event: pygame.Event, card: ShownCard) -> bool:
-        """Whether an event is for the chat line that was open when a card came by itself."""
-        typed = event.type in (pygame.KEYDOWN, pygame.TEXTINPUT)
-        if not (card.by_itself and self._input.typing and typed):
-            return False
-        card.wait()
-        return True
+    def _chats_over(self, card: ShownCard) -> bool:
+        """Whether the line of chat that was open when a card came by itself still is: it has the
+        keys."""
+        return card.by_itself and self._input.typing
 
     def _obey(self, command: Command | None, view: View) -> None:
         """Do what is not the game's."""
