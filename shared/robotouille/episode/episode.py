@@ -31,6 +31,7 @@ from robotouille.episode.quota import size_of_rejection
 from robotouille.episode.rules import Absence, Rules, SeatTreatment
 from robotouille.episode.seats import (
     ActionAnswer,
+    ActionRequest,
     HeldActions,
     PendingAction,
     Seat,
@@ -50,6 +51,10 @@ DEPARTURES = {
     Departure.LOST: "did not come back",
     Departure.REMOVED: "was removed by the operator",
 }
+
+
+UNASKED = ActionRequest(seq=0)
+"""Of what a stand-in does: its seat has not asked for it."""
 
 
 class Episode(EpisodeState):
@@ -361,8 +366,10 @@ class Episode(EpisodeState):
         """
         seat = self.seat(player)
         if self._hears(seat, seq, reasoning, now):
-            request = seat, seq, action, think_ms, self._known(basis), reasoning, anticipates, waits
-            self._when_it_counts(seat, partial(self._take_action, *request), now)
+            request = ActionRequest(
+                seq, self._known(basis), reasoning, think_ms, anticipates, waits
+            )
+            self._when_it_counts(seat, partial(self._take_action, seat, action, request), now)
 
     def _when_it_counts(self, seat: Seat, take: Callable[[float], None], now: float) -> None:
         """Take what a seat has asked for now, or later where its actions are held back."""
@@ -372,16 +379,7 @@ class Episode(EpisodeState):
         self._held.hold(seat.player, now + seat.treatment.delay_ms / 1000, take)
 
     def _take_action(
-        self,
-        seat: Seat,
-        seq: int,
-        action: GroundAction | str | None,
-        think_ms: int,
-        basis: int | None,
-        reasoning: str,
-        anticipates: bool,
-        waits: bool,
-        now: float,
+        self, seat: Seat, action: GroundAction | str | None, request: ActionRequest, now: float
     ) -> None:
         text = ""
         if isinstance(action, str):
@@ -389,23 +387,21 @@ class Episode(EpisodeState):
             try:
                 action = self.world.parse(self.state, seat.player, text, valid=False)
             except UnknownNameError as error:
-                unmet = only_words(str(error))
-                self._reject(seat, seq, text, unmet, now, reasoning, ACTION_UNKNOWN, basis=basis)
+                self._reject(seat, request, text, only_words(str(error)), now, ACTION_UNKNOWN)
                 return
-        if unmet := self._faults(seat, action, anticipates=anticipates):
-            words = _sentence(action)
-            self._reject(seat, seq, words, unmet, now, reasoning, text=text, basis=basis)
+        if unmet := self._faults(seat, action, anticipates=request.anticipates):
+            self._reject(seat, request, _sentence(action), unmet, now, text=text)
             return
+        self._supersede(seat, request.seq, now)
+        self._decide(seat, action, request, now)
+
+    def _supersede(self, seat: Seat, seq: int, now: float) -> None:
+        """The action that a seat has asked for before, if it waits still, is not to be done."""
         pending = seat.pending
         if pending is not None and pending.seq > 0:
             superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
-            words, told = _sentence(pending.action), pending.reasoning
-            self._reject(seat, pending.seq, words, (superseded,), now, told, basis=pending.basis)
-        delay = self._clock.delay(think_ms)
-        self._decide(
-            seat, action, seq, now, delay, reasoning, anticipates=anticipates, basis=basis,
-            waits=waits and action is None,
-        )  # fmt: skip
+            before = ActionRequest(pending.seq, pending.basis, pending.reasoning)
+            self._reject(seat, before, _sentence(pending.action), (superseded,), now)
 
     def reject(
         self,
@@ -431,12 +427,10 @@ class Episode(EpisodeState):
         """
         seat = self.seat(player)
         if self._hears(seat, seq, reasoning, now):
-            unmet = only_words(why.message)
-            told, code = self._known(basis), why.code
+            asked = ActionRequest(seq, self._known(basis), reasoning)
+            unmet, code = only_words(why.message), why.code
             self._when_it_counts(
-                seat,
-                lambda at: self._reject(seat, seq, request, unmet, at, reasoning, code, basis=told),
-                now,
+                seat, lambda at: self._reject(seat, asked, request, unmet, at, code), now
             )
 
     def refuse(
@@ -505,41 +499,39 @@ class Episode(EpisodeState):
         """
         seat = self.seat(player)
         if self.in_progress and seat.controller is Controller.STAND_IN:
-            self._decide(seat, None if self._faults(seat, action) else action, 0, now)
+            self._decide(seat, None if self._faults(seat, action) else action, UNASKED, now)
 
     def _decide(
-        self,
-        seat: Seat,
-        action: GroundAction | None,
-        seq: int,
-        now: float,
-        delay: int = 0,
-        reasoning: str = "",
-        anticipates: bool = False,
-        basis: int | None = None,
-        waits: bool = False,
+        self, seat: Seat, action: GroundAction | None, request: ActionRequest, now: float
     ) -> None:
         self._arrivals += 1
         latency = seat.thought(self._ran(now))
-        due = self.step + delay
+        due = self.step + self._clock.delay(request.think_ms)
         seat.pending = PendingAction(
-            action, seq, latency, self._arrivals, due, reasoning, anticipates, basis, waits
+            action,
+            request.seq,
+            latency,
+            self._arrivals,
+            due,
+            request.reasoning,
+            request.anticipates,
+            request.basis,
+            request.waits and action is None,
         )
         self._take_decided_steps(now)
 
     def _reject(
         self,
         seat: Seat,
-        seq: int,
+        request: ActionRequest,
         sentence: str,
         unmet: tuple[Unmet, ...],
         now: float,
-        reasoning: str,
         code: str = ACTION_INVALID,
         text: str = "",
-        basis: int | None = None,
     ) -> None:
         text = "" if text == sentence else text
+        seq, basis, reasoning = request.seq, request.basis, request.reasoning
         time = self._elapsed(now)
         event = Rejected(
             seat.player, seq, sentence, unmet, time, reasoning, True, code, text, basis

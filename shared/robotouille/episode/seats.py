@@ -25,6 +25,7 @@ from robotouille.world.world import State
 
 __all__ = [
     "ActionAnswer",
+    "ActionRequest",
     "HeldActions",
     "PendingAction",
     "Seat",
@@ -34,6 +35,19 @@ __all__ = [
     "names_of",
     "who_waits",
 ]
+
+
+class ActionRequest(NamedTuple):
+    """What comes with an action that a seat asks for: its number, the step on which the choice was
+    made, what is recorded as the reason, the milliseconds of thought, and what it `anticipates` or
+    `waits` for (see `Episode.submit`)."""
+
+    seq: int
+    basis: int | None = None
+    reasoning: str = ""
+    think_ms: int = 0
+    anticipates: bool = False
+    waits: bool = False
 
 
 @dataclass(slots=True)
