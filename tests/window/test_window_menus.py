@@ -14,7 +14,7 @@ import pytest
 from tests.support.golden_screens import SCREENS, proven_game
 from tests.support.window_play import follow, post
 
-from robotouille import World
+from robotouille import World, load_task
 from robotouille.domain.loading import task_names
 from robotouille.domain.rendering import NO_WORDS, language_of, read_language
 from robotouille.planning.policies.standing import seat_out_of_the_way
@@ -26,7 +26,7 @@ from robotouille_client.window.forms.picker import Picker, PickerEntry, Told
 from robotouille_client.window.forms.repeats import FIRST, NEXT
 from robotouille_client.window.forms.screen import Screen, text_size
 from robotouille_client.window.forms.text_field import TextField
-from robotouille_client.window.forms.widgets import Button, Choice, Look, Row, Slider
+from robotouille_client.window.forms.widgets import Button, Choice, Look, Row, Slider, Words
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.controls import Controls
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -111,6 +111,15 @@ def test_titles_that_are_what_was_typed_come_first(display: Display) -> None:
     assert exact == titles[:1]
     assert len(titles) > 3
     assert form.focused is next(row for row in form.rows if isinstance(row, PickerEntry))
+
+
+def test_each_family_has_one_heading_whatever_is_typed(display: Display) -> None:
+    form = TaskPicker(Settings(), BURGER).form
+    post("lettuce burger")
+    follow(form)
+    headings = [row.label for row in form.rows if isinstance(row, Words)]
+    assert "Multi agent" in headings
+    assert len(set(headings)) == len(headings)
 
 
 def test_what_is_typed_is_erased_and_escape_forgets_it_first(display: Display) -> None:
@@ -201,6 +210,27 @@ def test_pictures_and_lengths_come_when_nobody_types(display: Display) -> None:
         pass
     assert "steps · done in 40" in row.told().detail
     assert "Your best game took 40 steps." in row.about()
+
+
+def test_the_task_that_is_looked_at_has_its_length_first(display: Display) -> None:
+    form = TaskPicker(Settings(), BURGER).form
+    row = form.focused
+    assert isinstance(row, PickerEntry)
+    drawn(form, (1280, 720))
+    assert form.idle()
+    assert "35 steps" in row.told().detail
+    assert "A very good game takes 35 steps." in row.about()
+
+
+def test_every_certified_task_comes_to_its_length(display: Display) -> None:
+    form = TaskPicker(Settings(), BURGER).form
+    certified = [
+        name for name in task_names() if any(load_task(name).folder.glob("*.certificate.json"))
+    ]
+    while form.idle():
+        pass
+    told = {row.answer: row.told().detail for row in form.entries}
+    assert [name for name in certified if "steps" not in told[name]] == []
 
 
 def test_forty_quick_presses_are_forty(display: Display) -> None:

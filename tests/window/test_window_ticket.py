@@ -7,8 +7,9 @@ from dataclasses import replace
 import pygame
 import pytest
 from tests.support.samples import first_quickly
+from tests.support.scripted import after
 
-from robotouille import World, load_task, task_names
+from robotouille import State, World, load_task, task_names
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import NO_WORDS, Language, rendering_of
 from robotouille.domain.schema import GoalTerm
@@ -16,7 +17,14 @@ from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import Dish, dishes, progress, shares
+from robotouille_client.window.pictures.dishes import (
+    Dish,
+    LayerProgress,
+    dishes,
+    progress,
+    shares,
+    stack_levels,
+)
 from robotouille_client.window.view import View
 
 SIZE = (1280, 720)
@@ -209,3 +217,53 @@ def test_the_circle_fills_with_each_cut() -> None:
     assert seen[0] > 0.3
     assert seen[1] > 0.6
     assert seen[2] == 0.0, "it is done"
+
+
+def far(state: State) -> dict[str, LayerProgress]:
+    """How far each layer of a one-dish goal is, from the top down as the ticket draws it."""
+    world = state.world
+    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
+    (dish,) = dishes(world, resolver, stack_levels(state)) or ()
+    now, first = (world.goal.holding(each.facts) for each in (state, world.initial))
+    found = progress(dish, now, first, shares(state))
+    return {layer.words: row for layer, row in zip(dish.layers, found, strict=True)}
+
+
+HOLDING_THE_BASE = ["pick-up-item bottombun1"]
+
+
+def test_no_circle_fills_because_what_carries_all_is_in_hand() -> None:
+    """Any table would do then: that on which the top bun happens to lie is no progress."""
+    before = far(World("multi_agent/01").initial)
+    held = far(after("multi_agent/01", *HOLDING_THE_BASE))
+    assert all(row.share == 0 for row in before.values())
+    assert all(row == LayerProgress(0, False) for name, row in held.items() if "bun" not in name)
+    assert held["top bun"].share == 0
+
+
+CUT = [
+    "move table6", "pick-up-item lettuce1", "move board1", "place-item", "cut", "cut", "cut",
+    "pick-up-item lettuce1", "move table2", "stack lettuce1 bottombun1",
+]  # fmt: skip
+
+
+def test_what_may_lie_in_any_order_is_drawn_as_it_lies() -> None:
+    started = far(World("multi_agent/01").initial)
+    assert list(started) == ["top bun", "cut lettuce", "cooked patty", "bottom bun", "table"]
+    built = far(after("multi_agent/01", *CUT))
+    assert list(built) == ["top bun", "cooked patty", "cut lettuce", "bottom bun", "table"]
+    assert built["cut lettuce"].settled
+    assert not built["cooked patty"].settled
+
+
+def test_what_lies_on_something_unfinished_waits_for_it() -> None:
+    """The lettuce that is not cut yet has to come out again, and so has all that lies on it."""
+    whole = [line for line in CUT if line != "cut"]
+    patty = [
+        "move table4", "pick-up-item patty1", "move stove1", "place-item", "cook",
+        "-", "-", "-", "-", "pick-up-item patty1", "move table2", "stack patty1 lettuce1",
+    ]  # fmt: skip
+    found = far(after("multi_agent/01", *whole, *patty))
+    assert list(found)[1:3] == ["cooked patty", "cut lettuce"]
+    assert found["cooked patty"] == LayerProgress(1, False)
+    assert not found["cut lettuce"].settled

@@ -163,7 +163,7 @@ class Picker(Form):
         group = ""
         found = [entry for entry in self.entries if entry.matches(self.typed)]
         if self.typed.strip():
-            found.sort(key=lambda entry: entry.distance(self.typed))
+            found = self._nearest_first(found)
         for entry in found:
             if entry.group and entry.group != group:
                 rows.append(Words(entry.group))
@@ -172,6 +172,15 @@ class Picker(Form):
         if not rows:
             rows.append(Words("Nothing has these words." if self.entries else self._empty))
         self.set_rows([*rows, *self._ends])
+
+    def _nearest_first(self, found: list[PickerEntry]) -> list[PickerEntry]:
+        """The group with the entry that is nearest to what was typed first, and in it that one."""
+        far = {entry: entry.distance(self.typed) for entry in found}
+        groups: dict[str, int] = {}
+        for entry in found:
+            groups[entry.group] = min(far[entry], groups.get(entry.group, far[entry]))
+        order = sorted(groups, key=lambda group: groups[group])
+        return sorted(found, key=lambda entry: (order.index(entry.group), far[entry]))
 
     def _leap(self, step: int) -> None:
         """Move the focus to the first entry of the group before, or after, its own."""

@@ -5,18 +5,22 @@ Pure: nothing here draws, and nothing knows what a goal is about.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from robotouille.world.grounding.objects import Object
 from robotouille.world.people.usefulness import work_towards
-from robotouille.world.scene import Placed
+from robotouille.world.scene import Placed, scene
 from robotouille.world.world import State, World
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 
-__all__ = ["Dish", "Layer", "LayerProgress", "dishes", "progress", "shares"]
+__all__ = ["Dish", "Layer", "LayerProgress", "dishes", "progress", "shares", "stack_levels"]
 
 Variable = int | str
+BOTTOM, MIDDLE, TOP = range(3)
+UNPLACED = 1_000_000
+"""The level of what does not lie where it belongs: above all that does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +28,9 @@ class Layer:
     """One thing of a dish as it is to be.
 
     `terms` are the numbers of the goal's terms about it, `conditions` the same in words, and
-    `below` the numbers of those about what it lies on.
+    `below` the numbers of those about what it lies on. Those of its `places` count only where its
+    `base` holds: a bun that lies on some table is where it belongs once it is the table on which
+    the lowest thing of the dish lies.
     """
 
     appearance: Appearance
@@ -32,6 +38,13 @@ class Layer:
     terms: tuple[int, ...]
     conditions: tuple[str, ...] = ()
     below: tuple[int, ...] = ()
+    places: tuple[int, ...] = ()
+    base: tuple[int, ...] = ()
+
+    def holding(self, holding: Sequence[bool]) -> tuple[bool, ...]:
+        """Which of its terms are as they are to be, by all of the goal that hold."""
+        based = all(holding[n] for n in self.base)
+        return tuple(holding[n] and (based or n not in self.places) for n in self.terms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,21 +75,21 @@ def progress(
 
     A layer about which the goal says nothing is settled with the whole dish.
     """
+    now = [each.holding(holding) for each in dish.layers]
+    first = [each.holding(at_first) for each in dish.layers]
     right = [
-        bool(each.terms) and all(holding[n] for n in (*each.terms, *each.below))
-        for each in dish.layers
+        bool(each.terms) and all(done) and all(holding[n] for n in each.below)
+        for each, done in zip(dish.layers, now, strict=True)
     ]
-    begun = any(
-        fine and not all(at_first[n] for n in each.terms)
-        for fine, each in zip(right, dish.layers, strict=True)
-    )
-    whole = all(holding[n] for each in dish.layers for n in each.terms)
+    begun = any(fine and not all(before) for fine, before in zip(right, first, strict=True))
+    whole = all(map(all, now))
     found = []
-    for fine, each in zip(right, dish.layers, strict=True):
-        to_do = [n for n in each.terms if not at_first[n]]
-        done = sum(1.0 if holding[n] else shares[n] if shares else 0.0 for n in to_do)
+    for layer, fine, done, before in zip(dish.layers, right, now, first, strict=True):
+        rows = zip(layer.terms, done, before, strict=True)
+        to_do = [(n, held) for n, held, already in rows if not already]
+        share = sum(1.0 if held else shares[n] if shares else 0.0 for n, held in to_do)
         settled = whole or (fine and (bool(to_do) or begun))
-        found.append(LayerProgress(1.0 if settled else done / max(1, len(to_do)), settled))
+        found.append(LayerProgress(1.0 if settled else share / max(1, len(to_do)), settled))
     return tuple(found)
 
 
@@ -92,18 +105,43 @@ def shares(state: State) -> tuple[float, ...]:
     return tuple(best.get((t.predicate, t.args[0]), 0.0) if len(t.ids) == 1 else 0.0 for t in terms)
 
 
-def dishes(world: World, resolver: AppearanceResolver) -> tuple[Dish, ...] | None:
+def stack_levels(state: State) -> dict[Variable, int]:
+    """How many things lie below each that is where the goal wants it."""
+    goal, placed = state.world.goal, scene(state)
+    chosen = goal.chosen(state.facts)
+    found: dict[Variable, int] = {}
+    for term, held in zip(goal.terms, goal.holding(state.facts), strict=True):
+        if held and len(term.ids) == 2:
+            for one, other in (term.ids, term.ids[::-1]):
+                there = placed.get(chosen[one])
+                if there is not None and there.host == chosen[other]:
+                    found[one] = there.level
+    return found
+
+
+def dishes(
+    world: World,
+    resolver: AppearanceResolver,
+    levels: Mapping[Variable, int] = MappingProxyType({}),
+) -> tuple[Dish, ...] | None:
     """The goal's dishes in its order; None for a goal that cannot be drawn.
 
     That is one of particular players, of any object of a type, or of relations of three things.
+
+    Args:
+        levels: Where things are that lie there already: of things that may lie on each other in
+            any order, these are the lowest, as they lie there.
     """
-    goal = _Goal(world, resolver)
+    goal = _Goal(world, resolver, levels)
     return goal.dishes() if goal.drawable else None
 
 
 class _Goal:
-    def __init__(self, world: World, resolver: AppearanceResolver) -> None:
+    def __init__(
+        self, world: World, resolver: AppearanceResolver, levels: Mapping[Variable, int]
+    ) -> None:
         self._resolver = resolver
+        self._levels = levels
         self._terms = world.goal.terms
         domain = world.task.domain
         self._stations = set(domain.station_types)
@@ -160,7 +198,10 @@ class _Goal:
             )
             words = " with ".join(self._words(i) for i in (root, *merged))
             conditions = tuple(self._condition(n) for n in terms)
-            yield Layer(appearance, words, tuple(terms), conditions, tuple(self._below(root)))
+            yield Layer(
+                appearance, words, tuple(terms), conditions, tuple(self._below(root)),
+                tuple(n for n in terms if len(self._terms[n].ids) == 2), tuple(self._base(root)),
+            )  # fmt: skip
         for above in self._carried(root):
             if above in merged:
                 seen.add(above)
@@ -174,11 +215,28 @@ class _Goal:
         carrier = self._carriers.get(thing)
         if carrier is None:
             return []
-        under = [i for i in self._carried(carrier) if self._order(i) < self._order(thing)]
+        under = [i for i in self._carried(carrier) if self._is_below(i, thing)]
         if any(self._when.get(self._terms[n].predicate) == "next_in_stack"
                and self._terms[n].ids == (thing, carrier) for n in self._about(thing)):  # fmt: skip
             under.append(carrier)
         return [n for i in under for n in (*self._about(i), *self._below(i))]
+
+    def _is_below(self, one: Variable, other: Variable) -> bool:
+        """Whether one of two things in a stack belongs below the other, or lies there already."""
+        (order, level), (its, above) = self._height(one), self._height(other)
+        return order < its or (order == its and level < above < UNPLACED)
+
+    def _height(self, thing: Variable) -> tuple[int, int]:
+        """How high in its stack a thing belongs, and how high it is."""
+        return self._order(thing), self._levels.get(thing, UNPLACED)
+
+    def _base(self, thing: Variable) -> list[int]:
+        """The terms that say where the lowest of a stack is, for all that belongs above it."""
+        carrier = self._carriers.get(thing)
+        if carrier is None or self._order(thing) == BOTTOM:
+            return []
+        lowest = [i for i in self._carried(carrier) if self._order(i) == BOTTOM]
+        return [n for i in lowest for n in self._about(i) if len(self._terms[n].ids) == 2]
 
     def _words(self, thing: Variable) -> str:
         facts = {term.predicate for term in self._terms if thing in term.ids}
@@ -194,11 +252,11 @@ class _Goal:
     def _carried(self, carrier: Variable) -> list[Variable]:
         """What lies directly on or in something: the lowest first, the uppermost last."""
         carried = [thing for thing, host in self._carriers.items() if host == carrier]
-        return sorted(carried, key=self._order)
+        return sorted(carried, key=self._height)
 
     def _order(self, thing: Variable) -> int:
         rules = [self._when.get(self._terms[n].predicate) for n in self._about(thing)]
-        return 0 if "bottom_of_stack" in rules else 2 if "top_of_stack" in rules else 1
+        return BOTTOM if "bottom_of_stack" in rules else TOP if "top_of_stack" in rules else MIDDLE
 
     def _about(self, thing: Variable) -> list[int]:
         """The terms that say something of a thing, not of what lies on or in it."""

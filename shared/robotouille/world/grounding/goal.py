@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 from robotouille.domain.schema import GoalTerm
 from robotouille.domain.task import Task
@@ -34,6 +35,13 @@ class Variable:
     kind: str
     is_type: bool
     fixed: str | None = None
+
+
+class _Fit(NamedTuple):
+    """Which predicates hold at once, and for which objects."""
+
+    holding: tuple[bool, ...]
+    chosen: Binding
 
 
 class Goal:
@@ -73,7 +81,7 @@ class Goal:
         self.relevant = 0
         self._necessary: list[int] = []
         self._known: dict[int, bool] = {}
-        self._holding: dict[int, tuple[bool, ...]] = {}
+        self._fits: dict[int, _Fit] = {}
         for term, mask in self._mask.items():
             if term.predicate not in self._table.static_predicates:
                 self.relevant |= mask
@@ -105,23 +113,32 @@ class Goal:
         One holds if some choice of objects makes it true together with all before it that hold.
         So all of them hold exactly where the goal does.
         """
+        return self._fit(facts).holding
+
+    def chosen(self, facts: int) -> Binding:
+        """The objects that make those predicates true that are `holding`, by variable."""
+        return dict(self._fit(facts).chosen)
+
+    def _fit(self, facts: int) -> _Fit:
         relevant = facts & self.relevant
-        known = self._holding.get(relevant)
+        known = self._fits.get(relevant)
         if known is None:
-            if len(self._holding) >= MAX_KEPT:
-                self._holding.clear()
-            known = self._holding[relevant] = tuple(self._each_holding(facts))
+            if len(self._fits) >= MAX_KEPT:
+                self._fits.clear()
+            known = self._fits[relevant] = self._find_fit(facts)
         return known
 
-    def _each_holding(self, facts: int) -> Iterator[bool]:
+    def _find_fit(self, facts: int) -> _Fit:
         held: Rows = []
         chosen: Binding = {}
+        holding = []
         for term in self.terms:
             rows = [*held, (term, self._rows(term, facts))]
-            found = self._extended(chosen, *rows[-1]) or self._chosen(rows)
+            found = self._extended(chosen, *rows[-1]) or self._choice(rows)
             if found is not None:
                 held, chosen = rows, found
-            yield found is not None
+            holding.append(found is not None)
+        return _Fit(tuple(holding), chosen)
 
     def _extended(
         self, chosen: Binding, term: GoalTerm, choices: list[tuple[str, ...]]
@@ -140,7 +157,7 @@ class Goal:
         kind = self.variables[identifier].kind
         return all(name != taken or self.variables[i].kind != kind for i, taken in chosen.items())
 
-    def _chosen(self, rows: Rows) -> Binding | None:
+    def _choice(self, rows: Rows) -> Binding | None:
         """Some choice of objects that makes these predicates true."""
         names = dict.fromkeys(identifier for term, _ in rows for identifier in term.ids)
         domains: Domains = {name: frozenset(self._candidates[name]) for name in names}

@@ -14,6 +14,7 @@ from robotouille_client.window.pictures.dishes import (
     dishes,
     progress,
     shares,
+    stack_levels,
 )
 from robotouille_client.window.pictures.shapes import RING_STEPS, box, share_disc, tick
 from robotouille_client.window.pictures.sprites import Sprites
@@ -39,9 +40,11 @@ class Ticket:
     def __init__(
         self, view: View, resolver: AppearanceResolver, sprites: Sprites, text: Typesetter
     ) -> None:
+        self._resolver = resolver
         self._rendering = resolver.rendering
         self._sprites = sprites
         self._text = text
+        self._levels: dict[int | str, int] = {}
         self._dishes = dishes(view.world, resolver) or ()
         self._at_first = view.world.goal.holding(view.world.initial.facts)
         self._rows: list[tuple[pygame.Rect, Layer, LayerProgress]] = []
@@ -58,11 +61,11 @@ class Ticket:
 
     def _conditions(self, layer: Layer, far: LayerProgress) -> tuple[str, ...]:
         lines = []
-        for number, says in zip(layer.terms, layer.conditions, strict=True):
+        now = layer.holding(self._holding)
+        for number, held, says in zip(layer.terms, now, layer.conditions, strict=True):
             done = "Done" if far.settled or not self._at_first[number] else "Ready"
-            lines.append(f"{done if self._holding[number] else 'Not yet'}: {says}.")
-        fine, based = (all(self._holding[n] for n in part) for part in (layer.terms, layer.below))
-        if fine and not based:
+            lines.append(f"{done if held else 'Not yet'}: {says}.")
+        if all(now) and not all(self._holding[n] for n in layer.below):
             lines.append("Not yet: all that belongs below it.")
         return tuple(lines)
 
@@ -70,10 +73,12 @@ class Ticket:
     def seen(state: State) -> object:
         """What can be seen of a state."""
         done = (round(share * RING_STEPS) for share in shares(state))
-        return state.world.goal.holding(state.facts), tuple(done)
+        levels = tuple(stack_levels(state).items())
+        return state.world.goal.holding(state.facts), tuple(done), levels
 
     def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, state: State) -> int:
         """Draw the slip at the top of an area, as a state has it; its height."""
+        self._arrange(state)
         size = self._size(area, layout)
         self._rows = []
         if size is None:
@@ -92,6 +97,13 @@ class Ticket:
                 self._seam(surface, column)
             self._column(surface, column, step, dish, size, layout.text)
         return height
+
+    def _arrange(self, state: State) -> None:
+        """Order the pictures as the things lie that are there."""
+        levels = stack_levels(state)
+        if levels != self._levels:
+            self._levels = levels
+            self._dishes = dishes(state.world, self._resolver, levels) or ()
 
     def _size(self, area: pygame.Rect, layout: Layout) -> int | None:
         """How large the pictures are; None where they would be too small."""

@@ -27,10 +27,10 @@ class TaskPicker:
         self._best = settings.best
         self._pictures = Thumbnails(settings.preferences.rendering)
         self._lengths: dict[str, int | None] = {}
-        self._names = listed_tasks()
+        self._wanted: dict[str, None] = {}
         self.form = Picker(
             "Which task?",
-            [self._entry(name) for name in self._names],
+            [self._entry(name) for name in listed_tasks()],
             [Button("Back", "back")],
             chosen=chosen,
             idle=self._load,
@@ -48,7 +48,7 @@ class TaskPicker:
     def _detail(self, name: str) -> str:
         """`for 2 to 4 · 35 steps · done in 40`."""
         words = [players_words(_task(name))]
-        length = self._lengths.get(name)
+        length = self._length(name)
         if length is not None:
             words.append(f"{length} steps")
         best = best_of(self._best, name)
@@ -59,20 +59,27 @@ class TaskPicker:
     def _about(self, name: str) -> str:
         """What is to be made, how long that takes, and how well it went."""
         words = [_task(name).goal_description]
-        length, best = self._lengths.get(name), best_of(self._best, name)
+        length, best = self._length(name), best_of(self._best, name)
         if length is not None:
             words.append(f"A very good game takes {length} steps.")
         words.append("Not done yet." if best is None else f"Your best game took {best} steps.")
         return "\n".join(words)
 
+    def _length(self, name: str) -> int | None:
+        """The steps of a very good game; None where they are not known, or not yet."""
+        if name not in self._lengths:
+            self._wanted.pop(name, None)
+            self._wanted[name] = None
+        return self._lengths.get(name)
+
     def _load(self) -> bool:
-        """Draw a kitchen, or else find out how long a task takes."""
-        if self._pictures.load():
-            return True
-        name = next((name for name in self._names if name not in self._lengths), None)
-        if name is not None:
-            self._lengths[name] = retimed_length(load_task(name, timing=Timing.PEOPLE))
-        return name is not None
+        """Find out how long a task takes, that which was asked for last first; or else draw a
+        kitchen, which takes longer."""
+        if not self._wanted:
+            return self._pictures.load()
+        name, _ = self._wanted.popitem()
+        self._lengths[name] = retimed_length(load_task(name, timing=Timing.PEOPLE))
+        return True
 
 
 def listed_tasks() -> list[str]:
