@@ -71,13 +71,13 @@ def test_of_the_other_keys_the_last_stay_longest(view: View, scale: float) -> No
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize("notice", ["Short.", SENTENCE, SENTENCE * 2])
-def test_a_notice_lies_over_the_wall_at_most(
-    view: View, size: tuple[int, int], scale: float, notice: str
+@pytest.mark.parametrize("lesson", ["Short.", SENTENCE, SENTENCE * 2])
+def test_a_lesson_lies_over_the_wall_at_most(
+    view: View, size: tuple[int, int], scale: float, lesson: str
 ) -> None:
     painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)
     before = painter.layout(size, view.world)
-    told = replace(view, notice=notice)
+    told = replace(view, lesson=lesson)
     painter.paint(surface, told)
     place = painter.layout(size, view.world)
     shown = painter._interruptions.draw(surface, place, told)
@@ -85,3 +85,20 @@ def test_a_notice_lies_over_the_wall_at_most(
     assert place.corner((0, 0))[1] + place.tile <= place.strip.top
     painter.paint(surface, view)
     assert painter.layout(size, view.world) == before
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_nothing_moves_for_a_notice(view: View, size: tuple[int, int]) -> None:
+    painter, surface = Painter(), pygame.Surface(size)
+    before = painter.layout(size, view.world)
+    painter.paint(surface, replace(view, notice=SENTENCE))
+    assert painter.layout(size, view.world) == before
+
+
+def test_lessons_of_one_line_and_of_two_leave_the_kitchen_where_it_is(view: View) -> None:
+    painter, surface, size = Painter(), pygame.Surface((1280, 720)), (1280, 720)
+    found = []
+    for lesson in ("Short.", SENTENCE):
+        painter.paint(surface, replace(view, lesson=lesson))
+        found.append(painter.layout(size, view.world))
+    assert found[0] == found[1]

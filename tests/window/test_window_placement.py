@@ -93,3 +93,12 @@ def test_what_does_not_stay_goes_back_to_its_best_choice() -> None:
     for stays, top in ((True, 150), (False, 100)):
         label = Label("a", (40, 20), ((100, 100), (100, 150)), stays=stays)
         assert place_labels([label], AREA, before=held)["a"].area.topleft == (100, top)
+
+
+def test_what_is_spared_is_covered_only_where_there_is_no_other_place_within_reach() -> None:
+    machine = pygame.Rect(80, 80, 60, 60)
+    near = Label("a", (20, 20), ((100, 100),), reach=60)
+    place = place_labels([near], AREA, spared=[machine])["a"].area
+    assert not place.colliderect(machine)
+    far = pygame.Rect(0, 0, 400, 400)
+    assert place_labels([near], AREA, spared=[far])["a"].area.topleft == (100, 100)

@@ -288,11 +288,11 @@ async def test_the_tutorial_ends_with_its_task(evening: Evening) -> None:
 def test_the_tutorial_waits_until_each_thing_is_done() -> None:
     script = Script(World("training/01"))
     source = TutorialSource(script, KeyMap())
-    told = [source.view().notice]
+    told = [source.view().lesson]
     for line in load_certificate("training/01").plan or ():
         source.act(script.world.parse(script.state, script.me, line))
-        if source.view().notice != told[-1]:
-            told.append(source.view().notice)
+        if source.view().lesson != told[-1]:
+            told.append(source.view().lesson)
             if source.lesson is not None:
                 before = source.lesson
                 source.act(script.world.parse(script.state, script.me, "wait()"))
@@ -314,7 +314,7 @@ def test_work_is_learned_when_it_is_done_and_the_lesson_says_what_to_bring() -> 
         action = script.world.parse(script.state, script.me, line)
         source.act(action)
         if action.name == "cut":
-            seen.append(source.view().notice)
+            seen.append(source.view().lesson)
     assert len(seen) == 3
     assert all("take the tomato to the board" in words for words in seen[:2])
     assert seen[2].startswith("Now the whole task")

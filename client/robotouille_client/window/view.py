@@ -130,10 +130,10 @@ class View:
     station, and who stands there. `step_seconds` is how long a step takes where a clock says so.
 
     A game that is over has an `outcome` in words, and was `won` or `lost`. `notice` is something
-    the operator says to everybody. A game that has not begun has a `lobby`; one that begins in
-    `starts_in` seconds is counted down to, and one that stands still has a `pause`; `offline` are
-    the seconds since the connection was lost, None while there is one; with a `farewell` the owner
-    is out of the game.
+    the operator says to everybody, for a while; `lesson` is what is to be learned next. A game that
+    has not begun has a `lobby`; one that begins in `starts_in` seconds is counted down to, and one
+    that stands still has a `pause`; `offline` are the seconds since the connection was lost, None
+    while there is one; with a `farewell` the owner is out of the game.
     """
 
     world: World
@@ -154,6 +154,7 @@ class View:
     lost: bool = False
     hover: str | None = None
     notice: str = ""
+    lesson: str = ""
     pause: PauseView | None = None
     offline: float | None = None
     farewell: FarewellView | None = None

@@ -24,6 +24,10 @@ _LONG = 20.0
 """Seconds after which it is told what one may do about it."""
 
 
+_LESSON_LINES = 2
+"""Of a lesson, at least."""
+
+
 class Interruptions:
     """Draws over the kitchen; the panel beside it stays as it is."""
 
@@ -58,8 +62,10 @@ class Interruptions:
             shown.append(self._countdown(target, layout, ceil(view.starts_in)))
         elif view.lobby is not None and not view.frozen:
             shown.append(self._lobby_card.draw(target, layout, view.lobby, own))
-        if view.notice:
-            shown.append(self._banner(target, layout, y, view.notice, ACCENT, INK))
+        for words in (view.lesson, view.notice):
+            if words:
+                shown.append(self._banner(target, layout, y, words, ACCENT, INK))
+                y = shown[-1].bottom + layout.text * 2 // 3
         return shown
 
     def _shade(self, target: pygame.Surface, layout: Layout, colour: tuple[int, ...]) -> None:
@@ -89,11 +95,12 @@ class Interruptions:
             target.blit(drawn, drawn.get_rect(midtop=(area.centerx, area.y + pad + i * step)))
         return area
 
-    def head_lines(self, layout: Layout, notice: str) -> float:
-        """The room that a notice needs above the floor, as a multiple of the text size."""
-        if not notice:
-            return 0.0
-        high = self._text.height(_banner_text(layout)) * len(self._banner_lines(layout, notice))
+    def head_lines(self, layout: Layout, lesson: str) -> float:
+        """The room that a lesson needs above the floor, as a multiple of the text size: that of a
+        few lines, so that the kitchen stays where it is from one lesson to the next. A notice goes
+        away soon, and lies over whatever is there."""
+        lines = max(_LESSON_LINES, len(self._banner_lines(layout, lesson)))
+        high = self._text.height(_banner_text(layout)) * lines
         return (_top(layout) + high + layout.text * 2) / layout.text
 
     def _banner_lines(self, layout: Layout, words: str) -> tuple[str, ...]:
@@ -183,7 +190,7 @@ def _top(layout: Layout) -> int:
 
 
 def _banner_text(layout: Layout) -> int:
-    return round(layout.text * 1.15)
+    return layout.text if layout.compact else round(layout.text * 1.15)
 
 
 def pause_seen(pause: PauseView) -> PauseView:

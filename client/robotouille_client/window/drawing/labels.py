@@ -73,8 +73,10 @@ class Labels:
         listed: Listing,
         blocked: Sequence[pygame.Rect],
         avoided: Sequence[pygame.Rect],
+        spared: Sequence[pygame.Rect],
     ) -> None:
-        """All words that fit beside what is `blocked`; `listed` is told below the tips."""
+        """All words that fit beside what is `blocked`, as `place_labels` has it; `listed` is told
+        below the tips."""
         words = [
             *self._names(layout, view, poses),
             *self._bubbles(layout, view, poses),
@@ -84,7 +86,7 @@ class Labels:
         below = layout.text * 2 if told else 0  # The strip of keys.
         area = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - below).inflate(-6, -6)
         labels = [each.label for each in words]
-        self._places = place_labels(labels, area, blocked, avoided, self._places)
+        self._places = place_labels(labels, area, blocked, avoided, spared, self._places)
         for each in words:
             place = self._places.get(each.label.key)
             if place is not None:

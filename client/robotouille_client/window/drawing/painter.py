@@ -20,7 +20,7 @@ from robotouille_client.window.drawing.kitchen.kitchen_layer import KitchenLayer
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
 from robotouille_client.window.drawing.kitchen.preloader import Preloader
-from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots, ways
+from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots, ways, workplaces
 from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
@@ -77,7 +77,7 @@ class Painter:
         self._stages: list[tuple[State, Stage]] = []
         self._preloader: Preloader | None = None
         self._lived: tuple[tuple[State, State | None, bool], Life] | None = None
-        self._notice = ""
+        self._lesson = ""
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
@@ -86,7 +86,7 @@ class Painter:
         ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
         view = with_readable_names(view, self._text)
-        self._notice = view.notice
+        self._lesson = view.lesson
         place = self.layout(surface.get_size(), view.world)
         scene = self._scene(view, place)
         stage, poses = scene.stage, scene.poses
@@ -111,6 +111,7 @@ class Painter:
                 *([] if choices is None else [choices]),
             ],
             avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
+            spared=workplaces(place, stage),
         )  # fmt: skip
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
@@ -189,13 +190,13 @@ class Painter:
         return self._motion.poses(view.state, placed, before, view.step, view.phase)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
-        """Where things are on a surface of a size, below the notice that was drawn last."""
+        """Where things are on a surface of a size, below the lesson that was drawn last."""
         problem = world.task.problem
         lines = 0.0 if self._strip is None else self._strip.lines
         place = layout(size, problem.width, problem.height, lines, self._preferences.text_scale)
-        if not self._notice or world is not self._world:
+        if not self._lesson or world is not self._world:
             return place
-        head = self._interruptions.head_lines(place, self._notice)
+        head = self._interruptions.head_lines(place, self._lesson)
         return layout(
             size, problem.width, problem.height, lines, self._preferences.text_scale, head
         )
@@ -231,7 +232,7 @@ class Painter:
         self._world = world
         self._stages = []
         self._lived = None
-        self._notice = ""
+        self._lesson = ""
         self._preloader = None
         chosen = self._rendering
         art = chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen)

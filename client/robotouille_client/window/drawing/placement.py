@@ -46,6 +46,7 @@ def place_labels(
     area: pygame.Rect,
     blocked: Sequence[pygame.Rect] = (),
     avoided: Sequence[pygame.Rect] = (),
+    spared: Sequence[pygame.Rect] = (),
     before: Mapping[Hashable, Place] | None = None,
 ) -> dict[Hashable, Place]:
     """A place for each label within an area; one that fits nowhere is left out.
@@ -53,13 +54,14 @@ def place_labels(
     Args:
         blocked: What no label may cover.
         avoided: What labels cover only where they fit nowhere else among their choices.
+        spared: What they cover only where they fit nowhere else within their reach.
         before: The places of the last frame.
     """
     taken = [rect for rect in blocked if rect.w and rect.h]
     places: dict[Hashable, Place] = {}
     for label in sorted(labels, key=lambda label: -label.importance):
         kept = before.get(label.key) if before and label.stays else None
-        place = _place(label, area, taken, avoided, kept.offset if kept else None)
+        place = _place(label, area, taken, (avoided, spared), kept.offset if kept else None)
         if place is not None:
             places[label.key] = place
             taken.append(place.area)
@@ -70,17 +72,31 @@ def _place(
     label: Label,
     area: pygame.Rect,
     taken: list[pygame.Rect],
-    avoided: Sequence[pygame.Rect],
+    rather_not: tuple[Sequence[pygame.Rect], Sequence[pygame.Rect]],
     kept: Point | None,
 ) -> Place | None:
     if label.size[0] > area.width or label.size[1] > area.height or not label.choices:
         return None
-    for obstacles in ([*taken, *avoided], taken):
-        for offset in _offsets(label, kept):
-            rect = _at(label, offset).clamp(area)
-            if rect.collidelist(obstacles) < 0:
-                return Place(rect, offset)
-    return next(_moved(label, area, taken), None)
+    avoided, spared = rather_not
+    with_spared = [*taken, *spared]
+    return (
+        _chosen(label, area, [*with_spared, *avoided], kept)
+        or _chosen(label, area, with_spared, kept)
+        or (next(_moved(label, area, with_spared), None) if spared else None)
+        or _chosen(label, area, taken, kept)
+        or next(_moved(label, area, taken), None)
+    )
+
+
+def _chosen(
+    label: Label, area: pygame.Rect, obstacles: list[pygame.Rect], kept: Point | None
+) -> Place | None:
+    """The first choice that covers none of some obstacles."""
+    for offset in _offsets(label, kept):
+        rect = _at(label, offset).clamp(area)
+        if rect.collidelist(obstacles) < 0:
+            return Place(rect, offset)
+    return None
 
 
 def _offsets(label: Label, kept: Point | None) -> Iterator[Point]:

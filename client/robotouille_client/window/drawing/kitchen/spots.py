@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ __all__ = [
     "sizes_of_tiles",
     "spots",
     "ways",
+    "workplaces",
 ]
 
 RAISED = 0.12
@@ -136,6 +138,18 @@ def occupied(layout: Layout, stage: Stage, poses: dict[str, Pose]) -> list[pygam
         if name in used and tile is not None:
             areas.append(_part(layout.corner(tile), _WORKTOP, layout.tile))
     return areas
+
+
+def workplaces(layout: Layout, stage: Stage) -> list[pygame.Rect]:
+    """Stations of other kinds than most: where something is done, whether it is now or not."""
+    kinds = Counter(stage.placed[name].thing.kind for name in stage.stations)
+    plain = kinds.most_common(1)[0][0] if kinds else ""
+    there = [stage.placed[name] for name in stage.stations]
+    return [
+        _part(layout.corner(each.tile), _WORKTOP, layout.tile)
+        for each in there
+        if each.tile is not None and each.thing.kind != plain
+    ]
 
 
 def ways(

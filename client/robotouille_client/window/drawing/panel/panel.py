@@ -107,7 +107,7 @@ class Panel:
             surface.blit(plate, plate.get_rect(topright=(area.right, y - 2)))
             room -= plate.get_width() + size // 2
         above = self._text.fit(above, small, room) if room > 3 * size else ""
-        large, most = (size, 1) if layout.compact else (size + 3, 2)
+        large, most = (size, 1) if layout.compact else (size + 3, 3)
         if view.code or not layout.compact:
             y += self._put(surface, above, (area.x, y), small, FAINT) + 2
         for line in self._text.wrap(title, large, area.width, most):

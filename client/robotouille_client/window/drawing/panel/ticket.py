@@ -1,4 +1,5 @@
-"""The order slip: each dish of the goal as a column of pictures that are ticked off."""
+"""The order slip: each dish of the goal as a column of pictures that are ticked off, and their
+names where they fit."""
 
 from __future__ import annotations
 
@@ -79,24 +80,27 @@ class Ticket:
     def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, state: State) -> int:
         """Draw the slip at the top of an area, as a state has it; its height."""
         self._arrange(state)
-        size = self._size(area, layout)
+        shape = self._shape(area, layout)
         self._rows = []
-        if size is None:
+        if shape is None:
             return self._in_words(surface, area, layout)
-        pad, count = layout.text // 2, len(self._dishes)
-        rows = max(len(dish.layers) for dish in self._dishes)
-        step = round(size * _STEP)
-        height = rows * step + 2 * pad
+        below, size = shape
+        pad, step = layout.text // 2, round(size * _STEP)
+        counts = [len(dish.layers) for dish in self._dishes]
+        high = sum(counts) * step + (len(counts) - 1) * pad if below else max(counts) * step
         self._holding = state.world.goal.holding(state.facts)
         self._shares = shares(state)
-        surface.blit(box((area.width, height), PAPER, layout.text // 2), area.topleft)
-        width = (area.width - 2 * pad) // count
+        surface.blit(box((area.width, high + 2 * pad), PAPER, layout.text // 2), area.topleft)
+        column = pygame.Rect(area.x + pad, area.y + pad, area.width - 2 * pad, high)
+        column.width //= 1 if below else len(counts)
         for number, dish in enumerate(self._dishes):
-            column = pygame.Rect(area.x + pad + number * width, area.y + pad, width, rows * step)
+            if below:
+                column.height = counts[number] * step
             if number:
-                self._seam(surface, column)
+                self._seam(surface, column, pad, below=below)
             self._column(surface, column, step, dish, size, layout.text)
-        return height
+            column.move_ip((0, column.height + pad) if below else (column.width, 0))
+        return high + 2 * pad
 
     def _arrange(self, state: State) -> None:
         """Order the pictures as the things lie that are there."""
@@ -105,19 +109,32 @@ class Ticket:
             self._levels = levels
             self._dishes = dishes(state.world, self._resolver, levels) or ()
 
-    def _size(self, area: pygame.Rect, layout: Layout) -> int | None:
-        """How large the pictures are; None where they would be too small."""
+    def _shape(self, area: pygame.Rect, layout: Layout) -> tuple[bool, int] | None:
+        """Whether each dish is below the one before it, where it has room for words, or else beside
+        it; and how large the pictures are. None where they would be too small."""
         if not self._dishes:
             return None
-        rows = max(len(dish.layers) for dish in self._dishes)
-        share = _COMPACT_SHARE if layout.compact else _SHARE
-        room = min(area.height * share / (rows * _STEP), area.width / len(self._dishes) / 2)
-        size = int(min(layout.text * _ICON, room))
-        return size if size >= layout.text * _MIN_ICON else None
+        counts = [len(dish.layers) for dish in self._dishes]
+        room = area.height * (_COMPACT_SHARE if layout.compact else _SHARE)
+        gaps = (len(counts) - 1) * layout.text // 2
+        for below, high, wide in (
+            (True, (room - gaps) / sum(counts), area.width),
+            (False, room / max(counts), area.width / len(counts)),
+        ):
+            size = int(min(layout.text * _ICON, high / _STEP, wide / 2))
+            if size >= layout.text * _MIN_ICON:
+                return below, size
+        return None
 
-    def _seam(self, surface: pygame.Surface, column: pygame.Rect) -> None:
-        for y in range(column.top, column.bottom, 6):
-            surface.fill(mixed(PAPER, INK, 0.35), (column.x - 1, y, 1, 3))
+    def _seam(self, surface: pygame.Surface, column: pygame.Rect, gap: int, *, below: bool) -> None:
+        """A dashed line between a dish and the one before it."""
+        ink = mixed(PAPER, INK, 0.35)
+        if below:
+            for x in range(column.left, column.right, 6):
+                surface.fill(ink, (x, column.top - gap // 2 - 1, 3, 1))
+        else:
+            for y in range(column.top, column.bottom, 6):
+                surface.fill(ink, (column.x - 1, y, 1, 3))
 
     def _column(
         self,

@@ -54,7 +54,7 @@ def lessons(keys: KeyMap, world: World) -> tuple[Lesson, ...]:
 
 
 class TutorialSource:
-    """A source whose notice is the lesson; all else is another source's."""
+    """A source whose views have a lesson; all else is another source's."""
 
     def __init__(self, source: Source, keys: KeyMap) -> None:
         self._source = source
@@ -70,7 +70,7 @@ class TutorialSource:
     def view(self) -> View:
         view = self._source.view()
         self._finish_work(view.state)
-        return dataclasses.replace(view, notice=self._words(view))
+        return dataclasses.replace(view, lesson=self._words(view))
 
     def act(self, action: GroundAction) -> None:
         """Act; a valid action of the lesson's kind is the lesson done."""
