@@ -149,7 +149,7 @@ def test_players_are_you_or_called_by_their_names() -> None:
         (condition("isboard", "table2"), "needs a board, which the table is not"),
         (condition("iscooking", "chicken1", expected=False), "the chicken is cooking already"),
         (condition("clear", "bread1", expected=False), "not while the bread has nothing on top"),
-        (condition("isboiling", "water1"), "needs: the water is boiling hot"),
+        (condition("isboiling", "water1"), "boil the water first, at the stove"),
         (condition("loc", "robot1", "moon"), "go to moon first"),
         (Unmet(UnmetKind.BUSY, "", objects=("robot1",)), "you are still busy"),
         (Unmet(UnmetKind.MISSING, "", objects=("water1",)), "the water is not there"),

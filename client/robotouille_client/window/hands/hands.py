@@ -154,7 +154,7 @@ class Hands:
         clicked = controls.click(state, me, here) if here else meaning
         if clicked.valid and clicked.action != meaning.action:
             found.append(("Click", told(clicked, state)))
-        if not found and meaning.action is not None:
+        if not found and (meaning.action is not None or meaning.advice):
             found.append((self.keys.words(Command.USE), meaning.hint))
         return tuple(found)
 

@@ -140,6 +140,17 @@ class PlaceWords(Schema):
         return self.ordinals[index] if index < len(self.ordinals) else f"{index + 1}."
 
 
+class WorkWords(Schema):
+    """What to do first (`first`; `first_at`, where it is known at which place), what is to be
+    waited for, and what a place is for where nothing is."""
+
+    first: Words = "{action} first"
+    first_at: Words = "{action} first, at {place}"
+    under_way: Words = "wait until it is done"
+    here: Words = "here you can {actions}"
+    either: Words = " or "
+
+
 class Language(Schema):
     """What a person calls the things, actions and facts of a domain. All of it is optional.
 
@@ -158,17 +169,20 @@ class Language(Schema):
     )
     predicates: dict[str, PredicateWords] = Field(default={}, max_length=500)
     places: PlaceWords = PlaceWords()
+    work: WorkWords = WorkWords()
     other: Words = "the other {noun}"
 
     def with_words(self, own: Language) -> Language:
         """The same with other words laid over it: kind by kind, action by action, predicate by
-        predicate, and each of those for places."""
+        predicate, and each of those for places and for work."""
+        work = self.work.model_copy(update=own.work.model_dump(exclude_unset=True))
         places = self.places.model_copy(update=own.places.model_dump(exclude_unset=True))
         return Language(
             kinds={**self.kinds, **own.kinds},
             actions={**self.actions, **own.actions},
             predicates={**self.predicates, **own.predicates},
             places=places,
+            work=work,
             other=own.other if "other" in own.model_fields_set else self.other,
         )
 

@@ -18,6 +18,7 @@ from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.people.places import places
+from robotouille.world.people.preparation import Work, preparation_of
 from robotouille.world.people.templates import filled, parameters
 from robotouille.world.scene import Placed, scene
 from robotouille.world.text import describe
@@ -51,6 +52,7 @@ class Wording:
         self.language = language
         self.me = me
         self.names = names
+        self.preparation = preparation_of(world)
         self._occupancy = Occupancy(world)
         self._lately: tuple[State, dict[str, str]] | None = None
 
@@ -157,6 +159,37 @@ class Wording:
         whatever = {n: SOMEWHERE if t in stations else SOMETHING for n, t in schema.parameters}
         return filled(template, **whatever) or schema.name.replace("-", " ")
 
+    def here(self, schemas: Iterable[ActionSchema]) -> str:
+        """What a place is for, by actions that can be done there."""
+        words = self.language.work
+        does = dict.fromkeys(map(self.in_general, schemas))
+        return filled(words.here, actions=words.either.join(does)) if does else ""
+
+    def first(self, work: Work, state: State) -> str:
+        """What has to be done first, and where: `fill the pot with water first, at the sink`; or
+        that it is to be waited for."""
+        words, schema = self.language.work, work.schema
+        if self.preparation.is_under_way(state, work):
+            return words.under_way
+        known = self.language.actions.get(schema.name)
+        template = known.do if known else ""
+        called = self.things(work.binding.values(), state)
+        named = {name: called[thing] for name, thing in work.binding.items()}
+        rest = {name: SOMETHING for name in parameters(template) if name not in named}
+        does = filled(template, **named, **rest) or schema.name.replace("-", " ")
+        place = self._where(work.places, state)
+        template = words.first_at if place else words.first
+        return filled(template, action=does, place=place)
+
+    def _where(self, stations: Sequence[str], state: State) -> str:
+        """One of some stations: `the sink`, `a stove`; nothing where they are of several kinds."""
+        kinds = {self.world.thing(name).kind for name in stations}
+        if len(kinds) != 1:
+            return ""
+        if len(stations) == 1:
+            return self.place(stations[0], state)
+        return _with_article(self.kind(kinds.pop()))
+
     def way(self, action: GroundAction, unmet: Collection[Unmet], state: State) -> str:
         """What to do so that an action becomes possible."""
         told = self._how(action, unmet, state)
@@ -193,7 +226,7 @@ class Wording:
     # Reasons
 
     def reason(self, unmet: Unmet, state: State) -> str:
-        """Why something cannot be done, as what is missing or in the way."""
+        """Why something cannot be done, as what is missing or in the way, or what to do first."""
         if unmet.kind is UnmetKind.CONDITION and unmet.predicate:
             return self._condition(unmet, state)
         if unmet.kind is UnmetKind.MISSING and unmet.objects:
@@ -210,6 +243,8 @@ class Wording:
         words = self.language.predicates.get(unmet.predicate)
         template = (words.needed if unmet.expected else words.forbidden) if words else ""
         who = self._standing(unmet, state)
+        if unmet.expected and (work := self._work(unmet)) is not None:
+            return self.first(work, state)
         if told := filled(template, *called, who=who or SOMEBODY):
             return told
         if unmet.expected and len(called) == 1 and (kinds := self._kinds(unmet.predicate)):
@@ -217,6 +252,11 @@ class Wording:
         named = self._known(unmet.objects, state, you=False)
         fact = describe(self.world.task.domain, (unmet.predicate, *named))
         return f"needs: {fact}" if unmet.expected else f"not while {fact}"
+
+    def _work(self, unmet: Unmet) -> Work | None:
+        """The work that a condition waits for."""
+        known = all(name in self.world.thing_names for name in unmet.objects)
+        return self.preparation.work_for(unmet.predicate, unmet.objects) if known else None
 
     def _standing(self, unmet: Unmet, state: State) -> str:
         """Who stands where nobody should; nothing where it is not about that."""
