@@ -1,7 +1,7 @@
 """What the window says at each place with each thing in hand.
 
-`python -m tests.support.golden_hints` writes the files that `test_window_hints` compares with; look at
-what has changed.
+`python -m tests.support.golden_hints` writes the files that `test_window_hints` compares with; look
+at what has changed.
 """
 
 from __future__ import annotations
