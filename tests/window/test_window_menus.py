@@ -213,17 +213,17 @@ def test_pictures_and_lengths_come_when_nobody_types(display: Display) -> None:
 
 
 def test_the_task_that_is_looked_at_has_its_length_first(display: Display) -> None:
-    form = TaskPicker(Settings(), BURGER).form
+    form = TaskPicker(Settings(), "asynchronous/07_onion_soup").form
     row = form.focused
     assert isinstance(row, PickerEntry)
     drawn(form, (1280, 720))
     assert form.idle()
-    assert "35 steps" in row.told().detail
-    assert "A very good game takes 35 steps." in row.about()
+    assert "89 steps" in row.told().detail
+    assert "A very good game takes 89 steps." in row.about()
 
 
 def test_every_certified_task_comes_to_its_length(display: Display) -> None:
-    form = TaskPicker(Settings(), BURGER).form
+    form = TaskPicker(Settings(), "asynchronous/07_onion_soup").form
     certified = [
         name for name in task_names() if any(load_task(name).folder.glob("*.certificate.json"))
     ]

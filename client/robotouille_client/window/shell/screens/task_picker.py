@@ -73,13 +73,12 @@ class TaskPicker:
         return self._lengths.get(name)
 
     def _load(self) -> bool:
-        """Find out how long a task takes, that which was asked for last first; or else draw a
-        kitchen, which takes longer."""
-        if not self._wanted:
-            return self._pictures.load()
-        name, _ = self._wanted.popitem()
-        self._lengths[name] = retimed_length(load_task(name, timing=Timing.PEOPLE))
-        return True
+        """Find out how long a task takes, and draw a kitchen: those that were asked for last."""
+        length = bool(self._wanted)
+        if length:
+            name, _ = self._wanted.popitem()
+            self._lengths[name] = retimed_length(load_task(name, timing=Timing.PEOPLE))
+        return self._pictures.load() or length
 
 
 def listed_tasks() -> list[str]:
