@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robotouille import State
 from robotouille.world.scene import scene
-from robotouille_client.window.controls import Controls, Meaning
+from robotouille_client.window.hands.controls import Controls, Meaning
 from robotouille_client.window.hands.possible import use
 from robotouille_client.window.hands.walking import destination
 from tests.support.scripted import after

@@ -10,8 +10,8 @@ from robotouille import World
 from robotouille.domain.rendering import Language, language_of
 from robotouille.world.people.preparation import preparation_of
 from robotouille.world.people.wording import Wording
-from robotouille_client.window.controls import Controls
 from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.hands.controls import Controls
 from robotouille_client.window.hands.hands import Hands
 
 
