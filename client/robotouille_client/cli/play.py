@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import ValidationError
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.world.lint import sound_task
 from robotouille_client.bots.kinds import BotKind
-from robotouille_client.console import LenientOption, RenderingOption, check_look, explain, fail
+from robotouille_client.console import (
+    LenientOption,
+    RenderingOption,
+    check_look,
+    failing,
+    interruptible,
+)
 
 if TYPE_CHECKING:
     from robotouille_client.window.shell.games.local_game import GameSetup
@@ -22,6 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["play"]
 
 
+@interruptible
+@failing
 def play(
     task: Annotated[
         str | None, typer.Argument(help="Task name or problem file; none: a menu.")
@@ -59,31 +66,26 @@ def play(
 
     from robotouille_client.window import require_pygame
 
-    try:
-        require_pygame()
-        if partner is BotKind.SCRIPTED:
-            raise RobotouilleError("partners are random or planner bots")
-        from robotouille_client.window.shell.games.local_game import GameSetup
+    require_pygame()
+    if partner is BotKind.SCRIPTED:
+        raise RobotouilleError("partners are random or planner bots")
+    from robotouille_client.window.shell.games.local_game import GameSetup
 
-        setup = task and GameSetup(task, seats, mode, step_rate, partner, timing, max_steps, seed)
-        check_look(setup.load() if setup else None, rendering, lenient)
-        if screenshot is not None:
-            if not setup:
-                raise RobotouilleError("a picture is of a task: name one")
-            _picture(setup, size or "1280x720", screenshot, rendering)
-            return
-        if setup:
-            sound_task(setup.load())
-        from robotouille_client.window.shell.starting import open_shell
+    setup = task and GameSetup(task, seats, mode, step_rate, partner, timing, max_steps, seed)
+    check_look(setup.load() if setup else None, rendering, lenient)
+    if screenshot is not None:
+        if not setup:
+            raise RobotouilleError("a picture is of a task: name one")
+        _picture(setup, size or "1280x720", screenshot, rendering)
+        return
+    if setup:
+        sound_task(setup.load())
+    from robotouille_client.window.shell.starting import open_shell
 
-        if tasks is None and task is not None and task.partition("@")[0].endswith(".json"):
-            tasks = Path(task).parent
-        shell = open_shell(size=size, rendering=rendering, tasks=tasks)
-        asyncio.run(shell.run(shell.local.play(setup) if setup else None))
-    except (RobotouilleError, ValidationError, KeyError) as error:
-        fail(explain(error))
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
+    if tasks is None and task is not None and task.partition("@")[0].endswith(".json"):
+        tasks = Path(task).parent
+    shell = open_shell(size=size, rendering=rendering, tasks=tasks)
+    asyncio.run(shell.run(shell.local.play(setup) if setup else None))
 
 
 def _picture(setup: GameSetup, size: str, path: Path, rendering: str) -> None:

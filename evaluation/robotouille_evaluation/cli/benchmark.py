@@ -67,7 +67,7 @@ def run(
     scheduler: options.Scheduler = "",
 ) -> None:
     """Play agents on tasks, and write a report."""
-    from robotouille_evaluation.cli.models import ModelChoice, check_model
+    from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.cli.playing import play
     from robotouille_evaluation.packs.store import write_pack
     from robotouille_evaluation.realtime import Late
@@ -75,15 +75,10 @@ def run(
 
     RunFolder(out).require_new()
     moving = RealTime(
-        step_rate=step_rate,
-        charge=charge,
-        late=Late(late),
-        helper=helper,
-        digest_tokens=digest_tokens,
-        slack=slack,
-    )
-    real_time = moving if clock == "realtime" else None
-    if real_time is None:
+        step_rate=step_rate, charge=charge, late=Late(late), helper=helper,
+        digest_tokens=digest_tokens, slack=slack,
+    )  # fmt: skip
+    if clock == "turns":
         _require_usual(moving)
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
@@ -92,22 +87,13 @@ def run(
         chosen = list(used.instances)
     parameters = {} if temperature is None else {"temperature": temperature}
     choice = ModelChoice(model, base_url, parameters, price, timeout, attempts)
-    specs = [agent_spec(name, used, choice) for name in _words(agents)]
-    if any(spec.kind == "model" for spec in specs):
-        asyncio.run(check_model(choice))
     planned = tuple(
         jobs(
-            used,
-            specs,
-            chosen,
-            seeds=range(seeds),
-            seats=seats,
-            budget=budget,
-            variant=variant or "",
-            real_time=real_time,
-            control=control,
+            used, _agent_specs(_words(agents), used, choice), chosen, seeds=range(seeds),
+            seats=seats, budget=budget, variant=variant or "", control=control,
+            real_time=moving if clock == "realtime" else None,
         )
-    )
+    )  # fmt: skip
     if pack is None or variant == "delay-free":
         write_pack(used, folder)
     run_folder = _create(out, used, folder, planned, steps_to_go)
@@ -213,6 +199,16 @@ def _instances(
     if not found:
         raise RobotouilleError("the pack has no such instances; `robotouille pack show` lists them")
     return found
+
+
+def _agent_specs(names: Iterable[str], pack: Pack, choice: ModelChoice) -> list[AgentSpec]:
+    """Who plays; RobotouilleError where there is no such agent, or its model answers nobody."""
+    from robotouille_evaluation.cli.models import check_model
+
+    specs = [agent_spec(name, pack, choice) for name in names]
+    if any(spec.kind == "model" for spec in specs):
+        asyncio.run(check_model(choice))
+    return specs
 
 
 def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
