@@ -28,7 +28,7 @@ from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings import Journal
 from robotouille_server.rooms.seats.action_requests import ActionRequests
 from robotouille_server.rooms.seats.display_names import DisplayNames
-from robotouille_server.rooms.seats.round_trips import RoundTrips, told_latency
+from robotouille_server.rooms.seats.round_trips import RoundTrips
 from robotouille_server.rooms.seats.seat_turnover import SeatTurnover
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
@@ -427,32 +427,14 @@ class Room:
         everybody where it has changed much; whether there was anything."""
         if not self.episode.running or self._write_ahead.failing:
             return False
-        measured = [
-            (session, session.peer.latency)
-            for session in self.members
-            if session.players and session.peer is not None and session.peer.latency > 0
-        ]
-        told = self._tell_latencies(measured)
-        recorded = self._record_round_trips(measured)
-        return told or recorded
-
-    def _tell_latencies(self, measured: list[tuple[Session, float]]) -> bool:
-        before = [session.latency_ms for session, _ in measured]
-        for session, seconds in measured:
-            session.latency_ms = told_latency(seconds, session.latency_ms)
-        changed = before != [session.latency_ms for session, _ in measured]
-        if changed:
+        told, recorded = self._round_trips.look(self.members)
+        if told:
             self.broadcaster.publish_roster()
-        return changed
-
-    def _record_round_trips(self, measured: list[tuple[Session, float]]) -> bool:
-        seats = [(player, seconds) for session, seconds in measured for player in session.players]
-        changed = [seat for seat in seats if self._round_trips.changed(*seat)]
-        for player, seconds in changed:
+        for player, seconds in recorded:
             self.episode.note_round_trip(player, seconds, self._now())
-        if changed:
+        if recorded:
             self.flush()
-        return bool(changed)
+        return told or bool(recorded)
 
     # What an operator does
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from robotouille_server.rooms.session import Session
+
 __all__ = ["LOOK_SECONDS", "RoundTrips", "told_latency"]
 
 LOOK_SECONDS = 10.0
@@ -19,6 +23,21 @@ class RoundTrips:
 
     def __init__(self) -> None:
         self._recorded: dict[str, float] = {}
+
+    def look(self, members: Iterable[Session]) -> tuple[bool, list[tuple[str, float]]]:
+        """Whether others are to be told something else of any player's connection, which is noted
+        in the sessions; and the round trips that are to be recorded, by player, in seconds."""
+        measured = [
+            (session, session.peer.latency)
+            for session in members
+            if session.players and session.peer is not None and session.peer.latency > 0
+        ]
+        before = [session.latency_ms for session, _ in measured]
+        for session, seconds in measured:
+            session.latency_ms = told_latency(seconds, session.latency_ms)
+        told = before != [session.latency_ms for session, _ in measured]
+        seats = [(player, seconds) for session, seconds in measured for player in session.players]
+        return told, [seat for seat in seats if self.changed(*seat)]
 
     def changed(self, player: str, seconds: float) -> bool:
         """Whether one is to be recorded: it is the first, or has changed by more than a quarter or
