@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -28,6 +29,9 @@ WIDE_FOLDERS = {
     "robotouille_client.window": 14,
 }
 """Folders that hold more than they should, and how much they hold at most."""
+
+DANGEROUS = re.compile(r"eval|exec|os\.system|pickle|shell")
+"""What a file says that may call something dangerous; only those are parsed."""
 
 TEST_FILES = sorted((ROOT / "tests").rglob("*.py"))
 
@@ -130,6 +134,8 @@ def outside_functions(tree: ast.Module) -> Iterator[ast.AST]:
 def test_no_dangerous_calls() -> None:
     """Never pickle, eval or shell on anything from outside."""
     for path in MODULES:
+        if not DANGEROUS.search(path.read_text(encoding="utf-8")):
+            continue
         for node in ast.walk(parsed(path)):
             if isinstance(node, ast.Call):
                 name = ast.unparse(node.func)

@@ -33,9 +33,8 @@ def module_name(path: Path) -> str:
     return ".".join(parts).removesuffix(".py").removesuffix(".__init__")
 
 
-@cache
 def parsed(path: Path) -> ast.Module:
-    """The syntax tree of a file, read once."""
+    """The syntax tree of a file, which is not kept: trees of all files slow the garbage collector."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
