@@ -10,16 +10,10 @@ from robotouille.episode import (
     CountdownChanged,
     Episode,
     ReadinessChanged,
-    Rules,
     Started,
 )
 from robotouille.errors import ProtocolError
-from tests.support.episodes import TWO, first
-
-
-def opened(**rules: object) -> Episode:
-    options = {"clock": Clock.REALTIME, "step_rate": 10.0, "grace": 30.0, "countdown": 3.0, **rules}
-    return Episode(TWO, Rules(**options))  # type: ignore[arg-type]
+from tests.support.episodes import first, opened
 
 
 def both(episode: Episode) -> Episode:

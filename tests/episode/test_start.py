@@ -9,17 +9,11 @@ from robotouille.episode import (
     CountdownChanged,
     Departure,
     Episode,
-    Rules,
     Started,
     Stepped,
 )
 from robotouille.errors import ProtocolError
-from tests.support.episodes import TWO, first
-
-
-def opened(**rules: object) -> Episode:
-    options = {"clock": Clock.REALTIME, "step_rate": 10.0, "grace": 30.0, "countdown": 3.0, **rules}
-    return Episode(TWO, Rules(**options))  # type: ignore[arg-type]
+from tests.support.episodes import first, opened
 
 
 def countdowns(episode: Episode) -> list[float | None]:

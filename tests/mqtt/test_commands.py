@@ -15,9 +15,9 @@ from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.auth.revocation import REVOKED_FILE, revoke
 from robotouille_server.mqtt import commands as module
+from robotouille_server.mqtt import outbox
 from robotouille_server.mqtt.connection import Received
 from robotouille_server.mqtt.models import COMMANDS, Answer
-from robotouille_server.mqtt.outbox import MAX_MESSAGES
 from robotouille_server.mqtt.topics import Topics
 from robotouille_server.mqtt.watches import Watches
 from tests.support.brokers import Lab, role_token, told
@@ -244,14 +244,18 @@ def test_a_command_comes_again_while_the_first_is_carried_out(tmp_path: Path) ->
     run(main())
 
 
-def test_a_flood_of_commands_does_not_drive_out_what_is_told_of_episodes(tmp_path: Path) -> None:
+def test_a_flood_of_commands_does_not_drive_out_what_is_told_of_episodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outbox, "MAX_MESSAGES", 300)
+
     async def main() -> None:
         async with told(tmp_path) as (server, broker):
             await asyncio.sleep(1)
             broker.stalled = True
             async with connect(server.url, name="host") as host:
                 await host.create("synchronous/01")
-                for _ in range(3 * MAX_MESSAGES):
+                for _ in range(3 * outbox.MAX_MESSAGES):
                     broker.command(b"{}")
                 await asyncio.sleep(120)
                 broker.stalled = False

@@ -12,30 +12,12 @@ from typing import Any
 
 import pytest
 
-from robotouille_server import Server
 from robotouille_server.health import SAMPLE_SECONDS, Disk, Health, System
 from robotouille_server.runtime import descriptors
 from robotouille_server.runtime.metrics import Metrics
 from tests.support.machines import Machine
-from tests.support.operator import Api, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run
-
-
-async def alerts(server: Server, api: Api) -> dict[str, tuple[str, str]]:
-    await asyncio.sleep(SAMPLE_SECONDS + 1)
-    seen = (await api.get("/api/overview"))["alerts"]
-    return {alert["kind"]: (alert["severity"], alert["text"]) for alert in seen}
-
-
-def on_machine(tmp_path: Path, check: Any) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path) as (server, _, api):
-            machine = server.health.system = Machine()
-            assert await alerts(server, api) == {}
-            await check(server, api, machine)
-
-    run(main())
 
 
 def test_looking_is_rare_however_often_somebody_asks(tmp_path: Path) -> None:

@@ -16,9 +16,18 @@ from tests.support.virtual_time import run
 SECONDS = 10.0
 
 
-def there(kind: type) -> int:
-    """How many of a kind there are."""
-    return sum(type(one) is kind for one in gc.get_objects())
+class NewOnes:
+    """The objects of a type that are there now and were not before: other tests may leave some."""
+
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+        self.before = self._there()
+
+    def _there(self) -> dict[int, object]:
+        return {id(one): one for one in gc.get_objects() if type(one) is self.kind}
+
+    def count(self) -> int:
+        return len(self._there().keys() - self.before.keys())
 
 
 async def silent(port: int, count: int) -> list[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
@@ -30,10 +39,10 @@ async def silent(port: int, count: int) -> list[tuple[asyncio.StreamReader, asyn
 def test_silence_makes_no_connection_of_the_library(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server:
-            before = there(Connection)
+            connections = NewOnes(Connection)
             held = await silent(server.port, 20)
             assert len(server._admission.pending) == 20
-            assert there(Connection) == before
+            assert connections.count() == 0
             for _, writer in held:
                 writer.close()
 
@@ -42,9 +51,11 @@ def test_silence_makes_no_connection_of_the_library(tmp_path: Path) -> None:
 
 def test_who_stays_silent_is_cut_off_and_leaves_nothing(tmp_path: Path) -> None:
     async def main() -> None:
+        pending = NewOnes(PendingConnection)
         async with serving(tmp_path, hello_seconds=SECONDS) as server:
             begun = asyncio.get_running_loop().time()
             held = await silent(server.port, 5)
+            assert pending.count() == 5
             for reader, writer in held:
                 assert await reader.read() == b""
                 writer.close()
@@ -53,7 +64,7 @@ def test_who_stays_silent_is_cut_off_and_leaves_nothing(tmp_path: Path) -> None:
             assert not server._admission.pending
             assert server._admission.admitted == 0
             gc.collect()
-            assert there(PendingConnection) == 0
+            assert pending.count() == 0
 
     run(main())
 

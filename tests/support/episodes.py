@@ -1,12 +1,18 @@
-"""Episodes with all seats taken, for tests of what happens in them."""
+"""Episodes, most of them with all seats taken, for tests of what happens in them."""
 
 from __future__ import annotations
 
 from robotouille import GroundAction, World
-from robotouille.episode import Episode, Reason, Rules, Stepped
+from robotouille.episode import Clock, Episode, Reason, Rules, Stepped
 
 ONE = World("synchronous/01")
 TWO = World("multi_agent/01")
+
+
+def opened(**rules: object) -> Episode:
+    """A kitchen for two in real time, which people are counted down to and nobody has joined."""
+    options = {"clock": Clock.REALTIME, "step_rate": 10.0, "grace": 30.0, "countdown": 3.0, **rules}
+    return Episode(TWO, Rules(**options))  # type: ignore[arg-type]
 
 
 def start(world: World = TWO, now: float = 0.0, kind: str = "bot", **rules: object) -> Episode:

@@ -34,7 +34,7 @@ def module_name(path: Path) -> str:
 
 
 def parsed(path: Path) -> ast.Module:
-    """The syntax tree of a file, which is not kept: trees of all files slow the garbage collector."""
+    """The syntax tree of a file; it is not kept, as many would slow the garbage collector."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 

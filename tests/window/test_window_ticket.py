@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import pygame
@@ -86,32 +87,33 @@ def test_layers_are_ticked_off_until_the_goal_is_reached() -> None:
     assert len(set(ticked)) >= 3
 
 
-def settled(name: str, seats: int, steps: int) -> dict[str, bool]:
-    """What is ticked after some steps of a plan."""
-    task = load_task(name, seats=seats)
+def settled(name: str) -> Iterator[dict[str, bool]]:
+    """What is ticked before and after each step of a plan for two."""
+    task = load_task(name, seats=2)
     world = World(task)
-    state = world.initial
-    plan = next(task.folder.glob(f"{task.name.rpartition('/')[2]}@{seats}.plan"))
-    for joint in list(read_plan(plan.read_text(), world))[:steps]:
-        state = state.step(list(joint)).state
-    now, first = (world.goal.holding(each.facts) for each in (state, world.initial))
+    plan = next(task.folder.glob(f"{task.name.rpartition('/')[2]}@2.plan"))
+    states = [world.initial]
+    for joint in read_plan(plan.read_text(), world):
+        states.append(states[-1].step(list(joint)).state)
     (dish,) = drawn(name)
-    found = progress(dish, now, first)
-    return {each.words: far.settled for each, far in zip(dish.layers, found, strict=True)}
+    first = world.goal.holding(world.initial.facts)
+    for state in states:
+        found = progress(dish, world.goal.holding(state.facts), first)
+        yield {each.words: far.settled for each, far in zip(dish.layers, found, strict=True)}
 
 
 def test_nothing_is_ticked_at_the_start_and_everything_at_the_end() -> None:
     for name in ("multi_agent/01", "multi_agent/07", "multi_agent/06"):
-        assert not any(settled(name, 2, 0).values())
-        assert all(settled(name, 2, 500).values())
+        first, *_, last = settled(name)
+        assert not any(first.values())
+        assert all(last.values())
 
 
 def test_a_layer_is_ticked_for_good() -> None:
     """No layer of a plan that is carried out loses its tick, whatever it lies on."""
     for name in ("multi_agent/01", "multi_agent/04", "multi_agent/07"):
         before: dict[str, bool] = {}
-        for steps in range(40):
-            now = settled(name, 2, steps)
+        for now in settled(name):
             assert all(now[words] for words, done in before.items() if done)
             before = now
 

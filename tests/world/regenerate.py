@@ -14,9 +14,10 @@ from pathlib import Path
 from robotouille import State, World, load_task
 from tests.world.kitchens import STATES, full_pot
 
-__all__ = ["GOLDEN", "golden_files"]
+__all__ = ["GOLDEN", "PERFT_FILE", "golden_files", "perft"]
 
 GOLDEN = Path(__file__).with_name("golden")
+PERFT_FILE = "perft.json"
 
 PERFT = {
     "synchronous/01": 10,
@@ -37,7 +38,7 @@ def golden_files() -> dict[str, Callable[[], str]]:
         "multi_agent_01_robot2.txt": lambda: text("multi_agent/01", "robot2"),
         "workshop_02.txt": lambda: text("workshop/02"),
         "digests.json": lambda: pretty({name: make().digest for name, make in STATES.items()}),
-        "perft.json": lambda: pretty({name: perft(name, depth) for name, depth in PERFT.items()}),
+        PERFT_FILE: lambda: pretty({name: perft(name, depth) for name, depth in PERFT.items()}),
     }
 
 

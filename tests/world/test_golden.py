@@ -1,16 +1,27 @@
 """What must not change unnoticed: observations, digests and the shape of the state space."""
 
+import json
+
 import pytest
 
-from tests.world.regenerate import GOLDEN, golden_files
+from tests.world.regenerate import GOLDEN, PERFT_FILE, golden_files, perft
 
 FILES = sorted(path.name for path in GOLDEN.iterdir())
 
 
-@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize(
+    "file",
+    [pytest.param(file, marks=[pytest.mark.slow] * (file == PERFT_FILE)) for file in FILES],
+)
 def test_golden_file(file: str) -> None:
     """If the change is meant: python -m tests.world.regenerate"""
     assert (GOLDEN / file).read_bytes() == golden_files()[file]().encode()
+
+
+def test_the_first_steps_of_the_state_space() -> None:
+    for name, counts in json.loads((GOLDEN / PERFT_FILE).read_text()).items():
+        depth = len(counts) - 2
+        assert perft(name, depth) == counts[: depth + 1]
 
 
 def test_every_golden_file_is_there() -> None:
