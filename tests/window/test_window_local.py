@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import pytest
@@ -105,6 +106,12 @@ def test_the_step_limit_of_a_game_here() -> None:
     assert step_limit(unknown, Clock.REALTIME, 5.0) == NO_CERTIFICATE
 
 
+@cache
+def known(task: str) -> AnytimePlanner:
+    """The plans of a task, which all bots of these tests share."""
+    return AnytimePlanner(World(task))
+
+
 @pytest.mark.parametrize(
     ("words", "place"),
     [
@@ -118,9 +125,12 @@ def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain(
     """Where no way leads around somebody who does nothing; in the words of the window's owner."""
     timer, world = Timer(), World("multi_agent/01@3")
     bots = {
-        player: PlannerPolicy(world, player, start=world.initial, expansions=500, words=words)
+        player: PlannerPolicy(
+            world, player, start=world.initial, expansions=500, anytime=known("multi_agent/01@3"),
+            words=words,
+        )
         for player in ("robot2", "robot3")
-    }
+    }  # fmt: skip
     rules = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=60)
     game = among(Episode(world, rules, timer()), "robot1", bots, timer, words)
     blocked = set()
@@ -142,9 +152,9 @@ def beside_a_person(task: str, max_steps: int, act: Callable[[LocalSource, View]
     """A game in real time of planner bots and a person who does what `act` says."""
     timer, world = Timer(), World(task)
     me = seat_out_of_the_way(world.initial)
-    known = AnytimePlanner(World(world.task))
+    found = known(task)
     bots: dict[str, Policy] = {
-        player: PlannerPolicy(world, player, start=world.initial, expansions=500, anytime=known)
+        player: PlannerPolicy(world, player, start=world.initial, expansions=500, anytime=found)
         for player in world.players
         if player != me
     }

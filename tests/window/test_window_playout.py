@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import random
 from collections.abc import Iterator
 
@@ -30,15 +31,15 @@ def watch(arrivals: list[float], period: float, until: float) -> Iterator[tuple[
     state = World("multi_agent/02").initial
     playout, now, next_step = Playout(period), arrivals[0], 0
     while now < until:
-        come = [s for s in range(next_step, len(arrivals)) if arrivals[s] <= now]
-        for step in come:
-            playout.add(step, state, state if step else None)
-            next_step = step + 1
-        if come:
-            playout.arrived(come[-1], arrivals[come[-1]])
+        known = next_step
+        while next_step < len(arrivals) and arrivals[next_step] <= now:
+            playout.add(next_step, state, state if next_step else None)
+            next_step += 1
+        if next_step > known:
+            playout.arrived(next_step - 1, arrivals[next_step - 1])
         shown = playout.at(now)
         assert shown is not None
-        assert shown.step + shown.phase == pytest.approx(playout.position)
+        assert math.isclose(shown.step + shown.phase, playout.position, abs_tol=1e-9)
         yield now, playout.position, next_step - 1
         now += FRAME
 

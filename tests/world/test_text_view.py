@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -63,13 +64,17 @@ def test_all_hold_exactly_where_the_goal_is_reached(name: str) -> None:
 def test_one_holds_if_it_can_together_with_those_before_it(name: str) -> None:
     """Against the goals that consist of these conditions alone."""
     world = World(load_task(name))
+
+    @cache
+    def part(*numbers: int) -> World:
+        together = tuple(world.task.problem.goal[number] for number in numbers)
+        problem = world.task.problem.model_copy(update={"goal": together})
+        return World(replace(world.task, problem=problem))
+
     for state in walk(world, seed=5, length=6):
         held: list[int] = []
         for number, (_, holds) in enumerate(world.goal_terms(state)):
-            together = [world.task.problem.goal[i] for i in (*held, number)]
-            problem = world.task.problem.model_copy(update={"goal": tuple(together)})
-            part = World(replace(world.task, problem=problem))
-            assert part.goal.reached(state.facts) == holds
+            assert part(*held, number).goal.reached(state.facts) == holds
             held += [number] if holds else []
 
 

@@ -6,14 +6,16 @@ import asyncio
 import itertools
 import json
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
 
 from robotouille.errors import FileError, RobotouilleError
+from robotouille.planning.policies.planner_policy import PlannerPolicy
 from robotouille.replay.controllers import controllers
 from robotouille.replay.recording import read_recording
+from robotouille_evaluation.agents import policies
 from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
 from robotouille_evaluation.models import (
     Completion,
@@ -77,7 +79,10 @@ def job_of(kind: AgentSpec, task: str) -> Job:
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["planner", "random", "scripted"])
-def test_an_episode_is_a_row_and_a_recording(tmp_path: Path, kind: str, task: str) -> None:
+def test_an_episode_is_a_row_and_a_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, task: str
+) -> None:
+    monkeypatch.setattr(policies, "PlannerPolicy", partial(PlannerPolicy, expansions=50))
     job = job_of(agent(kind), task)
     folder = created(tmp_path, (job,))
     row = play(folder, job)
