@@ -14,6 +14,7 @@ import pygame
 from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -35,7 +36,6 @@ PRELOAD_SECONDS = 0.0004
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 CARD_KEYS = (("Arrows", "choose"), ("Enter", "do it"), ("Esc", "back"))
-STAY = "stay"
 
 
 class Window:
@@ -319,7 +319,7 @@ class Window:
         """Give the card what is done, and take its answer."""
         command = card.handle(event, pressed, self._keys)
         result = card.form.result
-        if result == STAY:
+        if result == Answer.STAY:
             self._card = None
             if self._cards is not None:
                 self._cards.stay()

@@ -14,6 +14,7 @@ from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
 from robotouille_client.window import parse_size, require_screen
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.preferences import Preferences
@@ -28,7 +29,7 @@ from robotouille_client.window.replay.timeline.timeline_strip import TimelineStr
 from robotouille_client.window.replay.viewer_keys import ViewerKeys
 from robotouille_client.window.replay.viewer_state import ViewerState
 from robotouille_client.window.view import View
-from robotouille_client.window.window import STAY, Window
+from robotouille_client.window.window import Window
 
 __all__ = ["ReplayCards", "Viewer", "watch"]
 
@@ -97,8 +98,8 @@ class ReplayCards:
 
     def leaving(self, view: View) -> Form:
         """Whether one has seen enough."""
-        rows = [Button("Go on watching", STAY), Button("Leave the replay", "menu")]
-        return Form("Seen enough?", rows, cancel=STAY)
+        rows = [Button("Go on watching", Answer.STAY), Button("Leave the replay", Answer.MENU)]
+        return Form("Seen enough?", rows, cancel=Answer.STAY)
 
     def news(self) -> str:
         """Nothing."""

@@ -10,6 +10,7 @@ from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import RobotouilleError
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Row, Words
 from robotouille_client.window.pictures.theme import BAD, GOOD
@@ -44,7 +45,7 @@ def end_card(
         rows.append(Words(f"{view.farewell.title}. {view.farewell.text}"))
     rows += [Button(label, answer) for label, answer in buttons]
     title = "Done!" if view.won else "The game is over" if outcome is None else "Not done this time"
-    return Form(title, rows, cancel="menu", accent=GOOD if view.won else BAD, shrinks=True)
+    return Form(title, rows, cancel=Answer.MENU, accent=GOOD if view.won else BAD, shrinks=True)
 
 
 def best_words(task: Task) -> str:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.end_card import end_card
 from robotouille_client.window.view import View
-from robotouille_client.window.window import STAY
 
 __all__ = ["LEAVE", "REVIEW", "GameCards"]
 
-REVIEW = (("Watch the replay", "watch"), ("Save a video", "video"))
+REVIEW = (("Watch the replay", Answer.WATCH), ("Save a video", Answer.VIDEO))
 """What can be done with a game that is over and was kept."""
-LEAVE = (("Menu", "menu"), ("Quit", "quit"))
+LEAVE = (("Menu", Answer.MENU), ("Quit", Answer.QUIT))
 
 
 class GameCards:
@@ -61,10 +61,13 @@ class GameCards:
     def leaving(self, view: View) -> Form:
         """Whether one means to leave a game that goes on."""
         self._stand_still(True)
-        rows = [Button("Go on", STAY), Button("Leave it", "menu" if self._menu else "quit")]
+        rows = [
+            Button("Go on", Answer.STAY),
+            Button("Leave it", Answer.MENU if self._menu else Answer.QUIT),
+        ]
         if self._menu:
-            rows.append(Button("Quit", "quit"))
-        return Form("Leave this game?", rows, cancel=STAY)
+            rows.append(Button("Quit", Answer.QUIT))
+        return Form("Leave this game?", rows, cancel=Answer.STAY)
 
     def stay(self) -> None:
         self._stand_still(False)

@@ -10,6 +10,7 @@ from pathlib import Path
 from robotouille.domain.loading import task_names
 from robotouille.domain.task import Timing
 from robotouille_client.bots.partners import MakePartners
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
 from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
@@ -49,9 +50,9 @@ class LocalGames:
 
     async def play(self, setup: GameSetup) -> object:
         """Play a task, again and again, or the next one, as long as that is asked for."""
-        answer: object = "again"
-        while answer in ("again", "next"):
-            if answer == "next":
+        answer: object = Answer.AGAIN
+        while answer in (Answer.AGAIN, Answer.NEXT):
+            if answer == Answer.NEXT:
                 setup = dataclasses.replace(setup, task=_following(setup.task), seats=None)
             self._ui.splash("Loading …")
             answer = await self._play_once(self._game(setup, self._recordings), setup)
@@ -64,7 +65,11 @@ class LocalGames:
         source = TutorialSource(game.source, self._ui.keys)
         cards = GameCards(
             lambda: game.source.outcome,
-            lambda: [("Play a game", "play"), ("The tutorial again", "tutorial"), ("Menu", "menu")],
+            lambda: [
+                ("Play a game", Answer.PLAY),
+                ("The tutorial again", Answer.TUTORIAL),
+                ("Menu", Answer.MENU),
+            ],
         )
         try:
             answer = await self._ui.show(source, cards, caption="Tutorial")
@@ -84,7 +89,7 @@ class LocalGames:
 
         def buttons() -> Sequence[tuple[str, object]]:
             of_it = REVIEW if game.path is not None else ()
-            return [("Play again", "again"), ("Next task", "next"), *of_it, *LEAVE]
+            return [("Play again", Answer.AGAIN), ("Next task", Answer.NEXT), *of_it, *LEAVE]
 
         cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
         show = partial(self._ui.show, source, cards, caption=task_title(setup.task))
@@ -94,7 +99,7 @@ class LocalGames:
             path = game.finish(over=source.finished)
             self._note_best(game)
         if path is None:
-            if answer in ("watch", "video"):
+            if answer in (Answer.WATCH, Answer.VIDEO):
                 self._ui.message = "The game could not be kept."
             return answer
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)

@@ -17,6 +17,7 @@ from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
 from robotouille_client.console.kept_seat import kept_seat, state_folder
 from robotouille_client.game import Game
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.replay.history.live import LiveHistory
@@ -142,8 +143,8 @@ class RemoteGames:
         async with AsyncExitStack() as stack:
             entering = stack.enter_async_context(opened)
             entered = await self._ui.wait(entering, waiting_form("Connecting …"))
-            answer: object = None if entered is None else "again"
-            while entered is not None and answer == "again":
+            answer: object = None if entered is None else Answer.AGAIN
+            while entered is not None and answer == Answer.AGAIN:
                 answer = await self._play(entered)
         return answer
 
@@ -177,7 +178,7 @@ class RemoteGames:
         save = partial(self._save, game, history, look)
         while True:
             answer = await self._replays.review(answer, cards, watch, save, show)
-            if answer != "again":
+            if answer != Answer.AGAIN:
                 return answer
             try:
                 ask = entered.play_again()
@@ -190,8 +191,8 @@ class RemoteGames:
     def _buttons(self, game: Game, history: LiveHistory) -> Sequence[tuple[str, object]]:
         """What comes next; a study's window can only be closed."""
         if not self._menu:
-            return [("Close", "quit")]
-        again = [("Play again", "again")] if game.outcome and game.own_seats else []
+            return [("Close", Answer.QUIT)]
+        again = [("Play again", Answer.AGAIN)] if game.outcome and game.own_seats else []
         of_it = REVIEW if history.length > history.first else ()
         return [*again, *of_it, *LEAVE]
 

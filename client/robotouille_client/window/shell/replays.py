@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from robotouille.errors import RobotouilleError
 from robotouille_client.console import explain
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.shell.game_cards import GameCards
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu, recent_recordings
@@ -71,9 +72,9 @@ class Replays:
     ) -> object:
         """After a game: do what is asked for with it, until something else is; `show` shows it once
         more, as it ended, with its cards."""
-        while answer in ("watch", "video"):
+        while answer in (Answer.WATCH, Answer.VIDEO):
             try:
-                await (watch if answer == "watch" else save)()
+                await (watch if answer == Answer.WATCH else save)()
             except (RobotouilleError, OSError) as error:
                 self._ui.message = explain(error)
             cards.came_back(self._ui.told(), answer)

@@ -14,6 +14,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.bots.partner_process import PartnerProcess
 from robotouille_client.bots.partners import MakePartners
 from robotouille_client.console import explain
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.screen import ClosedByOwnerError
 from robotouille_client.window.hands.commands import KeyMap
@@ -69,13 +70,13 @@ class Shell:
         self._said = settings.preferences
         self._menu = menu
         self._places: dict[object, Callable[[], Awaitable[object]]] = {
-            "play": self.local.choose,
-            "join": self.remote.choose_code,
-            "open": self.remote.choose_task,
-            "lobby": self.remote.choose_kitchen,
-            "replays": self.replays.choose,
-            "tutorial": self.local.learn,
-            "settings": self._set,
+            Answer.PLAY: self.local.choose,
+            Answer.JOIN: self.remote.choose_code,
+            Answer.OPEN: self.remote.choose_task,
+            Answer.LOBBY: self.remote.choose_kitchen,
+            Answer.REPLAYS: self.replays.choose,
+            Answer.TUTORIAL: self.local.learn,
+            Answer.SETTINGS: self._set,
         }
 
     async def run(self, first: Coroutine[Any, Any, object] | None = None) -> None:
@@ -84,10 +85,10 @@ class Shell:
             self.ui.open()
             answer = await first if first is not None else None
             chosen: object = None
-            while self._menu and answer != "quit":
+            while self._menu and answer != Answer.QUIT:
                 if answer in self._places:
                     answer = await self._go(answer)
-                elif answer == "leave":
+                elif answer == Answer.LEAVE:
                     answer = await self.ui.ask(leaving())
                 else:
                     asked = menu(self.settings, self.ui.told(), chosen)
@@ -110,7 +111,7 @@ class Shell:
 
     async def _set(self) -> object:
         self.settings.prefer(fullscreen=self.ui.display.fullscreen)
-        answer: object = "settings"
+        answer: object = Answer.SETTINGS
         try:
             while answer != "back":
                 asked = SettingsMenu(self.settings, self._follow)

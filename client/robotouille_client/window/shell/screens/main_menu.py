@@ -7,6 +7,7 @@ from functools import lru_cache
 import pygame
 
 from robotouille.resources import data_folder
+from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.settings import Settings
@@ -20,16 +21,16 @@ def menu(settings: Settings, message: str = "", chosen: object = None) -> Form:
     """What one can do; the last that was `chosen` has the focus, or the tutorial for who is here
     for the first time."""
     rows = [
-        Button("Play here", "play"),
-        Button("Join by code", "join"),
-        Button("Open a kitchen on a server", "open"),
-        Button("Kitchens on a server", "lobby"),
-        Button("Replays", "replays"),
-        Button("Tutorial: two minutes", "tutorial"),
-        Button("Settings", "settings"),
-        Button("Quit", "quit"),
+        Button("Play here", Answer.PLAY),
+        Button("Join by code", Answer.JOIN),
+        Button("Open a kitchen on a server", Answer.OPEN),
+        Button("Kitchens on a server", Answer.LOBBY),
+        Button("Replays", Answer.REPLAYS),
+        Button("Tutorial: two minutes", Answer.TUTORIAL),
+        Button("Settings", Answer.SETTINGS),
+        Button("Quit", Answer.QUIT),
     ]
-    form = Form(f"Hello, {settings.preferences.name}", rows, cancel="leave", picture=_emblem)
+    form = Form(f"Hello, {settings.preferences.name}", rows, cancel=Answer.LEAVE, picture=_emblem)
     last = next((row for row in rows if row.answer == chosen), None)
     if last is not None:
         form.focus(last)
@@ -41,7 +42,7 @@ def menu(settings: Settings, message: str = "", chosen: object = None) -> Form:
 
 def leaving() -> Form:
     """Whether Escape was meant."""
-    return Form("Leave Robotouille?", [Button("Stay", "stay"), Button("Quit", "quit")])
+    return Form("Leave Robotouille?", [Button("Stay", Answer.STAY), Button("Quit", Answer.QUIT)])
 
 
 @lru_cache(maxsize=4)
