@@ -21,7 +21,7 @@ from robotouille_client.window.hands.controls import Controls
 from robotouille_client.window.hands.walking import towards
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.view import Bubble
+from robotouille_client.window.view import Bubble, LobbyView
 from robotouille_client.window.window import Window
 
 
@@ -239,6 +239,17 @@ def test_what_is_asked_before_the_game_begins_comes_when_it_does(
     monkeypatch.setattr(table.source, "view", view)
     table.window.frame(table.source)
     assert [action.name for action in table.source.acted] == ["move"]
+
+
+def test_nothing_is_asked_for_while_others_are_waited_for(
+    table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waiting = dataclasses.replace(table.source.view(), lobby=LobbyView((), ready=True))
+    monkeypatch.setattr(table.source, "view", lambda: waiting)
+    table.press(pygame.K_LEFT)
+    assert table.source.acted == []
+    assert table.overlay().prompt == "The game has not begun"
+    assert table.overlay().mark is None
 
 
 def test_what_waits_long_is_replaced_by_another_wish(slow: Table) -> None:

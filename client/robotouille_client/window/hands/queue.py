@@ -97,6 +97,8 @@ class ActionQueue:
         """
         if view.frozen or view.me is None:
             return ""
+        if view.lobby is not None and view.starts_in is None:
+            return "The game has not begun"
         self._settle(view)
         asked = self._sent if self._sent is not None and self._sent.fate == "asked" else None
         walks = asked is not None and destination(asked.action) is not None
