@@ -226,7 +226,7 @@ STARTS = {
 }
 
 
-@pytest.mark.parametrize("inputs", [40, pytest.param(250, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("inputs", [20, pytest.param(250, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("start", STARTS)
 async def test_anything_may_be_pressed_from_the_menu_to_the_replay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start: str, inputs: int
@@ -244,7 +244,7 @@ async def test_anything_may_be_pressed_from_the_menu_to_the_replay(
         for _ in range(inputs):
             for event in anything(random, SIZE)[1]:
                 pygame.event.post(event)
-            yield from wait(random.choice((1, 1, 1, 20)))
+            yield from wait(random.choice((1, 1, 1, 10)))
         yield from to_menu(evening)
 
     await asyncio.wait_for(evening.go(script, game), 60)
