@@ -110,54 +110,62 @@ async def _take_seat(
 ) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had. Of
     several names it is the first that no other process here plays under."""
-    import asyncio
-
-    from robotouille_client.bots.own_policy import OwnPolicyError
     from robotouille_client.client import connect
-    from robotouille_client.console.kept_seat import (
-        came_back,
-        keep_seat,
-        kept_seat_of,
-        state_folder,
-    )
+    from robotouille_client.console.kept_seat import came_back, kept_seat_of, state_folder
 
     code = episode or await _waiting(url, names[0], token, kind)
     with kept_seat_of(state_folder(), url, code, names) as (name, kept):
         asked = (seat,) if seat is not None else seats
         resume = kept.token_for(asked) if kept is not None else None
         async with connect(url, name=name, kind=kind, token=token, resume=resume) as client:
-            if seats:
-                await _require_waiting_world(client, code)
-            try:
-                game = await client.join(code, seat=seat, seats=seats, view=view)
-            except ProtocolError as error:
-                raise _what_to_do(error, seats) from None
-            if seats and game.clock.get("clock") == "realtime":
-                await _give_up(client, kept)
-                raise _real_time(code)
+            game = await _join(client, code, seat, seats, view, kept)
             if back := came_back(client, game, kept):
                 tell(printable(f"came back into {back}"), err=True)
             own = ", ".join(game.own_seats)
             tell(printable(f"{game.name or name} plays {own} in {game.code}"), err=True)
-            meanwhile = (
-                keep_seat(client, game, kept),
-                _tell_of_line(client),
-                _tell_of_free_seats(game),
-            )
-            tasks = [asyncio.create_task(each) for each in meanwhile]
-            try:
-                outcome = await player(game)
-            except OwnPolicyError:
-                await _give_up(client, kept)
-                raise
-            finally:
-                for task in tasks:
-                    task.cancel()
+            outcome = await _play(client, game, player, kept)
             if kept is not None:
                 kept.forget()
             if not outcome:
                 raise RobotouilleError(game.farewell or "the connection was lost for good")
             return outcome
+
+
+async def _join(
+    client: Client, code: str, seat: str | None, seats: Seats, view: View, kept: KeptSeat | None
+) -> Game:
+    """Join an episode, whose world waits for one who plays several `seats`."""
+    if seats:
+        await _require_waiting_world(client, code)
+    try:
+        game = await client.join(code, seat=seat, seats=seats, view=view)
+    except ProtocolError as error:
+        raise _what_to_do(error, seats) from None
+    if seats and game.clock.get("clock") == "realtime":
+        await _give_up(client, kept)
+        raise _real_time(code)
+    return game
+
+
+async def _play(
+    client: Client, game: Game, player: Player, kept: KeptSeat | None
+) -> Mapping[str, Any]:
+    """Play to the end, while the seat is written down, and what goes on is told."""
+    import asyncio
+
+    from robotouille_client.bots.own_policy import OwnPolicyError
+    from robotouille_client.console.kept_seat import keep_seat
+
+    meanwhile = (keep_seat(client, game, kept), _tell_of_line(client), _tell_of_free_seats(game))
+    tasks = [asyncio.create_task(each) for each in meanwhile]
+    try:
+        return await player(game)
+    except OwnPolicyError:
+        await _give_up(client, kept)
+        raise
+    finally:
+        for task in tasks:
+            task.cancel()
 
 
 async def _require_waiting_world(client: Client, code: str) -> None:
