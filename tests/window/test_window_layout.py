@@ -31,7 +31,7 @@ def crowded(world: World) -> View:
     return View(
         world, world.initial, None, 12_345, 99_999, "real time", 1.0, seats, world.players[0],
         chat=((names[1], WORDS), ("Ada", "Hello."), ("", WORDS)), status=WORDS,
-        code="RNYHV-KDQTA", watching=3, step_seconds=0.2,
+        code="RNYHV-KDQTA", watching=3, step_seconds=0.2, spectator_names=names[1:],
     )  # fmt: skip
 
 

@@ -15,7 +15,12 @@ from robotouille.domain.rendering import rendering_of
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.kitchen.spots import hands
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.panel.seat_cards import SeatCards, latency_words, status
+from robotouille_client.window.drawing.panel.seat_cards import (
+    SeatCards,
+    latency_words,
+    status,
+    watching_words,
+)
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.badges import SHAPES, badge
 from robotouille_client.window.pictures.colour_vision import DICHROMACIES, simulated
@@ -171,3 +176,30 @@ def test_latency_is_told_in_few_letters() -> None:
     assert [latency_words(each) for each in (150, 950, 1000, 12_450)] == [
         "150 ms", "950 ms", "1.0 s", "12.4 s",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("names", "count", "words"),
+    [
+        ([], 2, "2 watching"),
+        (["Ada"], 1, "Ada is watching"),
+        (["Ada", "Ben"], 2, "Ada and Ben are watching"),
+        (["Ada", "Ben", "Cleo"], 7, "Ada, Ben, Cleo and 4 more are watching"),
+        (["Ada"], 2, "Ada and 1 more are watching"),
+    ],
+)
+def test_who_watches_is_named(names: list[str], count: int, words: str) -> None:
+    assert watching_words(names, count) == words
+
+
+def test_the_panel_shows_who_watches() -> None:
+    world = World("multi_agent/01")
+    one, other = (
+        View(world, world.initial, watching=1, spectator_names=names) for names in (("Ada",), ())
+    )
+    pictures = []
+    for view in (one, other):
+        surface = pygame.Surface((640, 480))
+        Painter().paint(surface, view)
+        pictures.append(pygame.image.tobytes(surface, "RGB"))
+    assert pictures[0] != pictures[1]

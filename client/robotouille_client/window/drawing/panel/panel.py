@@ -59,7 +59,7 @@ class Panel:
         self._settled = settled or view.state
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats,
-            view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
+            view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching, view.spectator_names,
             view.thinking, view.step_seconds, Ticket.seen(self._settled),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:

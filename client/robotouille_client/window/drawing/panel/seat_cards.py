@@ -32,6 +32,9 @@ _WIDE = 13
 _SLOW_MS = 150
 """The latency from which on it is shown: most of a step, at the usual five a second."""
 
+_MAX_NAMED = 3
+"""Of those who watch, how many are named."""
+
 
 class SeatCards:
     """Draws the seats of a view below each other."""
@@ -61,11 +64,21 @@ class SeatCards:
             surface.blit(more, (area.x, y))
             y += self._text.height(small)
         if view.watching:
-            small = max(10, size - 3)
-            watching = self._text.line(f"{view.watching} watching", small, FAINT)
-            surface.blit(watching, (area.x, y))
-            y += self._text.height(small)
+            y = self._watching(surface, area, y, layout, view)
         return y + size // 3
+
+    def _watching(
+        self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
+    ) -> int:
+        """Who watches, on two lines at most; where that ends."""
+        small = max(10, layout.text - 3)
+        readable = [name for name in view.spectator_names if self._text.reads(name)]
+        names = [self._text.fit(name, small, area.width // 2) for name in readable[:_MAX_NAMED]]
+        words = watching_words(names, view.watching)
+        for line in self._text.wrap(words, small, area.width, 1 if layout.compact else 2):
+            surface.blit(self._text.line(line, small, FAINT), (area.x, y))
+            y += self._text.height(small)
+        return y
 
     def _card(
         self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, layout: Layout, view: View
@@ -191,6 +204,15 @@ def status(seat: SeatView, view: View) -> tuple[str, Colour]:
         return "thinks", ACCENT
     words = seat.moved_by if seat.name == seat.player else f"{seat.player} · {seat.moved_by}"
     return words, FAINT
+
+
+def watching_words(names: list[str], count: int) -> str:
+    """Who watches, of whom some have names: `Ada, Ben and 4 more are watching`."""
+    if not names:
+        return f"{count} watching"
+    told = [*names, f"{count - len(names)} more"] if count > len(names) else names
+    listed = " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
+    return f"{listed} {'is' if count == 1 else 'are'} watching"
 
 
 def latency_words(milliseconds: int) -> str:
