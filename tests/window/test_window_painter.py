@@ -241,3 +241,14 @@ def test_rejections_in_words() -> None:
     assert words("needs: table1 has a free surface") == "Needs: table1 has a free surface."
     assert words("robot1 is busy for 2 more steps") == "Robot1 is busy for 2 more steps."
     assert Bubble.rejection("robot1", "").text
+
+
+def test_lines_are_about_as_long_as_one_another() -> None:
+    text = Typesetter()
+    words = "needs a board, which the table is not"
+    width = text.width(words, 14) - 4
+    lines = text.wrap_evenly(words, 14, width, 3)
+    assert len(lines) == len(text.wrap(words, 14, width, 3)) == 2
+    assert " ".join(lines) == words
+    assert text.width(lines[1], 14) > width // 3
+    assert text.wrap_evenly("short", 14, width) == ("short",)

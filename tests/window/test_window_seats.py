@@ -203,3 +203,16 @@ def test_the_panel_shows_who_watches() -> None:
         Painter().paint(surface, view)
         pictures.append(pygame.image.tobytes(surface, "RGB"))
     assert pictures[0] != pictures[1]
+
+
+@pytest.mark.parametrize("size", [(640, 480), (1280, 720), (2560, 1440)])
+def test_an_order_of_two_dishes_leaves_room_for_all_seats(
+    size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = World("multi_agent/10@4")
+    drawn = []
+    card = SeatCards._card
+    monkeypatch.setattr(SeatCards, "_card", lambda *a: (drawn.append(a[3].player), card(*a)))
+    seats = tuple(SeatView(player, player.title()) for player in world.players)
+    Painter().paint(pygame.Surface(size), View(world, world.initial, seats=seats, max_steps=90))
+    assert drawn == list(world.players)

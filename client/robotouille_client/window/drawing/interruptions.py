@@ -106,7 +106,7 @@ class Interruptions:
     def _banner_lines(self, layout: Layout, words: str) -> tuple[str, ...]:
         size, pad = _banner_text(layout), layout.text * 2 // 3
         most = max(40, min(layout.panel.left - 4 * pad, size * 34))
-        return self._text.wrap(words, size, most, 4)
+        return self._text.wrap_evenly(words, size, most, 4)
 
     def _countdown(self, target: pygame.Surface, layout: Layout, left: int) -> pygame.Rect:
         """A large number in the middle."""

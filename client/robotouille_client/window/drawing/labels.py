@@ -186,7 +186,7 @@ class Labels:
         size, pad = max(11, round(layout.text * 0.88)), _pad(layout)
         most = max(110, min(round(layout.tile * 2.6), layout.kitchen.width * 2 // 3))
         for number, bubble in enumerate(view.bubbles):
-            lines = self._text.wrap(bubble.text, size, most, 5)
+            lines = self._text.wrap_evenly(bubble.text, size, most, 5)
             if bubble.player not in poses or not lines:
                 continue
             width = max(24, max(self._text.width(line, size) for line in lines) + 2 * pad)

@@ -79,6 +79,15 @@ class Typesetter:
             lines = self._wrapped[key] = tuple(self._wrap(printable(text), size, width, most))
         return lines
 
+    def wrap_evenly(self, text: str, size: int, width: int, most: int = 0) -> tuple[str, ...]:
+        """As `wrap`, with as many lines, of which no last one is much shorter than the others."""
+        lines = self.wrap(text, size, width, most)
+        for eighths in range(4, 8) if len(lines) > 1 else ():
+            even = self.wrap(text, size, width * eighths // 8, most)
+            if len(even) == len(lines) and " ".join(even) == " ".join(lines):
+                return even
+        return lines
+
     def fit(self, text: str, size: int, width: int) -> str:
         """A text that is cut off with an ellipsis where it is wider than `width`."""
         lines = self.wrap(text, size, width, 1)

@@ -59,8 +59,8 @@ class Panel:
         self._settled = settled or view.state
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats,
-            view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching, view.spectator_names,
-            view.thinking, view.step_seconds, Ticket.seen(self._settled),
+            view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
+            view.spectator_names, view.thinking, view.step_seconds, Ticket.seen(self._settled),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
@@ -159,19 +159,23 @@ class Panel:
         if self._ticket is None:
             self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
         room = pygame.Rect(area.x, y, area.width, area.height)
-        drawn = self._draw_ticket(self._ticket, room, layout)
+        clock = self._text.height(layout.text) + 3 * layout.text
+        below = clock + self._seats.height(layout, len(view.seats))
+        drawn = self._draw_ticket(self._ticket, room, layout, area.bottom - y - below)
         room.height = drawn.get_height()
         surface.blit(drawn, room)
         self._ticket_area = room.move(layout.panel.topleft)
         return room.bottom + layout.text * 2 // 3
 
-    def _draw_ticket(self, ticket: Ticket, room: pygame.Rect, layout: Layout) -> pygame.Surface:
+    def _draw_ticket(
+        self, ticket: Ticket, room: pygame.Rect, layout: Layout, free: int
+    ) -> pygame.Surface:
         """The slip by itself: it changes far less often than what is beside it."""
-        shown = (room.size, layout, Ticket.seen(self._settled))
+        shown = (room.size, layout, free, Ticket.seen(self._settled))
         if self._ticket_drawn is None or self._ticket_drawn[0] != shown:
             canvas = pygame.Surface(room.size)
             canvas.fill(PANEL)
-            height = ticket.draw(canvas, canvas.get_rect(), layout, self._settled)
+            height = ticket.draw(canvas, canvas.get_rect(), layout, self._settled, free)
             room.height = min(height, room.height)
             self._ticket_drawn = shown, canvas.subsurface((0, 0), room.size)
         return self._ticket_drawn[1]

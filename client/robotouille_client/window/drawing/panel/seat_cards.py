@@ -44,10 +44,14 @@ class SeatCards:
         self._sprites = sprites
         self._text = text
 
+    def height(self, layout: Layout, count: int) -> int:
+        """What the cards of some seats need, and what is below them."""
+        return count * sum(_card_height(layout)) + (0 if layout.compact else layout.text * 3)
+
     def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
         """The cards that fit in an area, from its top; where they end."""
-        size, gap, y = layout.text, max(4, layout.text // 3), area.y
-        height = round(size * (1.7 if layout.compact else 2.8))
+        size, y = layout.text, area.y
+        height, gap = _card_height(layout)
         reserved = 0 if layout.compact else size * 3  # For the chat.
         room = max(1, (area.height - reserved) // (height + gap))
         if len(view.seats) > room > 1:
@@ -74,8 +78,13 @@ class SeatCards:
         small = max(10, layout.text - 3)
         readable = [name for name in view.spectator_names if self._text.reads(name)]
         names = [self._text.fit(name, small, area.width // 2) for name in readable[:_MAX_NAMED]]
-        words = watching_words(names, view.watching)
-        for line in self._text.wrap(words, small, area.width, 1 if layout.compact else 2):
+        lines: tuple[str, ...] = ()
+        for named in range(len(names), -1, -1):
+            words = watching_words(names[:named], view.watching)
+            lines = self._text.wrap(words, small, area.width)
+            if len(lines) <= (1 if layout.compact else 2):
+                break
+        for line in lines:
             surface.blit(self._text.line(line, small, FAINT), (area.x, y))
             y += self._text.height(small)
         return y
@@ -204,6 +213,11 @@ def status(seat: SeatView, view: View) -> tuple[str, Colour]:
         return "thinks", ACCENT
     words = seat.moved_by if seat.name == seat.player else f"{seat.player} · {seat.moved_by}"
     return words, FAINT
+
+
+def _card_height(layout: Layout) -> tuple[int, int]:
+    """How high a card is, and the gap below it."""
+    return round(layout.text * (1.7 if layout.compact else 2.8)), max(4, layout.text // 3)
 
 
 def watching_words(names: list[str], count: int) -> str:

@@ -77,10 +77,21 @@ class Ticket:
         levels = tuple(stack_levels(state).items())
         return state.world.goal.holding(state.facts), tuple(done), levels
 
-    def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, state: State) -> int:
-        """Draw the slip at the top of an area, as a state has it; its height."""
+    def draw(
+        self,
+        surface: pygame.Surface,
+        area: pygame.Rect,
+        layout: Layout,
+        state: State,
+        free: int,
+    ) -> int:
+        """Draw the slip at the top of an area, as a state has it; its height.
+
+        Args:
+            free: The height that nothing else needs: in that, dishes stand below each other.
+        """
         self._arrange(state)
-        shape = self._shape(area, layout)
+        shape = self._shape(area, layout, free)
         self._rows = []
         if shape is None:
             return self._in_words(surface, area, layout)
@@ -109,16 +120,17 @@ class Ticket:
             self._levels = levels
             self._dishes = dishes(state.world, self._resolver, levels) or ()
 
-    def _shape(self, area: pygame.Rect, layout: Layout) -> tuple[bool, int] | None:
+    def _shape(self, area: pygame.Rect, layout: Layout, free: int) -> tuple[bool, int] | None:
         """Whether each dish is below the one before it, where it has room for words, or else beside
         it; and how large the pictures are. None where they would be too small."""
         if not self._dishes:
             return None
         counts = [len(dish.layers) for dish in self._dishes]
         room = area.height * (_COMPACT_SHARE if layout.compact else _SHARE)
-        gaps = (len(counts) - 1) * layout.text // 2
+        gaps = (len(counts) + 1) * layout.text // 2
+        most = room if len(counts) == 1 else min(room, free - gaps)
         for below, high, wide in (
-            (True, (room - gaps) / sum(counts), area.width),
+            (True, most / sum(counts), area.width),
             (False, room / max(counts), area.width / len(counts)),
         ):
             size = int(min(layout.text * _ICON, high / _STEP, wide / 2))
