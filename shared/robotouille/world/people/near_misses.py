@@ -193,8 +193,9 @@ class NearMisses:
                     names = [name for name, _ in binding.schema.parameters]
                     known = dict(zip(names, arguments, strict=True))
                     rank = self._rank_of_unmade(moment, binding.schema, known, meant)
-                    words = self._before(moment.state, binding.schema, known)
-                    if rank is not None and words:
+                    if rank is None:
+                        continue
+                    if words := self._before(moment.state, binding.schema, known):
                         yield rank, words
 
     def _rank_of_unmade(
