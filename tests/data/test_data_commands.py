@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 from robotouille_client.cli.main import app
+from robotouille_data.answers.report import sections
 from tests.support.random_play import write_recordings
 
 
@@ -49,6 +50,13 @@ def test_index_then_sql(folder: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports are written quickly."""
+    monkeypatch.setattr(sections, "all_figures", lambda groups: {})
+
+
+@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("command", ["sql", "report", "export"])
 def test_what_is_new_is_in_every_answer(command: str, folder: Path, tmp_path: Path) -> None:
     """Nobody needs to index first."""
@@ -72,6 +80,7 @@ def test_what_is_new_is_in_every_answer(command: str, folder: Path, tmp_path: Pa
     assert answer("unchanged").stderr == ""
 
 
+@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("command", ["sql", "report", "export"])
 def test_a_named_database_is_taken_as_it_is(command: str, folder: Path, tmp_path: Path) -> None:
     database = tmp_path / "own.sqlite"

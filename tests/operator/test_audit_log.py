@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 import json
-import stat
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from robotouille_server.runtime import audit_log as audit
 from robotouille_server.runtime.audit_log import AuditLog
-from tests.support.operator import CHANGE, bearer, table, viewing
+from tests.support.operator import CHANGE, audited, bearer, table, viewing
 from tests.support.virtual_time import run
 
 NOW = 1_800_000_000.0
-GUESS = {"Authorization": "Bearer guess"}
-
-
-def written(recordings: Path) -> list[dict[str, Any]]:
-    file = recordings.with_name(f"{recordings.name}.state") / "audit.log"
-    assert stat.S_IMODE(file.stat().st_mode) == 0o600
-    assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
 def test_everything_an_operator_does_is_there_with_who_did_it(tmp_path: Path) -> None:
@@ -47,7 +37,7 @@ def test_everything_an_operator_does_is_there_with_who_did_it(tmp_path: Path) ->
                 await api.post("/api/episodes/NOSUCHCODE/end")
         mine = {"time": "2027-01-15T08:00:00.000Z", "by": "lab", "token": token}
         it = {"episode": play.episode}
-        assert written(tmp_path / "r") == [
+        assert audited(tmp_path / "r") == [
             {**mine, "what": "login", "result": "done"},
             {**mine, **it, "what": "pause", "result": "done"},
             {**mine, **it, "what": "announce", "text": "soon", "result": "done"},
@@ -73,7 +63,7 @@ def test_who_needs_no_token_is_called_local(tmp_path: Path) -> None:
     async def main() -> None:
         async with viewing(tmp_path / "r") as (_, _, api):
             await api.do("/api/announce", text="hello")
-        (line,) = written(tmp_path / "r")
+        (line,) = audited(tmp_path / "r")
         assert (line["by"], line["what"], "token" in line) == ("local", "announce to all", False)
 
     run(main())
@@ -86,7 +76,7 @@ def test_what_is_refused_to_a_token_for_another_episode_is_there(tmp_path: Path)
                 api.http.headers.update(bearer(server, "eve", episode=mine.episode))
                 await api.post("/api/announce", text="boo")
                 await api.http.get(f"/api/episodes/{other.code}")
-        _, *lines = written(tmp_path / "r")
+        _, *lines = audited(tmp_path / "r")
         assert [(line["what"], line["result"]) for line in lines] == [
             ("announce to all", "auth/episode"),
             ("episode", "auth/episode"),

@@ -4,29 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import json
-import stat
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from robotouille_server.admin.http.logins import FORGOTTEN_AFTER, REFUSED_A_MINUTE, LoginAudit
 from robotouille_server.auth.tokens import Role, RoleGrant
 from robotouille_server.runtime.audit_log import AuditLog
-from tests.support.operator import bearer, viewing
+from tests.support.operator import GUESS, audited, bearer, viewing
 from tests.support.virtual_time import run
 
 NOW = 1_800_000_000.0
-
-
-GUESS = {"Authorization": "Bearer guess"}
-
-
-def written(recordings: Path) -> list[dict[str, Any]]:
-    file = recordings.with_name(f"{recordings.name}.state") / "audit.log"
-    assert stat.S_IMODE(file.stat().st_mode) == 0o600
-    assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
 @pytest.mark.parametrize("record_addresses", [False, True])
@@ -44,7 +32,7 @@ def test_wrong_tokens_are_there_in_few_lines_and_all_counted(
             await asyncio.sleep(7)
             for _ in range(2):
                 await api.get("/api/overview", headers=bearer(server))
-        lines = written(tmp_path / "r")
+        lines = audited(tmp_path / "r")
         refused = [line for line in lines if line["result"] != "done"]
         assert {line["result"] for line in refused} == {"auth/invalid", "refused"}
         assert len(refused) <= REFUSED_A_MINUTE + 4

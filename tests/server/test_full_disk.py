@@ -12,9 +12,9 @@ import pytest
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server.rooms import write_ahead
-from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
+from robotouille_server.rooms.recordings.storage import Appender, Folder
 from robotouille_server.transport.peer import MAX_UNSENT, Peer
-from tests.support.disks import FullDisk
+from tests.support.disks import FullDisk, WrappedFile
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
 
@@ -37,30 +37,18 @@ class Unclosable(Folder):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-class CountedFile:
+class CountedFile(WrappedFile):
     """Counts itself as open until it is closed."""
 
     def __init__(self, disk: CountingDisk, file: Appender) -> None:
+        super().__init__(file)
         self._disk = disk
-        self._file = file
         disk.opened += 1
         disk.still_open += 1
 
-    def append(self, data: bytes) -> None:
-        self._file.append(data)
-
-    def cut(self, size: int) -> None:
-        self._file.cut(size)
-
-    def read(self) -> bytes:
-        return self._file.read()
-
-    def condition(self) -> FileCondition:
-        return self._file.condition()
-
     def close(self) -> None:
         self._disk.still_open -= 1
-        self._file.close()
+        super().close()
 
 
 class CountingDisk(FullDisk):

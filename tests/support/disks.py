@@ -6,7 +6,7 @@ import errno
 
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 
-__all__ = ["FullDisk", "TroubledFolder"]
+__all__ = ["FullDisk", "TroubledFolder", "WrappedFile"]
 
 
 class TroubledFolder(Folder):
@@ -19,14 +19,13 @@ class TroubledFolder(Folder):
         return _TroubledFile(self, name, super().create(name))
 
 
-class _TroubledFile:
-    def __init__(self, folder: TroubledFolder, name: str, file: Appender) -> None:
-        self._folder = folder
-        self._name = name
+class WrappedFile:
+    """A file that does what another does."""
+
+    def __init__(self, file: Appender) -> None:
         self._file = file
 
     def append(self, data: bytes) -> None:
-        self._folder.before_append(self._name)
         self._file.append(data)
 
     def cut(self, size: int) -> None:
@@ -40,6 +39,17 @@ class _TroubledFile:
 
     def close(self) -> None:
         self._file.close()
+
+
+class _TroubledFile(WrappedFile):
+    def __init__(self, folder: TroubledFolder, name: str, file: Appender) -> None:
+        super().__init__(file)
+        self._folder = folder
+        self._name = name
+
+    def append(self, data: bytes) -> None:
+        self._folder.before_append(self._name)
+        super().append(data)
 
 
 class FullDisk(TroubledFolder):

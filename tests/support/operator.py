@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import stat
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -23,6 +24,16 @@ TASK = "multi_agent/01_lettuce_burger"
 PATIENCE = 300
 """Seconds of virtual time after which what a test waits for has not happened."""
 CHANGE = {"X-Robotouille-Operator": "1"}
+GUESS = {"Authorization": "Bearer guess"}
+"""Of somebody who has no token."""
+
+
+def audited(recordings: Path) -> list[dict[str, Any]]:
+    """The lines of the audit log, which nobody else may read."""
+    file = recordings.with_name(f"{recordings.name}.state") / "audit.log"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
 class Api:

@@ -8,7 +8,7 @@ os.environ["SDL_VIDEODRIVER"] = "dummy"
 os.environ["SDL_AUDIODRIVER"] = "dummy"
 os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from io import BytesIO
 from typing import Any
@@ -20,6 +20,7 @@ pytest.importorskip("pygame")
 import pygame
 
 from robotouille import State, World
+from robotouille_client.window.forms.display import Display
 
 # The fonts of the system are listed by a program: once, before any test.
 FONTS = pytest.importorskip("pygame.font")
@@ -42,6 +43,15 @@ def load_once(file: BytesIO, size: tuple[int, int]) -> Any:
 pygame.image.load_sized_svg = load_once
 
 Course = list[State]
+
+
+@pytest.fixture
+def display() -> Iterator[Display]:
+    opened = Display((800, 600), headless=True)
+    opened.open()
+    pygame.event.clear()
+    yield opened
+    opened.close()
 
 
 @pytest.fixture(scope="session")

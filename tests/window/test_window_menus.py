@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta, timezone
 from functools import cache
 from pathlib import Path
@@ -47,15 +47,6 @@ from robotouille_client.window.sources.task_titles import dish_title, task_title
 from robotouille_server.runtime.workers import plain_code
 
 BURGER = "multi_agent/01_lettuce_burger"
-
-
-@pytest.fixture
-def display() -> Iterator[Display]:
-    opened = Display((800, 600), headless=True)
-    opened.open()
-    pygame.event.clear()
-    yield opened
-    opened.close()
 
 
 def ctrl(key: int) -> None:

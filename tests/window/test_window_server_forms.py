@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import pygame
 import pytest
 from tests.support.evening import Evening
 from tests.support.window_play import follow, post
@@ -15,15 +14,6 @@ from robotouille_client.window.forms.text_field import TextField
 from robotouille_client.window.hands.commands import Command
 from robotouille_client.window.shell.screens.server_menus import JoinMenu, OpenMenu
 from robotouille_client.window.shell.settings import Settings
-
-
-@pytest.fixture
-def display() -> Iterator[Display]:
-    opened = Display((800, 600), headless=True)
-    opened.open()
-    pygame.event.clear()
-    yield opened
-    opened.close()
 
 
 def test_enter_in_any_field_leads_to_the_main_button(display: Display) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,7 +16,7 @@ from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import Observation
 from robotouille_evaluation.agents.teams.team import Each
-from robotouille_evaluation.metrics.rows import Counts, EpisodeRow, PackId
+from robotouille_evaluation.metrics.rows import Counts, EpisodeRow
 from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
 from robotouille_evaluation.models import (
     Completion,
@@ -28,9 +26,9 @@ from robotouille_evaluation.models import (
     ScriptedModel,
 )
 from robotouille_evaluation.models.scripted import Scripted
-from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.runs import AgentSpec, RunFolder, RunPlan, jobs, play_job
+from robotouille_evaluation.runs import AgentSpec, jobs, play_job
+from tests.support.runs import small_pack, started_run
 from tests.support.samples import first_quickly
 from tests.support.servers import serving
 from tests.support.virtual_time import run
@@ -57,11 +55,8 @@ ANSWERS: dict[str, tuple[Scripted, Verdict]] = {
 }
 
 
-@cache
 def pack() -> Pack:
-    whole = build_own_pack()
-    kept = tuple(i for i in whole.instances if i.task == TASK and i.kind == "default")
-    return replace(whole, instances=kept)
+    return small_pack(TASK)
 
 
 class Stubborn:
@@ -82,10 +77,8 @@ class Stubborn:
 def in_process(folder: Path, answer: Stubborn, strategy: str) -> tuple[EpisodeRow, Recording]:
     spec = AgentSpec(name="m", kind="model", strategy=strategy, model="mock")
     (job,) = jobs(pack(), [spec], pack().instances)
-    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
-    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=(job,), software="0")
     model = ScriptedModel(answer)
-    playing = play_job(job, "r", pack(), RunFolder.create(folder, plan), model, lambda: 0.0)
+    playing = play_job(job, "r", pack(), started_run(folder, pack(), job), model, lambda: 0.0)
     row = asyncio.run(playing)
     assert row.recording is not None
     return row, read_recording(folder / row.recording)

@@ -6,8 +6,6 @@ import asyncio
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from functools import cache
 from io import FileIO
 from pathlib import Path
 
@@ -16,7 +14,7 @@ import pytest
 from robotouille.errors import FileError
 from robotouille_evaluation.agents.proposal import Exchange, ExchangeVerdict
 from robotouille_evaluation.cli.bot import _transcript
-from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.models import (
     Completion,
     Message,
@@ -25,19 +23,18 @@ from robotouille_evaluation.models import (
     ScriptedModel,
     SeededAnswers,
 )
-from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import (
     AgentSpec,
     Job,
     RunFolder,
-    RunPlan,
     Workers,
     jobs,
     play_job,
     run_jobs,
 )
 from robotouille_evaluation.runs.appending import append_line
+from tests.support.runs import small_pack, started_run
 
 TASK = "synchronous/01_cheese_sandwich"
 MODEL = AgentSpec(name="m", kind="model", strategy="react-none", model="mock")
@@ -54,18 +51,13 @@ def files_of_at_most(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@cache
 def pack() -> Pack:
-    whole = build_own_pack()
-    kept = tuple(i for i in whole.instances if i.task == TASK and i.kind == "default")
-    return replace(whole, instances=kept)
+    return small_pack(TASK)
 
 
 def created(path: Path, seeds: int = 1) -> tuple[RunFolder, tuple[Job, ...]]:
     planned = tuple(jobs(pack(), [MODEL], pack().instances, seeds=range(seeds)))
-    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
-    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=planned, software="0")
-    return RunFolder.create(path, plan), planned
+    return started_run(path, pack(), *planned), planned
 
 
 class Counting:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ from robotouille.errors import WrongArgumentError
 from robotouille.planning import solve
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import read_recording
-from robotouille_evaluation.metrics import EpisodeRow, PackId, Trajectory
+from robotouille_evaluation.metrics import EpisodeRow, Trajectory
 from robotouille_evaluation.models import (
     ModelError,
     ModelErrorKind,
@@ -26,7 +24,6 @@ from robotouille_evaluation.models import (
     SeededAnswers,
 )
 from robotouille_evaluation.models.valid_actions import valid_actions
-from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime.thoughts import Thought
 from robotouille_evaluation.runs import (
@@ -34,10 +31,10 @@ from robotouille_evaluation.runs import (
     Job,
     RealTime,
     RunFolder,
-    RunPlan,
     jobs,
     play_job,
 )
+from tests.support.runs import agent, small_pack, started_run
 from tests.support.samples import first_quickly
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
@@ -48,24 +45,15 @@ BEST = tuple(
 )  # fmt: skip
 
 
-@cache
 def pack() -> Pack:
-    whole = build_own_pack()
-    kept = tuple(i for i in whole.instances if i.task in (ALONE, TEAM) and i.kind == "default")
-    return replace(whole, instances=kept)
-
-
-def agent(kind: str, **more: str) -> AgentSpec:
-    return AgentSpec.model_validate({"name": kind, "kind": kind, **more})
+    return small_pack(ALONE, TEAM)
 
 
 MODEL = agent("model", strategy="react-last-reasoning-action", model="mock")
 
 
 def created(path: Path, planned: Job) -> RunFolder:
-    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
-    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=(planned,), software="0")
-    return RunFolder.create(path, plan)
+    return started_run(path, pack(), planned)
 
 
 def job(task: str, *, by: AgentSpec = MODEL, **time: Any) -> Job:

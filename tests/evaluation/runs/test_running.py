@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import json
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -27,7 +27,6 @@ from robotouille_evaluation.models import (
     SeededAnswers,
     Usage,
 )
-from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import (
     AgentSpec,
@@ -40,28 +39,20 @@ from robotouille_evaluation.runs import (
     play_job,
     run_jobs,
 )
+from tests.support.runs import agent, small_pack, started_run
 
 TASKS = ("synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger")
 
 
-@cache
 def pack() -> Pack:
-    whole = build_own_pack()
-    kept = tuple(i for i in whole.instances if i.task in TASKS and i.kind == "default")
-    return replace(whole, instances=kept)
-
-
-def agent(kind: str, **more: str) -> AgentSpec:
-    return AgentSpec.model_validate({"name": kind, "kind": kind, **more})
+    return small_pack(*TASKS)
 
 
 MODEL = agent("model", strategy="react-last-reasoning-action", model="mock")
 
 
 def created(path: Path, planned: tuple[Job, ...]) -> RunFolder:
-    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
-    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=planned, software="0")
-    return RunFolder.create(path, plan)
+    return started_run(path, pack(), *planned)
 
 
 def play(folder: RunFolder, job: Job, model: Model | None = None) -> EpisodeRow:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import itertools
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,12 +14,12 @@ from robotouille.errors import RobotouilleError
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_evaluation.agents.teams.team import Control
-from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.models import Model, ModelRequest, ScriptedModel, SeededAnswers
 from robotouille_evaluation.models.valid_actions import valid_actions
-from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.runs import AgentSpec, Job, RealTime, RunFolder, RunPlan, jobs, play_job
+from robotouille_evaluation.runs import AgentSpec, Job, RealTime, RunFolder, jobs, play_job
+from tests.support.runs import small_pack, started_run
 from tests.support.team_cook import NOTHING, TeamCook
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
@@ -32,11 +30,8 @@ def cook() -> TeamCook:
     return TeamCook(pack().plan(instance, World(pack().load(instance))))
 
 
-@cache
 def pack() -> Pack:
-    whole = build_own_pack()
-    kept = tuple(i for i in whole.instances if i.task in (ALONE, TEAM) and i.kind == "default")
-    return replace(whole, instances=kept)
+    return small_pack(ALONE, TEAM)
 
 
 def agent(strategy: str = "react-last-reasoning-action") -> AgentSpec:
@@ -57,9 +52,7 @@ def team_job(control: Control, strategy: str = "react-last-reasoning-action") ->
 
 
 def play(path: Path, job: Job, model: Model | None) -> tuple[EpisodeRow, Recording]:
-    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
-    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=(job,), software="0")
-    folder = RunFolder(path) if (path / "run.json").exists() else RunFolder.create(path, plan)
+    folder = RunFolder(path) if (path / "run.json").exists() else started_run(path, pack(), job)
     clock = itertools.count().__next__
     row = asyncio.run(play_job(job, "r", pack(), folder, model, lambda: float(clock())))
     assert row.recording is not None

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import random
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,29 +16,22 @@ from robotouille.replay.container import magic, pack_frame
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.restore import restore
-from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import Model, ScriptedModel, SeededAnswers
-from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.packs.published.checkout import read_checkout
-from robotouille_evaluation.runs import AgentSpec, Job, RunFolder, RunPlan, jobs, play_job
+from robotouille_evaluation.runs import AgentSpec, Job, jobs, play_job
 from robotouille_evaluation.runs.variants import Reverting, chance
 from tests.support.published import CHECKOUT, NEEDED
+from tests.support.runs import agent, small_pack, started_run
 from tests.support.samples import first_quickly
 
 ALONE, TEAM = "synchronous/02_lettuce_sandwich", "multi_agent/01_lettuce_burger"
 
 
-@cache
 def pack() -> Pack:
-    whole = build_own_pack()
-    kept = tuple(i for i in whole.instances if i.task in (ALONE, TEAM) and i.kind == "default")
-    return replace(whole, instances=kept)
-
-
-def agent(kind: str, **more: str) -> AgentSpec:
-    return AgentSpec.model_validate({"name": kind, "kind": kind, **more})
+    return small_pack(ALONE, TEAM)
 
 
 MODEL = agent("model", strategy="react-last-reasoning-action", model="mock")
@@ -51,9 +42,7 @@ def played(
 ) -> tuple[EpisodeRow, Recording]:
     planned = tuple(jobs(pack(), [kind], pack().instances, seeds=[seed], variant="stochastic"))
     (job,) = (each for each in planned if each.instance.startswith(task))
-    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
-    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=planned, software="0")
-    run = RunFolder.create(folder, plan)
+    run = started_run(folder, pack(), *planned)
     row = asyncio.run(play_job(job, "r", pack(), run, model, lambda: 0.0))
     assert row.error is None and row.recording is not None
     return row, read_recording(folder / row.recording)

@@ -100,9 +100,13 @@ def sections(material: Material, progress: Progress) -> Iterator[Section]:
     progress("figures", 0, 1)
     figures = {name: figure_html(picture) for name, picture in all_figures(shown).items()}
     progress("figures", 1, 1)
+
+    def with_figures(table: tables.Table, *names: str) -> list[str]:
+        return [*(figures.get(name, "") for name in names), table_html(table)]
+
     yield Section(
         "episodes", "Episodes", f"How many there are, by the label “{by}”.",
-        [table_html(tables.episodes_table(material.groups, by))],
+        with_figures(tables.episodes_table(material.groups, by)),
     )  # fmt: skip
     yield Section(
         "outcomes", "Outcomes",
@@ -110,22 +114,21 @@ def sections(material: Material, progress: Progress) -> Iterator[Section]:
         "of success take episodes as independent: if pairs play several, they are wider in truth. "
         "An optimality rate is steps by the fewest steps that are possible, for tasks of which "
         "these are known: 1 is best.",
-        [figures.get("outcomes", ""), table_html(tables.outcomes_table(shown, by))],
+        with_figures(tables.outcomes_table(shown, by), "outcomes"),
     )  # fmt: skip
     yield Section(
         "activities", "What seats did",
         "High idle shares are time in which somebody could have acted; waiting is time in which "
         "they tried. Steps of a stand-in are not its person's. Refused, lost and said are counted "
         "for a seat in an episode, on average.",
-        [figures.get("activities", ""), table_html(tables.activities_table(shown, by))],
+        with_figures(tables.activities_table(shown, by), "activities"),
     )  # fmt: skip
     yield Section(
         "spread", "Idle and decision times",
         "Medians over seats, with 95 % intervals by bootstrap; all seats of a pair are drawn "
         "together, as they are alike. In real time the time to decide has in it "
         "the time in which one only watched.",
-        [figures.get("idle", ""), figures.get("decisions", ""),
-         table_html(tables.spread_table(shown, by))],
+        with_figures(tables.spread_table(shown, by), "idle", "decisions"),
     )  # fmt: skip
     yield _rounds(material, figures)
     yield _time_lines(material)
@@ -134,7 +137,7 @@ def sections(material: Material, progress: Progress) -> Iterator[Section]:
         "interruptions", "Absences and interruptions",
         "An absence is a participant whose connection was lost, or who left. What their seat did "
         "meanwhile are steps away, or those of a stand-in.",
-        [table_html(tables.interruptions_table(shown, material.facts, by))],
+        with_figures(tables.interruptions_table(shown, material.facts, by)),
     )  # fmt: skip
     yield Section(
         "recordings", "Recordings",
