@@ -11,6 +11,7 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -35,9 +36,11 @@ def drawn_once(svg: bytes, size: tuple[int, int]) -> Any:
     return load_sized_svg(BytesIO(svg), size)
 
 
-def load_once(file: BytesIO, size: tuple[int, int]) -> Any:
+def load_once(file: BytesIO | Path, size: tuple[int, int]) -> Any:
     """Each window draws all its pictures anew, which is a tenth of the time of these tests."""
-    return drawn_once(file.getvalue(), size) if max(size) <= 160 else load_sized_svg(file, size)
+    if max(size) > 160 or isinstance(file, Path):
+        return load_sized_svg(file, size)
+    return drawn_once(file.getvalue(), size)
 
 
 pygame.image.load_sized_svg = load_once
