@@ -6,10 +6,14 @@ import os
 
 from hypothesis import HealthCheck, settings
 
-__all__ = ["FACTOR", "thorough"]
+__all__ = ["FACTOR", "STRIDE", "thorough"]
 
 FACTOR = float(os.environ.get("ROBOTOUILLE_FUZZ", "1"))
 """How many times as many examples property tests try."""
+
+STRIDE = max(1, round(1 / FACTOR)) | 1
+"""Of all bits of a file each so-many-eth is flipped: every one, unless the factor asks for fewer.
+Odd, so that it is another bit of a byte each time."""
 
 
 def thorough(examples: int, **more: int) -> settings:
