@@ -22,6 +22,8 @@ from robotouille_client.window.pictures.dishes import (
     Dish,
     LayerProgress,
     dishes,
+    fit,
+    kept_in_place,
     progress,
     shares,
     stack_levels,
@@ -215,7 +217,7 @@ def test_the_circle_fills_with_each_cut() -> None:
         action = world.parse(state, world.players[0], line)
         state = state.step(action).state
         if action.name == "cut":
-            seen.append(max(shares(state)))
+            seen.append(max(shares(state, world.goal.holding(state.facts))))
     assert seen[0] > 0.3
     assert seen[1] > 0.6
     assert seen[2] == 0.0, "it is done"
@@ -225,9 +227,10 @@ def far(state: State) -> dict[str, LayerProgress]:
     """How far each layer of a one-dish goal is, from the top down as the ticket draws it."""
     world = state.world
     resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
-    (dish,) = dishes(world, resolver, stack_levels(state)) or ()
-    now, first = (world.goal.holding(each.facts) for each in (state, world.initial))
-    found = progress(dish, now, first, shares(state))
+    plain = dishes(world, resolver) or ()
+    now, first = (fit(plain, each) for each in (state, world.initial))
+    (dish,) = dishes(world, resolver, stack_levels(state, now)) or ()
+    found = progress(dish, now.holding, first.holding, shares(state, now.holding))
     return {layer.words: row for layer, row in zip(dish.layers, found, strict=True)}
 
 
@@ -269,3 +272,43 @@ def test_what_lies_on_something_unfinished_waits_for_it() -> None:
     assert list(found)[1:3] == ["cooked patty", "cut lettuce"]
     assert found["cooked patty"] == LayerProgress(1, False)
     assert not found["cut lettuce"].settled
+
+
+def test_no_tick_is_lost_where_two_dishes_are_alike() -> None:
+    """Each dish stays where it is, whichever of them has become the better one, and what lies on
+    one is no progress of the other."""
+    task = load_task("synchronous/09")
+    world = World(task)
+    state = world.initial
+    resolver = AppearanceResolver(task.domain, rendering_of(task))
+    plain = dishes(world, resolver) or ()
+    first, roots = fit(plain, state).holding, {}
+    ticked: set[tuple[int, str]] = set()
+    plan = next(task.folder.glob("09_*.plan")).read_text()
+    for joint in read_plan(plan, world):
+        state = state.step(list(joint)).state
+        now = fit(plain, state)
+        drawn = dishes(world, resolver, stack_levels(state, now)) or ()
+        drawn, roots = kept_in_place(drawn, now.chosen, roots)
+        found = {
+            (number, layer.words)
+            for number, dish in enumerate(drawn)
+            for layer, row in zip(dish.layers, progress(dish, now.holding, first), strict=True)
+            if row.settled
+        }
+        assert ticked <= found
+        ticked = found
+    assert len(ticked) == 12
+
+
+def test_work_on_one_thing_fills_one_circle() -> None:
+    pot = World("asynchronous/07")  # Three onions.
+    state = pot.initial
+    (dish,) = dishes(pot, AppearanceResolver(pot.task.domain, rendering_of(pot.task))) or ()
+    for line in load_certificate("asynchronous/07").plan or ():
+        now = fit((dish,), state).holding
+        assert sum(share > 0 for share in shares(state, now)) <= 1
+        action = pot.parse(state, pot.players[0], line)
+        state = state.step(action).state
+        if action.name == "boil-water":
+            break

@@ -9,13 +9,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from robotouille.world.grounding.goal import Fit
 from robotouille.world.grounding.objects import Object
 from robotouille.world.people.usefulness import work_towards
 from robotouille.world.scene import Placed, scene
 from robotouille.world.world import State, World
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 
-__all__ = ["Dish", "Layer", "LayerProgress", "dishes", "progress", "shares", "stack_levels"]
+__all__ = [
+    "Dish",
+    "Layer",
+    "LayerProgress",
+    "dishes",
+    "fit",
+    "kept_in_place",
+    "progress",
+    "shares",
+    "stack_levels",
+]
 
 Variable = int | str
 BOTTOM, MIDDLE, TOP = range(3)
@@ -49,9 +60,16 @@ class Layer:
 
 @dataclass(frozen=True, slots=True)
 class Dish:
-    """Things that the goal relates to each other, from the uppermost to what carries them all."""
+    """Things that the goal relates to each other, from the uppermost to what carries them all, the
+    `root`."""
 
     layers: tuple[Layer, ...]
+    root: Variable = 0
+
+    @property
+    def shape(self) -> tuple[str, ...]:
+        """What it is made of: dishes of one shape can stand for each other."""
+        return tuple(sorted(layer.words for layer in self.layers))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,28 +111,45 @@ def progress(
     return tuple(found)
 
 
-def shares(state: State) -> tuple[float, ...]:
+def fit(dishes: Sequence[Dish], state: State) -> Fit:
+    """What of the goal holds, and which things stand for its own.
+
+    What lies where it belongs counts first: the tomato on a burger is that burger's, though
+    another one could have it as well. A place counts only where its base holds.
+    """
+    layers = [layer for dish in dishes for layer in dish.layers]
+    places = [(n, layer.base) for layer in layers for n in layer.places]
+    places.sort(key=lambda one: (len(one[1]) > 0, one[0]))
+    facts = sorted(n for layer in layers for n in layer.terms if n not in layer.places)
+    return state.world.goal.fit(state.facts, (*places, *((n, ()) for n in facts)))
+
+
+def shares(state: State, holding: Sequence[bool]) -> tuple[float, ...]:
     """How far the work is that will bring each term of the goal about, as a share; 0 for a term
-    that nobody works for, or that is about more than one thing."""
-    best: dict[tuple[str, str], float] = {}
+    that holds, that nobody works for, or that is about more than one thing. Work on one thing is
+    for one term, the first of those that are alike."""
+    under_way: dict[tuple[str, str], dict[str, float]] = {}
     for atom, share in work_towards(state):
         if len(atom) == 2:
-            about = atom[0], state.world.thing(atom[1]).kind
-            best[about] = max(share, best.get(about, 0.0))
-    terms = state.world.goal.terms
-    return tuple(best.get((t.predicate, t.args[0]), 0.0) if len(t.ids) == 1 else 0.0 for t in terms)
+            things = under_way.setdefault((atom[0], state.world.thing(atom[1]).kind), {})
+            things[atom[1]] = max(share, things.get(atom[1], 0.0))
+    rest = {about: sorted(things.values()) for about, things in under_way.items()}
+    found = []
+    for term, held in zip(state.world.goal.terms, holding, strict=True):
+        waiting = [] if held or len(term.ids) > 1 else rest.get((term.predicate, term.args[0]), [])
+        found.append(waiting.pop() if waiting else 0.0)
+    return tuple(found)
 
 
-def stack_levels(state: State) -> dict[Variable, int]:
+def stack_levels(state: State, fit: Fit) -> dict[Variable, int]:
     """How many things lie below each that is where the goal wants it."""
-    goal, placed = state.world.goal, scene(state)
-    chosen = goal.chosen(state.facts)
+    placed = scene(state)
     found: dict[Variable, int] = {}
-    for term, held in zip(goal.terms, goal.holding(state.facts), strict=True):
+    for term, held in zip(state.world.goal.terms, fit.holding, strict=True):
         if held and len(term.ids) == 2:
             for one, other in (term.ids, term.ids[::-1]):
-                there = placed.get(chosen[one])
-                if there is not None and there.host == chosen[other]:
+                there = placed.get(fit.chosen[one])
+                if there is not None and there.host == fit.chosen[other]:
                     found[one] = there.level
     return found
 
@@ -134,6 +169,38 @@ def dishes(
     """
     goal = _Goal(world, resolver, levels)
     return goal.dishes() if goal.drawable else None
+
+
+def kept_in_place(
+    dishes: Sequence[Dish], chosen: Mapping[Variable, str], before: Mapping[int, str]
+) -> tuple[tuple[Dish, ...], dict[int, str]]:
+    """Dishes in such an order that each is where the same thing has carried it before; and what
+    carries the dish at each place now.
+
+    Which of two burgers is the first is for the goal to choose, and it may choose anew when one of
+    them has become the better one.
+
+    Args:
+        chosen: What stands for the variables of the goal.
+        before: What has carried the dish at a place.
+    """
+    placed: dict[int, Dish] = {}
+    for dish in dishes:
+        root = chosen.get(dish.root)
+        places = (
+            place
+            for place, other in enumerate(dishes)
+            if place not in placed and before.get(place) == root and other.shape == dish.shape
+        )
+        if root is not None and (place := next(places, None)) is not None:
+            placed[place] = dish
+    for place, other in enumerate(dishes):
+        if place not in placed:
+            rest = [each for each in dishes if each not in placed.values()]
+            placed[place] = next(each for each in rest if each.shape == other.shape)
+    order = tuple(placed[place] for place in range(len(dishes)))
+    now = {n: chosen[dish.root] for n, dish in enumerate(order) if dish.root in chosen}
+    return order, {**before, **now}
 
 
 class _Goal:
@@ -166,8 +233,8 @@ class _Goal:
         self._related = {_name(i): list(self._facts_of(i)) for i in self._kinds}
         roots = [i for i in self._kinds if i not in self._carriers]
         seen: set[Variable] = set()
-        found = [Dish(tuple(self._layers(root, seen))[::-1]) for root in roots]
-        rest = [Dish(tuple(self._layers(i, seen))[::-1]) for i in self._kinds if i not in seen]
+        found = [Dish(tuple(self._layers(root, seen))[::-1], root) for root in roots]
+        rest = [Dish(tuple(self._layers(i, seen))[::-1], i) for i in self._kinds if i not in seen]
         return tuple(dish for dish in (*found, *rest) if dish.layers)
 
     def _find_carriers(self) -> dict[Variable, Variable]:

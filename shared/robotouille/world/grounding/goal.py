@@ -16,10 +16,11 @@ from robotouille.domain.task import Task
 from robotouille.world.grounding.atoms import EXISTS, AtomTable, bits_of
 from robotouille.world.grounding.objects import Atom, Object
 
-__all__ = ["Goal", "Variable"]
+__all__ = ["Fit", "Goal", "Order", "Variable"]
 
 Binding = dict[int | str, str]
 Domains = dict[int | str, frozenset[str]]
+Order = tuple[tuple[int, tuple[int, ...]], ...]
 Rows = list[tuple[GoalTerm, list[tuple[str, ...]]]]
 """Predicates of a goal, each with the choices of objects that make it true."""
 
@@ -37,8 +38,8 @@ class Variable:
     fixed: str | None = None
 
 
-class _Fit(NamedTuple):
-    """Which predicates hold at once, and for which objects."""
+class Fit(NamedTuple):
+    """Which predicates of a goal hold at once, and for which objects."""
 
     holding: tuple[bool, ...]
     chosen: Binding
@@ -81,7 +82,8 @@ class Goal:
         self.relevant = 0
         self._necessary: list[int] = []
         self._known: dict[int, bool] = {}
-        self._fits: dict[int, _Fit] = {}
+        self._fits: dict[tuple[int, Order], Fit] = {}
+        self._in_order: Order = tuple((n, ()) for n in range(len(self.terms)))
         for term, mask in self._mask.items():
             if term.predicate not in self._table.static_predicates:
                 self.relevant |= mask
@@ -113,32 +115,37 @@ class Goal:
         One holds if some choice of objects makes it true together with all before it that hold.
         So all of them hold exactly where the goal does.
         """
-        return self._fit(facts).holding
+        return self.fit(facts).holding
 
-    def chosen(self, facts: int) -> Binding:
-        """The objects that make those predicates true that are `holding`, by variable."""
-        return dict(self._fit(facts).chosen)
+    def fit(self, facts: int, order: Order | None = None) -> Fit:
+        """Which predicates hold, and for which objects, where others come first than in the
+        problem's order.
 
-    def _fit(self, facts: int) -> _Fit:
-        relevant = facts & self.relevant
-        known = self._fits.get(relevant)
+        Args:
+            order: The numbers of predicates; with each those without which it does not count.
+        """
+        key = facts & self.relevant, order or self._in_order
+        known = self._fits.get(key)
         if known is None:
             if len(self._fits) >= MAX_KEPT:
                 self._fits.clear()
-            known = self._fits[relevant] = self._find_fit(facts)
+            known = self._fits[key] = self._find_fit(facts, key[1])
         return known
 
-    def _find_fit(self, facts: int) -> _Fit:
+    def _find_fit(self, facts: int, order: Order) -> Fit:
         held: Rows = []
         chosen: Binding = {}
-        holding = []
-        for term in self.terms:
+        holding = [False] * len(self.terms)
+        for number, needs in order:
+            if not all(holding[each] for each in needs):
+                continue
+            term = self.terms[number]
             rows = [*held, (term, self._rows(term, facts))]
             found = self._extended(chosen, *rows[-1]) or self._choice(rows)
             if found is not None:
                 held, chosen = rows, found
-            holding.append(found is not None)
-        return _Fit(tuple(holding), chosen)
+                holding[number] = True
+        return Fit(tuple(holding), chosen)
 
     def _extended(
         self, chosen: Binding, term: GoalTerm, choices: list[tuple[str, ...]]

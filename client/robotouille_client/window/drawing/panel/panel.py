@@ -57,10 +57,13 @@ class Panel:
         """The panel on the right of the window. `settled` is the state that the order tells, if
         that is not the view's: what is still on its way has not arrived."""
         self._settled = settled or view.state
+        if self._ticket is None:
+            self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats,
             view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
-            view.spectator_names, view.thinking, view.step_seconds, Ticket.seen(self._settled),
+            view.spectator_names, view.thinking, view.step_seconds,
+            self._ticket.seen(self._settled),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
@@ -156,11 +159,10 @@ class Panel:
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
     ) -> int:
         """An order slip."""
-        if self._ticket is None:
-            self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
         room = pygame.Rect(area.x, y, area.width, area.height)
         clock = self._text.height(layout.text) + 3 * layout.text
         below = clock + self._seats.height(layout, len(view.seats))
+        assert self._ticket is not None  # noqa: S101 - since `draw`
         drawn = self._draw_ticket(self._ticket, room, layout, area.bottom - y - below)
         room.height = drawn.get_height()
         surface.blit(drawn, room)
@@ -171,7 +173,7 @@ class Panel:
         self, ticket: Ticket, room: pygame.Rect, layout: Layout, free: int
     ) -> pygame.Surface:
         """The slip by itself: it changes far less often than what is beside it."""
-        shown = (room.size, layout, free, Ticket.seen(self._settled))
+        shown = (room.size, layout, free, ticket.seen(self._settled))
         if self._ticket_drawn is None or self._ticket_drawn[0] != shown:
             canvas = pygame.Surface(room.size)
             canvas.fill(PANEL)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import pygame
 
+from robotouille.world.grounding.goal import Fit
 from robotouille.world.world import State
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
@@ -13,6 +14,8 @@ from robotouille_client.window.pictures.dishes import (
     Layer,
     LayerProgress,
     dishes,
+    fit,
+    kept_in_place,
     progress,
     shares,
     stack_levels,
@@ -46,8 +49,9 @@ class Ticket:
         self._sprites = sprites
         self._text = text
         self._levels: dict[int | str, int] = {}
+        self._roots: dict[int, str] = {}
         self._dishes = dishes(view.world, resolver) or ()
-        self._at_first = view.world.goal.holding(view.world.initial.facts)
+        self._at_first = fit(self._dishes, view.world.initial).holding
         self._rows: list[tuple[pygame.Rect, Layer, LayerProgress]] = []
         self._holding: tuple[bool, ...] = ()
         self._shares: tuple[float, ...] = ()
@@ -70,12 +74,11 @@ class Ticket:
             lines.append("Not yet: all that belongs below it.")
         return tuple(lines)
 
-    @staticmethod
-    def seen(state: State) -> object:
+    def seen(self, state: State) -> object:
         """What can be seen of a state."""
-        done = (round(share * RING_STEPS) for share in shares(state))
-        levels = tuple(stack_levels(state).items())
-        return state.world.goal.holding(state.facts), tuple(done), levels
+        now = fit(self._dishes, state)
+        done = tuple(round(share * RING_STEPS) for share in shares(state, now.holding))
+        return now.holding, done, tuple(stack_levels(state, now).items())
 
     def draw(
         self,
@@ -90,7 +93,7 @@ class Ticket:
         Args:
             free: The height that nothing else needs: in that, dishes stand below each other.
         """
-        self._arrange(state)
+        now = self._arrange(state)
         shape = self._shape(area, layout, free)
         self._rows = []
         if shape is None:
@@ -99,8 +102,8 @@ class Ticket:
         pad, step = layout.text // 2, round(size * _STEP)
         counts = [len(dish.layers) for dish in self._dishes]
         high = sum(counts) * step + (len(counts) - 1) * pad if below else max(counts) * step
-        self._holding = state.world.goal.holding(state.facts)
-        self._shares = shares(state)
+        self._holding = now.holding
+        self._shares = shares(state, now.holding)
         surface.blit(box((area.width, high + 2 * pad), PAPER, layout.text // 2), area.topleft)
         column = pygame.Rect(area.x + pad, area.y + pad, area.width - 2 * pad, high)
         column.width //= 1 if below else len(counts)
@@ -113,12 +116,16 @@ class Ticket:
             column.move_ip((0, column.height + pad) if below else (column.width, 0))
         return high + 2 * pad
 
-    def _arrange(self, state: State) -> None:
-        """Order the pictures as the things lie that are there."""
-        levels = stack_levels(state)
+    def _arrange(self, state: State) -> Fit:
+        """Order the pictures as the things lie that are there, and leave each dish at its place;
+        what of the goal holds."""
+        now = fit(self._dishes, state)
+        levels = stack_levels(state, now)
         if levels != self._levels:
             self._levels = levels
             self._dishes = dishes(state.world, self._resolver, levels) or ()
+        self._dishes, self._roots = kept_in_place(self._dishes, now.chosen, self._roots)
+        return now
 
     def _shape(self, area: pygame.Rect, layout: Layout, free: int) -> tuple[bool, int] | None:
         """Whether each dish is below the one before it, where it has room for words, or else beside
