@@ -37,6 +37,9 @@ _STEP = 0.8
 _SHARE, _COMPACT_SHARE = 0.5, 0.4
 """How much of the panel's height a ticket may take."""
 
+_MAX_KNOWN = 16
+"""For how many ways in which things lie their pictures are kept."""
+
 
 class Ticket:
     """Draws the goal of one world; in words where it cannot be drawn, or does not fit."""
@@ -48,7 +51,7 @@ class Ticket:
         self._rendering = resolver.rendering
         self._sprites = sprites
         self._text = text
-        self._levels: dict[int | str, int] = {}
+        self._known: dict[tuple[tuple[int | str, int], ...], tuple[Dish, ...]] = {}
         self._roots: dict[int, str] = {}
         self._dishes = dishes(view.world, resolver) or ()
         self._at_first = fit(self._dishes, view.world.initial).holding
@@ -121,10 +124,13 @@ class Ticket:
         what of the goal holds."""
         now = fit(self._dishes, state)
         levels = stack_levels(state, now)
-        if levels != self._levels:
-            self._levels = levels
-            self._dishes = dishes(state.world, self._resolver, levels) or ()
-        self._dishes, self._roots = kept_in_place(self._dishes, now.chosen, self._roots)
+        key = tuple(levels.items())
+        if key not in self._known:
+            if len(self._known) >= _MAX_KNOWN:
+                self._known.clear()
+            self._known[key] = dishes(state.world, self._resolver, levels) or ()
+        found = self._known[key]
+        self._dishes, self._roots = kept_in_place(found, now.chosen, self._roots)
         return now
 
     def _shape(self, area: pygame.Rect, layout: Layout, free: int) -> tuple[bool, int] | None:
