@@ -31,7 +31,7 @@ def test_with_something_for_an_empty_pot_one_is_told_to_fill_it() -> None:
     for meaning in (controls.key(state, me, "e"), controls.click(state, me, "table2")):
         assert (meaning.action, meaning.hint, meaning.advice) == (None, told, True)
     hands = Hands(KeyMap(), lambda: 0.0)
-    assert [words for _, words in hands.hints(controls, state, me)] == [told]
+    assert hands.hints(controls, state, me) == (("", told),)
 
 
 def test_the_work_that_a_condition_waits_for_is_told_in_its_place() -> None:

@@ -102,3 +102,10 @@ def test_lessons_of_one_line_and_of_two_leave_the_kitchen_where_it_is(view: View
         painter.paint(surface, replace(view, lesson=lesson))
         found.append(painter.layout(size, view.world))
     assert found[0] == found[1]
+
+
+def test_what_is_told_is_not_said_twice_and_advice_has_no_key(view: View) -> None:
+    advice = "Fill the pot with water first"
+    for prompt in ("", advice):
+        overlay = UiOverlay(hints=(("", advice),), prompt=prompt)
+        assert shown(view, overlay, (800, 600), 1.0).split().count("Fill") == 1

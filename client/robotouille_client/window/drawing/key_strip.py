@@ -73,7 +73,8 @@ class KeyStrip:
         size = gap = layout.text
         middle = layout.strip.top - layout.text
         x, right = gap, layout.panel.left - gap
-        told, hints = _told(ui_overlay), ui_overlay.hints
+        told = _told(ui_overlay)
+        hints = [hint for hint in ui_overlay.hints if hint[1] != told]
         first = self._key_width(*hints[0], size) if hints else 0
         needed = first + (self._text.width(told, size) + gap if told else 0)
         keys = list(ui_overlay.keys)
@@ -120,6 +121,8 @@ class KeyStrip:
         return max((self._text.width(each, letters) for each in lines), default=0)
 
     def _key_width(self, key: str, words: str, size: int) -> int:
+        if not key:
+            return self._text.width(words, size)
         cap = max(size * 3 // 2, self._text.width(key, size) + size * 2 // 3)
         return cap + size // 2 + self._text.width(words, size)
 
@@ -133,8 +136,11 @@ class KeyStrip:
         ink: Colour,
         room: int | None = None,
     ) -> int:
-        """A key cap, and words beside it, in the room that there is for them; `at` is the middle of
-        its left edge. How wide it is."""
+        """A key cap, if there is a key, and words beside it, in the room that there is for them;
+        `at` is the middle of its left edge. How wide it is."""
+        if not key:
+            full = self._text.width(words, size)
+            return self._words(target, at, words, size, full if room is None else room, ink)
         letters = self._text.line(key, size, ink)
         cap = pygame.Rect(0, 0, self._key_width(key, "", size) - size // 2, size * 3 // 2)
         cap.midleft = at

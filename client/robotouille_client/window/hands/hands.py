@@ -140,7 +140,8 @@ class Hands:
 
     def hints(self, controls: Controls, state: State, me: str) -> tuple[tuple[str, str], ...]:
         """Rows of (key, what it does now), the most useful first; where nothing can be done here
-        with what is at hand, what would have to be done for it."""
+        with what is at hand, what would have to be done for it: without a key, where no key
+        would even try."""
         if state.busy_steps(me):
             return ()
         rows = {option.action: option.key for option in controls.options(state, me)}
@@ -155,7 +156,8 @@ class Hands:
         if clicked.valid and clicked.action != meaning.action:
             found.append(("Click", told(clicked, state)))
         if not found and (meaning.action is not None or meaning.advice):
-            found.append((self.keys.words(Command.USE), meaning.hint))
+            key = self.keys.words(Command.USE) if meaning.action is not None else ""
+            found.append((key, meaning.hint))
         return tuple(found)
 
 
