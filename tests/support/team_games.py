@@ -65,11 +65,12 @@ class SharedPlanner(AnytimePlanner):
         seed: int = 0,
         beam: int = EXPANSIONS,
         choices: int = 1,
+        brief: bool = False,
     ) -> Iterator[SearchResult]:
-        question = (state, limits, tuple(team), seed, beam, choices)
+        question = (state, limits, tuple(team), seed, beam, choices, brief)
         if question not in self._answered:
             answers = super().search(
-                state, limits, team=team, seed=seed, beam=beam, choices=choices
+                state, limits, team=team, seed=seed, beam=beam, choices=choices, brief=brief
             )
             self._answered[question] = list(answers)
         return iter(self._answered[question])

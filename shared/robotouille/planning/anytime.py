@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import ceil
@@ -24,6 +24,7 @@ from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
 from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.planning.search.greedy import greedy_search
+from robotouille.planning.search.unsolvable import CutOff
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
 from robotouille.world.timers import TimerRow
 from robotouille.world.world import State, World
@@ -47,6 +48,7 @@ class _Query(NamedTuple):
     seed: int
     expansions: int
     choices: int = 1
+    brief: bool = False
 
 
 class _Recent(Generic[T]):
@@ -84,6 +86,7 @@ class AnytimePlanner:
         """Remember nothing of what was found out so far; the answers stay the same."""
         self.searches = 0
         self._planner = BeamPlanner(self.model)
+        self._cut_off = CutOff(self.model)
         self._solutions: _Recent[Solution] = _Recent()
         self._greedy: _Recent[SearchResult] = _Recent()
 
@@ -103,6 +106,10 @@ class AnytimePlanner:
             rows = _shortened(state)
         return self.model.restore(state.facts, rows)
 
+    def is_cut_off(self, state: State, team: Collection[str]) -> bool:
+        """Whether it is proven that a team cannot reach the goal while all others stand still."""
+        return self._cut_off(self.in_model(state), team)
+
     def first(
         self, state: State, limits: Limits = UNLIMITED, *, team: Sequence[str] = (), seed: int = 0
     ) -> SearchResult:
@@ -118,6 +125,7 @@ class AnytimePlanner:
         seed: int = 0,
         beam: int = EXPANSIONS,
         choices: int = 1,
+        brief: bool = False,
     ) -> Iterator[SearchResult]:
         """Plans for the players of `team` (all, if empty), the others doing nothing.
 
@@ -135,6 +143,7 @@ class AnytimePlanner:
             beam: About how many expansions a beam search takes.
             choices: Of objects for the goal that a beam search tries where the first has no plan:
                 somebody may stand where that one is.
+            brief: Take them in turns from the start, which bounds the work by that for one.
 
         Yields:
             What is known so far; its `plan` is None where none was found.
@@ -146,7 +155,7 @@ class AnytimePlanner:
         start = self.in_model(state)
         search = self._domain_search(start, team)
         at_once = search.greedy(limits) if search is not None else None
-        query = _Query(start, tuple(sorted(team)), seed, beam, choices)
+        query = _Query(start, tuple(sorted(team)), seed, beam, choices, brief)
         result = at_once or self._general(query)
         yield result
         if search is None or result.optimal or result.unsolvable:
@@ -157,13 +166,21 @@ class AnytimePlanner:
         yield better
 
     def towards(
-        self, state: State, *, team: Sequence[str] = (), seed: int = 0, beam: int = EXPANSIONS
+        self,
+        state: State,
+        *,
+        team: Sequence[str] = (),
+        seed: int = 0,
+        beam: int = EXPANSIONS,
+        choices: int = 1,
+        brief: bool = False,
     ) -> Plan:
         """What leads as near to the goal as the beam search gets, where it gets no further.
 
         Arguments are those of `search`.
         """
-        query = _Query(self.in_model(state), tuple(sorted(team)), seed, beam)
+        team = tuple(sorted(team))
+        query = _Query(self.in_model(state), team, seed, beam, choices, brief)
         return self._beam_search(query).plan
 
     @cached_property
@@ -194,27 +211,29 @@ class AnytimePlanner:
         return replace(greedy, expansions=solution.expansions + greedy.expansions)
 
     def _beam_search(self, query: _Query) -> Solution:
-        def search() -> Solution:
-            self.searches += 1
-            found = self._planner.solve(
-                query.start, query.team, seed=query.seed, expansions=query.expansions
-            )
-            if found.reached or query.choices == 1:
-                return found
-            other = self._planner.solve(
+        def solve(choices: int) -> Solution:
+            return self._planner.solve(
                 query.start,
                 query.team,
                 seed=query.seed,
                 expansions=query.expansions,
-                choices=query.choices,
+                choices=choices,
             )
+
+        def search() -> Solution:
+            self.searches += 1
+            found = solve(query.choices if query.brief else 1)
+            if found.reached or query.choices == 1 or query.brief:
+                return found
+            other = solve(query.choices)
             return other if other.reached else found
 
         return self._solutions.get(query, search)
 
     def _greedy_search(self, query: _Query) -> SearchResult:
         def search() -> SearchResult:
-            limits = Limits(states=query.expansions // EXPANSIONS_PER_STATE)
+            states = query.expansions // (1 if query.brief else EXPANSIONS_PER_STATE)
+            limits = Limits(states=states)
             found = greedy_search(self.model, query.start, team=query.team, limits=limits)
             if found.plan is None:
                 return found

@@ -24,7 +24,7 @@ from robotouille.planning.plan import Plan
 from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.world.world import State, World
 
-__all__ = ["PLANNER", "BeamPlanner", "Solution"]
+__all__ = ["PATIENCE", "PLANNER", "BeamPlanner", "Solution"]
 
 PLANNER = "beam 1"
 """Its name and version in results."""

@@ -8,23 +8,30 @@ comes or says something. So they plan from the same state, whenever each gets ar
 Whoever is not of the team is taken to stand still. Those that are left plan around them, anew
 whenever they get in the way. Where there is no way, they ask for it, plan as if they had it, or as
 if everybody were of the team, and do of that plan what can be done: nothing that would have to be
-undone.
+undone. Who waits for others meanwhile makes way for them. They plan anew only once somebody has
+done what may help or hinder: not since somebody walks.
 """
 
 from __future__ import annotations
 
 import logging
 import random
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
-from robotouille.planning.policies.making_way import station_in_the_way, with_others_aside
+from robotouille.planning.policies.making_way import missing_deed, station_in_the_way
 from robotouille.planning.policies.script import Did, Script, does_something
-from robotouille.planning.policies.standing import standing_at, walks_aside
+from robotouille.planning.policies.standing import (
+    standing_at,
+    travel_ends,
+    walks_aside,
+    walks_out_of_the_way,
+)
+from robotouille.planning.policies.team_plan import WAYS, Basis, TeamPlanner
 from robotouille.planning.policies.team_search import EXPANSIONS, NEAR, TeamSearch
 from robotouille.planning.policies.team_talk import (
     TOLD,
@@ -36,18 +43,15 @@ from robotouille.planning.policies.team_talk import (
     request,
     requested,
 )
-from robotouille.planning.search.unsolvable import is_cut_off
 from robotouille.planning.search_result import SearchResult
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.people.wording import Wording
 from robotouille.world.world import State, World
 
 __all__ = ["PlannerPolicy"]
 
 logger = logging.getLogger(__name__)
-
-CHOICES = 6
-"""Choices of objects that are tried where others may stand in the way of the first."""
 
 RECONSIDER = 4
 """Steps after which a team whose plan may be too long looks for a shorter one."""
@@ -61,11 +65,12 @@ SLOW = 10
 MAX_CATCHING_UP = 3
 """Plans that are made for one decision, because what was done meanwhile was something else."""
 
-RETRY = 5
-"""Steps after which a plan is sought again where there was none, if others have moved."""
+RETRY, MAX_RETRY = 5, 40
+"""Steps after which a plan is sought again where there was none, if others have done something;
+twice as many each time that there is still none, up to a bound."""
 
-WAYS = ("others aside", "with everybody")
-"""How a team plans that finds no plan of its own."""
+POLITE = 3
+"""Steps for which a seat waits for others where it stands, before it makes way."""
 
 YIELDING = 4
 """Steps for which somebody who has made way stays away."""
@@ -106,21 +111,20 @@ class PlannerPolicy:
         self._anytime = anytime or AnytimePlanner(World(world.task))
         shared_seed = seed if alone or self._only else 0
         self._search = TeamSearch(self._anytime, shared_seed, expansions)
+        self._silent = alone or self._only
+        self._planner = TeamPlanner(self._anytime, self._search, alone=self._silent)
         self._world = world
         self._words = words
         self._state = start
-        self._silent = alone or self._only
         self._talk = Talk(silent=self._silent)
         self.anticipating = False
-        self._has_plan = True
-        self._cut_off = False
-        self._others = 0
+        self._basis = Basis.TEAM
+        self._cut_off = self._walks_matter = False
         self._steps_left = 0
-        self._may_improve = self._meddled = False
-        self._counts_on_others = False
+        self._may_improve = False
         self._in_vain: dict[State, int] = {}
-        self._step = self._planned = 0
-        self._yielding: dict[str, int] = {}
+        self._retry = RETRY
+        self._step = self._waited = self._yielding_until = 0
         self._plan_anew()
 
     # What the seat is told, in the same order as all others
@@ -129,7 +133,7 @@ class PlannerPolicy:
     def has_plan(self) -> bool:
         """Whether the last search found a plan. Without one the seat does what would be right if
         others made way; if there is no plan even then, it comes as near to the goal as it can."""
-        return self._has_plan
+        return self._basis is Basis.TEAM
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         """Who moves each player now: `bot`, `human`, `model` and the like; and the clock. Only
@@ -160,10 +164,9 @@ class PlannerPolicy:
             self._unlike.add(player)
             self._leave_out({player})
         elif player not in self._team and self._state is not None:
-            for mate in sorted(self._team):
-                station = standing_at(self._state, mate)
-                if station is not None and requested(text, station, self._state, self._wording):
-                    self._yielding[mate] = self._step + YIELDING
+            station = standing_at(self._state, self.player)
+            if station is not None and requested(text, station, self._state, self._wording):
+                self._yielding_until = self._step + YIELDING
 
     def observe(self, did: Did) -> None:
         """What everybody did in a step; called once for each step before `act`."""
@@ -173,39 +176,74 @@ class PlannerPolicy:
         if self._state is not None:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
         self._since.append(own)
-        outsiders_acted = any(ok and player not in self._team for player, _, ok in did)
-        self._meddled = self._meddled or any(
-            ok and player not in self._team and not action.schema.definition.travel
-            for player, action, ok in own
-            if does_something(action)
-        )
+        meddled = self._note_deeds(own)
         if self._script is None:
             return
-        self._script.observe(own)
-        if self._heed_astray():
+        self._script.observe(own, self._may_walk)
+        if self._heed_astray() or self._state is None:
             return
-        if self._state is None:
-            return
-        if self._has_plan:
-            self._heed_delay(self._state, own, outsiders_acted)
+        if self.has_plan:
+            self._heed_delay(self._state, own, meddled=meddled)
         else:
             self._heed_standstill(self._state, own)
 
+    def _note_deeds(self, did: Did) -> bool:
+        """Whether others have done something, walks apart."""
+        deeds = [
+            action
+            for player, action, applied in did
+            if applied and player not in self._team and does_something(action)
+        ]
+        meddled = any(not action.schema.definition.travel for action in deeds)
+        self._meddled = self._meddled or meddled
+        return meddled
+
     def speak(self) -> list[str]:
-        """What there is to be said since this was last asked."""
+        """What there is to be said since this was last asked; what is asked of others, as it is
+        now."""
+        if self._talk.may_ask(self._step):
+            wish = self._wish()
+            if wish:
+                self._talk.ask(wish, self._step)
         return self._talk.speak()
+
+    def _wish(self) -> str:
+        """What this seat asks of others for the team, in the present state."""
+        state, script = self._state, self._script
+        if state is None or script is None or state.goal_reached or self.player != min(self._team):
+            return ""
+        others = self._outsiders
+        if self._basis is Basis.OTHERS_ASIDE:
+            station = station_in_the_way(script.rest(self._team), state, others)
+            return "" if station is None else request(station, state, self._wording)
+        if self._basis is Basis.EVERYBODY and self._stuck > self._patience:
+            deed = missing_deed(script, state, others, self._rules)
+            return "" if deed is None else appeal(self._own(deed), state, self._wording)
+        return ""
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
 
     def _may_see_a_way(self) -> bool:
-        """Whether what has changed may have opened a way."""
+        """Whether what has changed may have opened a way, or closed the one that was hoped for."""
         if self._state is None or self._script is None:
             return False
-        if self._meddled or self._about_others(self._state) != self._others:
-            return True
-        done = self._script.is_finished(self._team)
-        return not self._cut_off and done and self._state != self._base
+        if self._basis is Basis.EVERYBODY:  # Who does their part does what is hoped for.
+            meddled = not self._script.astray <= self._team
+        else:
+            meddled = self._meddled
+        walked = self._walked_elsewhere(self._state, self._script)
+        done = self._script.is_finished(self._team) and self._state != self._base
+        return meddled or walked or (done and not self._cut_off)
+
+    def _walked_elsewhere(self, state: State, script: Script) -> bool:
+        """Whether others have walked from where they were in the way to where they are, as well; or
+        have walked at all, where that was not thought of."""
+        others = self._outsiders
+        if self._basis is not Basis.OTHERS_ASIDE or self._base is None:
+            return self._walks_matter and self._about_others(state) != self._others
+        station = station_in_the_way(script.rest(self._team), state, others)
+        return station not in {None, *(standing_at(self._base, player) for player in others)}
 
     def _about_others(self, state: State) -> int:
         """The facts about players who are not of the team."""
@@ -226,8 +264,10 @@ class PlannerPolicy:
         self._script: Script | None = None
         self._base = self._state
         self._since: list[Did] = []
-        self._stuck = 0
-        self._blocked = 0
+        self._planned = self._step
+        self._others = 0 if self._state is None else self._about_others(self._state)
+        self._meddled = False
+        self._stuck = self._blocked = self._waited = 0
 
     def _leave_out(self, players: set[str]) -> None:
         """Do not count on some players any more."""
@@ -241,13 +281,13 @@ class PlannerPolicy:
         astray = self._script.astray & self._team if self._script is not None else set()
         if not astray:
             return False
-        self._team -= {p for p in astray if p != self.player and p not in self._yielding}
-        if self.player in astray and self.player not in self._yielding:
+        self._team -= astray - {self.player}
+        if self.player in astray:
             self._talk.announce()
         self._plan_anew()
         return True
 
-    def _heed_delay(self, state: State, did: Did, outsiders_acted: bool) -> None:
+    def _heed_delay(self, state: State, did: Did, *, meddled: bool) -> None:
         """Plan anew where others are in the way, or somebody of the team does nothing."""
         script = self._script
         if script is None or state.goal_reached:
@@ -258,10 +298,6 @@ class PlannerPolicy:
         waiting = _is_something_running(state)
         self._blocked = self._blocked + 1 if blocked and not waiting else 0
         self._stuck = 0 if busy or waiting else self._stuck + 1
-        meddled = outsiders_acted and any(
-            ok and player not in self._team and not action.schema.definition.travel
-            for player, action, ok in did
-        )
         if (blocked and meddled) or self._blocked > self._patience:
             self._plan_anew()
         elif self._stuck > self._patience:
@@ -272,28 +308,26 @@ class PlannerPolicy:
                 self._leave_out(late)
 
     def _heed_standstill(self, state: State, did: Did) -> None:
-        """Without a plan of one's own: plan anew where others have opened a way, or where bots wait
-        for each other; say once more what is needed."""
+        """Without a plan of one's own: plan anew where others may have opened a way, or where bots
+        wait for each other."""
         busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
         self._stuck = 0 if busy or _is_something_running(state) else self._stuck + 1
-        self._talk.ask_again(self._step)
-        if self._stuck > self._patience and self._counts_on_others:
-            self._appeal(state)
         among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in self._outsiders)
         untried = among_bots and self._in_vain.get(state, 0) < len(WAYS)
-        due = self._step - self._planned >= RETRY
+        due = self._step - self._planned >= self._retry
         if (untried and self._stuck > self._patience) or (due and self._may_see_a_way()):
             self._plan_anew()
+        elif self._basis is Basis.OTHERS_ASIDE and not self._meddled:
+            self._heed_way(state)
 
-    def _appeal(self, state: State) -> None:
-        """Tell others of the next thing that a plan for everybody has them do."""
-        if self._script is None or self.player != min(self._team):
+    def _heed_way(self, state: State) -> None:
+        """Where nobody stands in the way any more, the plan is good as it is."""
+        script = self._script
+        if script is None:
             return
-        for player in self._outsiders:
-            action = self._script.task(player)
-            if action is not None:
-                self._talk.ask(appeal(self._own(action), state, self._wording), self._step)
-                return
+        if station_in_the_way(script.rest(self._team), state, self._outsiders) is None:
+            self._basis = Basis.TEAM
+            self._talk.met()
 
     # What the seat does
 
@@ -309,11 +343,8 @@ class PlannerPolicy:
         self._state = state
         if state.goal_reached or state.busy_steps(self.player):
             return None
-        if any(until > self._step for until in self._yielding.values()):
-            return self._yield_to_others(state)
-        if self._yielding:
-            self._yielding.clear()
-            self._plan_anew()
+        if self._yielding_until > self._step:
+            return self._step_aside(state)
         for _ in range(MAX_CATCHING_UP):
             if self._script is None:
                 self._plan(self._base or state)
@@ -326,6 +357,10 @@ class PlannerPolicy:
         action = self._scripted(state)
         if action is None and self._is_idle(state):
             return self._step_aside(state)
+        if self._waits_for_others(state, action):
+            self._waited += 1
+            return self._make_way(state)
+        self._waited = 0
         self._tell_others(action)
         return action
 
@@ -337,98 +372,37 @@ class PlannerPolicy:
         state, script = self._state, self._script
         if state is None or state.goal_reached or state.busy_steps(self.player):
             return False
-        if script is None or self._yielding:
+        if script is None or self._waited or self._yielding_until > self._step:
             return True
-        return script.waits(state) or (script.finished and not (self._has_plan or self._only))
+        return script.waits(state) or (script.finished and not (self.has_plan or self._only))
 
     def _scripted(self, state: State) -> GroundAction | None:
         if self._script is None:
             return None
-        if not self._lockstep or self._counts_on_others:
+        if not self._lockstep or self._basis is Basis.EVERYBODY:
             return self._script.act(state)
         action, self.anticipating = self._script.joint(state).get(self.player, (None, False))
         return action
 
     def _plan(self, base: State) -> None:
         """Make a plan from the state in which it was found to be needed."""
-        team = tuple(sorted(self._team))
-        self._planned = self._step
-        self._others = self._about_others(base)
-        self._meddled = False
-        self._cut_off = self._is_cut_off(base, team)
-        result = None if self._cut_off else self._find(base, team)
-        self._has_plan = result is not None and result.plan is not None
-        self._may_improve = self._counts_on_others = False
-        if not self._has_plan:
-            logger.debug("%s finds no plan from here", self.player)
-        if result is not None and result.plan is not None:
+        tried = self._in_vain.get(base, 0)
+        made = self._planner.make(base, self._team, hurried=self._hurried, tried=tried)
+        self._basis, self._cut_off = made.basis, made.cut_off
+        self._walks_matter = made.aside_untried
+        self._may_improve = False
+        if made.basis is Basis.TEAM:
             self._talk.met()
             self._in_vain.clear()
-            self._may_improve = self._punctual and self._is_worth_improving(result)
-            self._follow(result.plan, base)
-        elif result is not None and result.unsolvable:
-            self._follow(Plan(()), base)
+            self._may_improve = self._punctual and self._is_worth_improving(made.found)
         else:
-            self._plan_for_a_way(base, team)
-
-    def _plan_for_a_way(self, base: State, team: tuple[str, ...]) -> None:
-        """Plan as if others made way or did their part, the other one first where that was in vain;
-        without such a plan, search wider where there is time; without any, come nearer."""
-        ways = (self._plan_with_others_aside, self._plan_with_everybody)
-        tried = self._in_vain.get(base, 0)
-        self._in_vain[base] = tried + 1
-        if any(ways[(tried + number) % len(WAYS)](base, team) for number in range(len(WAYS))):
-            return
-        if not (self._silent or self._hurried or tried):
-            result = self._search.wide(base, team)
-            if result.plan is not None:
-                self._has_plan = True
-                self._follow(result.plan, base)
-                return
-        if self._outsiders and self.player == min(self._team):
+            logger.debug("%s finds no plan from here", self.player)
+            self._in_vain[base] = tried + 1
+        helpless = made.basis is Basis.NOTHING and not made.found.unsolvable
+        self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
+        if helpless and self._outsiders and self.player == min(self._team):
             self._talk.despair()
-        self._follow(Plan(()) if self._cut_off else self._search.towards(base, team), base)
-
-    def _plan_with_others_aside(self, base: State, team: tuple[str, ...]) -> bool:
-        """Follow a plan for when the others have walked aside, and ask them to; whether there is
-        one."""
-        here = self._anytime.in_model(base)
-        aside = with_others_aside(here, self._outsiders)
-        if aside == here or self._is_cut_off(aside, team):
-            return False
-        plan = self._find(aside, team).plan
-        if plan is None:
-            return False
-        self._follow(plan, aside)
-        station = station_in_the_way(plan, base, self._outsiders)
-        if station is not None and self.player == min(self._team):
-            self._talk.ask(request(station, base, self._wording), self._step)
-        return True
-
-    def _plan_with_everybody(self, base: State, team: tuple[str, ...]) -> bool:
-        """Follow one's part of a plan in which all others have theirs; whether there is one."""
-        everybody = tuple(sorted(self._world.players))
-        plan = self._find(base, everybody).plan if everybody != team else None
-        if plan is None:
-            return False
-        self._counts_on_others = True
-        self._follow(plan, base)
-        return True
-
-    def _is_cut_off(self, state: State, team: Collection[str]) -> bool:
-        """Whether others stand where the team has to get."""
-        if self._silent:
-            return False
-        return is_cut_off(self._anytime.model, self._anytime.in_model(state), team)
-
-    def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
-        """The best of some plans for the team."""
-        return self._search.best(state, team, in_a_hurry=self._hurried, choices=self._choices)
-
-    @property
-    def _choices(self) -> int:
-        """How many choices of objects are tried: others may stand in the way of the first."""
-        return CHOICES if self._outsiders and not self._silent else 1
+        self._follow(made.plan, made.base)
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
@@ -451,7 +425,8 @@ class PlannerPolicy:
     def _improve_together(self, state: State) -> None:
         """Look for a shorter plan for the rest: all of the team do, in the same step."""
         team = tuple(sorted(self._team))
-        found = self._search.once(state, team, choices=self._choices, after=self._step)
+        choices = self._planner.choices(team)
+        found = self._search.once(state, team, choices=choices, after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
             self._base, self._since = state, []
             self._follow(found.plan, state)
@@ -461,7 +436,7 @@ class PlannerPolicy:
         self._script = Script(self.player, plan, self._anytime.in_model(base))
         self._steps_left = len(plan) - len(self._since)
         for did in self._since:
-            self._script.observe(did)
+            self._script.observe(did, self._may_walk)
         self._heed_astray()
 
     # Others who are no planners
@@ -471,9 +446,18 @@ class PlannerPolicy:
         """The words for those who are no planners."""
         return Wording(self._world, language_of(self._world.task).with_words(self._words))
 
+    @cached_property
+    def _rules(self) -> Occupancy:
+        return Occupancy(self._world)
+
     @property
     def _outsiders(self) -> list[str]:
         return [p for p in self._world.players if p not in self._team]
+
+    @property
+    def _may_walk(self) -> set[str]:
+        """Those of the team that may make way for others."""
+        return self._team if self._outsiders else set()
 
     def _is_idle(self, state: State) -> bool:
         """Whether the seat has nothing to do, and may be in the way of others."""
@@ -486,8 +470,24 @@ class PlannerPolicy:
         walks = walks_aside(state, self.player)
         return self._random.choice(walks) if walks else None
 
-    def _yield_to_others(self, state: State) -> GroundAction | None:
-        return self._step_aside(state) if self.player in self._yielding else None
+    def _waits_for_others(self, state: State, action: GroundAction | None) -> bool:
+        """Whether what the seat has left to do has to wait for somebody who is not of the team: for
+        their part of the plan, or since they stand where it is about to go."""
+        script, others = self._script, self._outsiders
+        if script is None or not others or script.finished:
+            return False
+        idle = action is None or action.schema.definition.travel is not None
+        if idle and self._basis is Basis.EVERYBODY and script.needs(others):
+            return True
+        due = script.due(self.player, state) if action is None else None
+        if due is None or not due.schema.definition.travel:
+            return False
+        return travel_ends(due)[1] in {standing_at(state, player) for player in others}
+
+    def _make_way(self, state: State) -> GroundAction | None:
+        """Stand where nobody wants to be while one waits, if that lasts."""
+        walks = walks_out_of_the_way(state, self.player) if self._waited >= POLITE else []
+        return self._random.choice(walks) if walks else None
 
     def _tell_others(self, action: GroundAction | None) -> None:
         """Tell people and others who cannot know where this seat is about to go."""

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
+from robotouille.planning.policies.standing import standing_at, travel_ends, walk_to
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
@@ -19,12 +20,14 @@ class _Row(NamedTuple):
     """An action of one seat: its step of the plan, its place there, and what has to be done before.
 
     `needs` has the number of actions of other seats, for each on whose actions this one depends.
+    `at` is the station at which the plan has the seat stand by then.
     """
 
     step: int
     place: int
     action: GroundAction
     needs: Mapping[str, int]
+    at: str | None
 
 
 class Script:
@@ -33,7 +36,8 @@ class Script:
     A plan says what happens in which step; elsewhere things take longer. So an action waits for
     those actions of other seats that come before it in the plan and have to do with the same
     things, and for every effect that had run its course by then (a patty is not picked up before it
-    is cooked).
+    is cooked). Who has made way for somebody goes back to where the plan has them once there is
+    something for them to do there.
     """
 
     def __init__(self, player: str, plan: Plan, start: State) -> None:
@@ -46,13 +50,16 @@ class Script:
 
     def _rehearse(self, plan: Plan, state: State) -> None:
         begun = _running(state)
+        at = {player: standing_at(state, player) for player in self._rows}
         for step, actions in enumerate(plan):
             running = _running(state)
             self._finished.append(frozenset(begun - running))
             for place, action in enumerate(actions):
                 player = action.player or self.player
-                row = _Row(step, place, action, self._needs(player, action))
+                row = _Row(step, place, action, self._needs(player, action), at[player])
                 self._rows[player].append(row)
+                if action.schema.definition.travel:
+                    at[player] = travel_ends(action)[1]
             state = state.step(list(actions)).state
             begun |= _running(state)
 
@@ -67,16 +74,17 @@ class Script:
                     break
         return needs
 
-    def observe(self, did: Did) -> None:
+    def observe(self, did: Did, may_walk: Collection[str] = ()) -> None:
         """What everybody did in a step; who does what the plan does not say is `astray`. A seat
-        with nothing left to do may walk."""
+        with nothing left to do may walk, and so may those in `may_walk`."""
         for player, action, applied in did:
             row = self._next(player)
-            if applied and row is not None and str(row.action) == str(action):
+            if applied and row is not None and _is_done_by(row.action, action):
                 self._done[player] += 1
                 continue
             walks = action.schema.definition.travel is not None
-            if applied and does_something(action) and (row is not None or not walks):
+            stays = row is not None and player not in may_walk
+            if applied and does_something(action) and (stays or not walks):
                 self.astray.add(player)
 
     def _next(self, player: str) -> _Row | None:
@@ -97,10 +105,30 @@ class Script:
         done = self._done[self.player]
         return [row.action for row in self._rows[self.player][done : done + count]]
 
+    def rest(self, players: Collection[str]) -> list[GroundAction]:
+        """What some seats have left to do, in the plan's order."""
+        rows = [row for p in players for row in self._rows[p][self._done[p] :]]
+        return [row.action for row in sorted(rows, key=lambda row: (row.step, row.place))]
+
     def task(self, player: str) -> GroundAction | None:
         """The next action of a seat that is more than a walk."""
+        row = self._task(player)
+        return None if row is None else row.action
+
+    def needs(self, players: Collection[str]) -> bool:
+        """Whether the next action of this seat that is more than a walk, or the walk there, waits
+        for some others to do something first."""
+        task, row = self._task(self.player), self._next(self.player)
+        return any(
+            self._done[p] < each.needs.get(p, 0)
+            for each in (task, row)
+            if each is not None
+            for p in players
+        )
+
+    def _task(self, player: str) -> _Row | None:
         rows = self._rows[player][self._done[player] :]
-        return next((r.action for r in rows if not r.action.schema.definition.travel), None)
+        return next((row for row in rows if not row.action.schema.definition.travel), None)
 
     def due(self, player: str, state: State, chosen: Collection[str] = ()) -> GroundAction | None:
         """The next action of a seat if the plan waits for nothing else, valid or not.
@@ -113,7 +141,23 @@ class Script:
             return None
         if any(self._done[p] + (p in chosen) < count for p, count in row.needs.items()):
             return None
-        return _here(state.world, row.action)
+        action = _here(state.world, row.action)
+        return action and (self._way_back(player, row, state) or action)
+
+    def _way_back(self, player: str, row: _Row, state: State) -> GroundAction | None:
+        """The walk of who stands elsewhere than the plan has them, if there is then something to do
+        for them where it leads; None for who stands there."""
+        if standing_at(state, player) in (None, row.at):
+            return None
+        travels = bool(row.action.schema.definition.travel)
+        walk = walk_to(state, player, travel_ends(row.action)[1] if travels else row.at)
+        task = self._task(player)
+        if walk is None or task is None:
+            return walk
+        deed = _here(state.world, task.action)
+        facts = (state.facts | walk.touched) ^ walk.removed
+        there = State(state.world, facts, state.timers)
+        return walk if deed is not None and state.world.applicable(there, deed) else None
 
     def act(self, state: State) -> GroundAction | None:
         """The next action of the seat, if it is its time; None to wait."""
@@ -152,6 +196,13 @@ class Script:
 def does_something(action: GroundAction) -> bool:
     """Whether an action is more than to wait."""
     return bool(action.touched or action.effects)
+
+
+def _is_done_by(planned: GroundAction, action: GroundAction) -> bool:
+    """Whether an action is what a plan says; of a walk it does not matter where it begins."""
+    if planned.schema.definition.travel and action.schema.definition.travel:
+        return travel_ends(planned)[1] == travel_ends(action)[1]
+    return str(planned) == str(action)
 
 
 def _depend(one: GroundAction, other: GroundAction) -> bool:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.beam.planner import PATIENCE, PLANNER
 from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import Limits, SearchResult
+from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.world.world import State
 
-__all__ = ["EXPANSIONS", "NEAR", "TeamSearch"]
+__all__ = ["EXPANSIONS", "MAX_BRIEF", "NEAR", "TeamSearch"]
 
 EXPANSIONS = 2_000
 """Of the beam search, for each plan of a team."""
@@ -24,6 +25,14 @@ shorter plan wins back (docs/planners.md)."""
 
 STUBBORN = Limits(expansions=2_000)
 """What is spent on any plan at all, where a player who is alone has found none: seconds."""
+
+BRIEF = 350
+"""Of the beam search for each seat of a team, where people play on meanwhile: about what the first
+plan that it finds takes."""
+
+MAX_BRIEF = 6_000
+"""Of it for all plans that are sought for one decision there, whatever they find; the last one may
+take a layer of the beam more. One or two seconds, seldom more than a fifth of that."""
 
 WIDE = 8
 """How much wider the beam is for a plan that was not found otherwise."""
@@ -81,6 +90,22 @@ class TeamSearch:
         )
         return found
 
+    def brief(
+        self, state: State, team: tuple[str, ...], *, choices: int, spent: int
+    ) -> SearchResult:
+        """The first plan that is found with little work, of what a decision has left."""
+        beam = min(self._brief(team), (MAX_BRIEF - spent) // PATIENCE)
+        if beam <= 0:
+            return SearchResult(None, 0, Proof.NONE, PLANNER, 0)
+        return next(
+            self._anytime.search(
+                state, HURRIED, team=team, seed=self._seed, beam=beam, choices=choices, brief=True
+            )
+        )
+
+    def _brief(self, team: tuple[str, ...]) -> int:
+        return min(self._expansions, BRIEF * len(team))
+
     def wide(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """A plan for a state that is hard to get out of."""
         beam = WIDE * self._expansions
@@ -91,9 +116,13 @@ class TeamSearch:
         """Better and better plans for one who is alone, as far as a decision leaves time."""
         return self._anytime.search(state, ALONE, beam=0)
 
-    def towards(self, state: State, team: tuple[str, ...]) -> Plan:
-        """As near to the goal as the team gets without a plan."""
-        return self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
+    def towards(self, state: State, team: tuple[str, ...], *, choices: int, brief: bool) -> Plan:
+        """As near to the goal as the team gets without a plan: as far as `brief` or `best` got."""
+        if not brief:
+            return self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
+        return self._anytime.towards(
+            state, team=team, seed=self._seed, beam=self._brief(team), choices=choices, brief=True
+        )
 
 
 def _is_shorter(one: SearchResult, other: SearchResult) -> bool:

@@ -96,10 +96,9 @@ def helpless() -> str:
 
 
 class Talk:
-    """The words of one seat; nothing, if it is `silent`. `request` is what it asks of others."""
+    """The words of one seat; nothing, if it is `silent`."""
 
     def __init__(self, *, silent: bool) -> None:
-        self.request = ""
         self._silent = silent
         self._said = [] if silent else [announcement()]
         self._asked = self._told = -INSIST
@@ -127,27 +126,23 @@ class Talk:
             self._told, self._last_told = step, text
             self._said.append(text)
 
+    def may_ask(self, step: int) -> bool:
+        """Whether nothing was asked for a moment ago."""
+        return not self._silent and step - self._asked >= ASK_AGAIN
+
     def ask(self, text: str, step: int) -> None:
-        """Ask somebody to make way. A wish that was not met is seldom repeated."""
-        self.request = text
-        pause = INSIST if text == self._last_asked else ASK_AGAIN
-        if not self._silent and step - self._asked >= pause:
+        """Ask somebody for something. A wish that was not met is seldom repeated."""
+        if self.may_ask(step) and (text != self._last_asked or step - self._asked >= INSIST):
             self._asked, self._last_asked = step, text
             self._said.append(text)
 
-    def ask_again(self, step: int) -> None:
-        """Repeat the last request, if it still stands."""
-        if self.request:
-            self.ask(self.request, step)
-
     def met(self) -> None:
         """There is a way: nothing is asked for any more."""
-        self.request = self._last_asked = ""
+        self._last_asked = ""
         self._helpless = False
 
     def despair(self) -> None:
         """Say once that there is no plan at all."""
-        self.request = ""
         if not (self._silent or self._helpless):
             self._helpless = True
             self._said.append(helpless())

@@ -13,7 +13,7 @@ from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.text import describe
 from robotouille.world.world import State, World
 
-__all__ = ["is_cut_off", "unreachable_goal"]
+__all__ = ["CutOff", "is_cut_off", "unreachable_goal"]
 
 EXHAUSTIVE = Limits(states=100_000)
 
@@ -32,22 +32,44 @@ def unreachable_goal(
     return tuple(dict.fromkeys(_in_words(world, term) for term in terms))
 
 
+class CutOff:
+    """Tells of the states of one world whether a team cannot reach the goal while all others stand
+    still. What is asked first takes most time: what is made for it is kept."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._acted_on = any(_players(world, schema) > 1 for schema in world.schemas)
+        self._relaxations: dict[frozenset[str], Relaxation] = {}
+
+    def __call__(self, state: State, team: Collection[str]) -> bool:
+        """Whether that is proven: not even if nothing is ever undone. Where players act on one
+        another nothing is."""
+        others = frozenset(self._world.players) - set(team)
+        if not others or self._acted_on:
+            return False
+        facts = state.facts
+        for player in others:  # Who is nowhere and has nothing can do nothing, and leaves nothing.
+            facts &= ~self._world.table.mentions(player)
+        try:
+            relaxation = self._begin(others, State(self._world, facts, state.timers))
+        except TooLargeError:
+            return False
+        if not all(relaxation.may_come_true(term) for term in self._world.goal.terms):
+            return True
+        return not relaxation.may_reach_goal(facts)
+
+    def _begin(self, others: frozenset[str], start: State) -> Relaxation:
+        relaxation = self._relaxations.get(others)
+        if relaxation is None:
+            relaxation = self._relaxations[others] = Relaxation(self._world, start)
+        else:
+            relaxation.begin(start)
+        return relaxation
+
+
 def is_cut_off(world: World, state: State, team: Collection[str]) -> bool:
-    """Whether it is proven that a team cannot reach the goal while all others stand still: not
-    even if nothing is ever undone. Where players act on one another nothing is proven."""
-    others = set(world.players) - set(team)
-    if not others or any(_players(world, schema) > 1 for schema in world.schemas):
-        return False
-    facts = state.facts
-    for player in others:  # Who is nowhere and has nothing can do nothing, and leaves nothing.
-        facts &= ~world.table.mentions(player)
-    try:
-        relaxation = Relaxation(world, State(world, facts, state.timers))
-    except TooLargeError:
-        return False
-    if not all(relaxation.may_come_true(term) for term in world.goal.terms):
-        return True
-    return not relaxation.may_reach_goal(facts)
+    """What `CutOff` tells, of one state."""
+    return CutOff(world)(state, team)
 
 
 def _players(world: World, schema: ActionSchema) -> int:
