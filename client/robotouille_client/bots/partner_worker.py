@@ -10,7 +10,7 @@ MessagePack array. It ends at once where its input does: with the window, howeve
 | `["ask", player, facts, timers, busy]` | `say`; `["act", player, [name, …arguments], false]` |
 
 Who does nothing answers with nil in the place of an action, and whether they wait.
-`["say", player, text]` comes whenever a bot says something; a move is
+`["say", player, text]` comes whenever a bot says something, and no other request waits; a move is
 `[player, name, arguments, applied]`.
 """
 
@@ -20,7 +20,7 @@ import contextlib
 import json
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any
@@ -40,15 +40,23 @@ NICENESS = 5
 CHUNK = 65536
 
 
-def replies(requests: Iterator[Any]) -> Iterator[tuple[Any, ...]]:
-    """What the bots say and decide; `begin` comes first."""
+def replies(
+    requests: Iterator[Any], is_last: Callable[[], bool] = lambda: True
+) -> Iterator[tuple[Any, ...]]:
+    """What the bots say and decide; `begin` comes first.
+
+    Args:
+        is_last: Whether no other request has come since. What bots say waits for that: it is of
+            the state in which it is read, not of one before a long thought.
+    """
     _, task, kind, seed, players, words = next(requests)
     world = World(Task.from_json(json.loads(task)))
     language = Language.model_validate_json(words)
     partners = prompt_partners(world.initial, BotKind(kind), seed, players, language)
     for what, *about in requests:
         _tell(partners, world, what, *about)
-        yield from (("say", player, text) for player, text in partners.spoken())
+        if is_last():
+            yield from (("say", player, text) for player, text in partners.spoken())
         for player, action, waiting in partners.answers():
             did = None if action is None else (action.name, *action.arguments)
             yield "act", player, did, waiting
@@ -90,7 +98,7 @@ def main() -> None:
     requests: SimpleQueue[Any] = SimpleQueue()
     Thread(target=_read, args=(0, requests), daemon=True).start()
     with contextlib.suppress(BrokenPipeError), os.fdopen(output, "wb", buffering=0) as out:
-        for reply in replies(iter(requests.get, None)):
+        for reply in replies(iter(requests.get, None), requests.empty):
             out.write(msgpack.packb(reply))
 
 

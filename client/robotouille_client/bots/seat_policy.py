@@ -55,6 +55,7 @@ class SeatPolicy:
             self._state = self._game.state
             self._policy = self._make_policy(self._copy(self._state), self._game.seat or "")
             self._meet()
+            self._say()
 
     def heed(self, event: GameEvent) -> None:
         """Something has happened in the game."""
@@ -82,6 +83,7 @@ class SeatPolicy:
         action = await self._ask(self._policy)
         self.waiting = action is None and waits(self._policy)
         if not self._game.ended:
+            self._catch_up(self._policy)  # What it says is of the state in which that is heard.
             self._say()
         return action and self._game.world.action(action.name, *action.arguments)
 
@@ -107,14 +109,14 @@ class SeatPolicy:
                 policy.hear(event.seat, event.text)
             if isinstance(event, RosterChanged):
                 self._meet()
+        if unheard:
             self._say()
 
     def _meet(self) -> None:
-        """Tell the policy who plays, and have it say what it has to say."""
+        """Tell the policy who plays."""
         if isinstance(self._policy, TeamPolicy) and self._game.seats:
             kinds = {seat.player: str(seat.controller) for seat in self._game.seats}
             self._policy.meet(kinds, str(self._game.clock["clock"]))
-            self._say()
 
     def _say(self) -> None:
         if isinstance(self._policy, TeamPolicy):

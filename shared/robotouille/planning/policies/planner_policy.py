@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import logging
 import random
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cached_property
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
@@ -121,7 +121,7 @@ class PlannerPolicy:
         self._basis = Basis.TEAM
         self._cut_off = self._walks_matter = False
         self._steps_left = 0
-        self._may_improve = False
+        self._may_improve = self._meddled = False
         self._in_vain: dict[State, int] = {}
         self._retry = RETRY
         self._step = self._waited = self._yielding_until = 0
@@ -213,13 +213,16 @@ class PlannerPolicy:
         if state is None or script is None or state.goal_reached or self.player != min(self._team):
             return ""
         others = self._outsiders
-        if self._basis is Basis.OTHERS_ASIDE:
-            station = station_in_the_way(script.rest(self._team), state, others)
-            return "" if station is None else request(station, state, self._wording)
-        if self._basis is Basis.EVERYBODY and self._stuck > self._patience:
+        if self._basis is Basis.EVERYBODY:
+            if self._stuck <= self._patience:
+                return ""
             deed = missing_deed(script, state, others, self._rules)
-            return "" if deed is None else appeal(self._own(deed), state, self._wording)
-        return ""
+            if deed is not None:
+                return appeal(self._own(deed), state, self._wording)
+        elif self._basis is not Basis.OTHERS_ASIDE:
+            return ""
+        station = station_in_the_way(script.rest(self._team), state, others)
+        return "" if station is None else request(station, state, self._wording)
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
@@ -238,12 +241,15 @@ class PlannerPolicy:
 
     def _walked_elsewhere(self, state: State, script: Script) -> bool:
         """Whether others have walked from where they were in the way to where they are, as well; or
-        have walked at all, where that was not thought of."""
+        where it is not known that they are, to where they are not."""
         others = self._outsiders
-        if self._basis is not Basis.OTHERS_ASIDE or self._base is None:
-            return self._walks_matter and self._about_others(state) != self._others
-        station = station_in_the_way(script.rest(self._team), state, others)
-        return station not in {None, *(standing_at(self._base, player) for player in others)}
+        if self._basis is Basis.OTHERS_ASIDE and self._base is not None:
+            station = station_in_the_way(script.rest(self._team), state, others)
+            return station not in {None, *(standing_at(self._base, player) for player in others)}
+        if self._about_others(state) == self._others:
+            return False
+        opened = self._cut_off and not self._anytime.is_cut_off(state, self._team)
+        return opened or self._walks_matter
 
     def _about_others(self, state: State) -> int:
         """The facts about players who are not of the team."""
@@ -295,8 +301,10 @@ class PlannerPolicy:
         busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
         due = {p: script.due(p, state) for p in self._team if not state.busy_steps(p)}
         blocked = {p for p, a in due.items() if a and not state.world.applicable(state, a)}
-        waiting = _is_something_running(state)
-        self._blocked = self._blocked + 1 if blocked and not waiting else 0
+        waiting = self._is_something_running(state)
+        taken = {standing_at(state, player) for player in self._outsiders}
+        in_the_way = any(a and _leads_to(a, taken) for a in due.values())
+        self._blocked = self._blocked + 1 if in_the_way or (blocked and not waiting) else 0
         self._stuck = 0 if busy or waiting else self._stuck + 1
         if (blocked and meddled) or self._blocked > self._patience:
             self._plan_anew()
@@ -311,7 +319,7 @@ class PlannerPolicy:
         """Without a plan of one's own: plan anew where others may have opened a way, or where bots
         wait for each other."""
         busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
-        self._stuck = 0 if busy or _is_something_running(state) else self._stuck + 1
+        self._stuck = 0 if busy or self._is_something_running(state) else self._stuck + 1
         among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in self._outsiders)
         untried = among_bots and self._in_vain.get(state, 0) < len(WAYS)
         due = self._step - self._planned >= self._retry
@@ -328,6 +336,12 @@ class PlannerPolicy:
         if station_in_the_way(script.rest(self._team), state, self._outsiders) is None:
             self._basis = Basis.TEAM
             self._talk.met()
+
+    def _is_something_running(self, state: State) -> bool:
+        """Whether time alone will bring something: a walk of the team ends, a patty is done."""
+        if any(player in self._team for player, _ in state.timers.busy):
+            return True
+        return any(row.timed and row.running for row in state.progress())
 
     # What the seat does
 
@@ -480,9 +494,7 @@ class PlannerPolicy:
         if idle and self._basis is Basis.EVERYBODY and script.needs(others):
             return True
         due = script.due(self.player, state) if action is None else None
-        if due is None or not due.schema.definition.travel:
-            return False
-        return travel_ends(due)[1] in {standing_at(state, player) for player in others}
+        return due is not None and _leads_to(due, {standing_at(state, p) for p in others})
 
     def _make_way(self, state: State) -> GroundAction | None:
         """Stand where nobody wants to be while one waits, if that lasts."""
@@ -500,8 +512,6 @@ class PlannerPolicy:
             self._talk.tell(intention(coming, self._state, self._wording), self._step)
 
 
-def _is_something_running(state: State) -> bool:
-    """Whether time alone will bring something: a walk ends, a patty is done."""
-    if state.timers.busy:
-        return True
-    return any(row.timed and row.running for row in state.progress())
+def _leads_to(action: GroundAction, stations: Collection[str | None]) -> bool:
+    """Whether an action is a walk to one of some stations."""
+    return bool(action.schema.definition.travel) and travel_ends(action)[1] in stations

@@ -79,13 +79,25 @@ class Script:
         with nothing left to do may walk, and so may those in `may_walk`."""
         for player, action, applied in did:
             row = self._next(player)
-            if applied and row is not None and _is_done_by(row.action, action):
-                self._done[player] += 1
+            done = self._done_by(player, action) if applied else 0
+            if done:
+                self._done[player] += done
                 continue
             walks = action.schema.definition.travel is not None
             stays = row is not None and player not in may_walk
             if applied and does_something(action) and (stays or not walks):
                 self.astray.add(player)
+
+    def _done_by(self, player: str, action: GroundAction) -> int:
+        """How many of a seat's next actions are done with an action. Of walks it only matters where
+        they lead: one may be instead of several."""
+        for number, row in enumerate(self._rows[player][self._done[player] :], start=1):
+            walks = row.action.schema.definition.travel and action.schema.definition.travel
+            if walks and travel_ends(row.action)[1] == travel_ends(action)[1]:
+                return number
+            if not walks:
+                return int(number == 1 and str(row.action) == str(action))
+        return 0
 
     def _next(self, player: str) -> _Row | None:
         rows, done = self._rows[player], self._done[player]
@@ -137,27 +149,30 @@ class Script:
             chosen: The seats whose next action is done before in the same step.
         """
         row = self._next(player)
-        if row is None or _running(state) & self._finished[row.step]:
-            return None
-        if any(self._done[p] + (p in chosen) < count for p, count in row.needs.items()):
+        if row is None or not self._is_time(row, state, chosen):
             return None
         action = _here(state.world, row.action)
         return action and (self._way_back(player, row, state) or action)
+
+    def _is_time(self, row: _Row, state: State, chosen: Collection[str] = ()) -> bool:
+        if _running(state) & self._finished[row.step]:
+            return False
+        return all(self._done[p] + (p in chosen) >= count for p, count in row.needs.items())
 
     def _way_back(self, player: str, row: _Row, state: State) -> GroundAction | None:
         """The walk of who stands elsewhere than the plan has them, if there is then something to do
         for them where it leads; None for who stands there."""
         if standing_at(state, player) in (None, row.at):
             return None
-        travels = bool(row.action.schema.definition.travel)
-        walk = walk_to(state, player, travel_ends(row.action)[1] if travels else row.at)
         task = self._task(player)
-        if walk is None or task is None:
-            return walk
-        deed = _here(state.world, task.action)
+        if task is None:
+            return walk_to(state, player, travel_ends(row.action)[1])
+        walk, deed = walk_to(state, player, task.at), _here(state.world, task.action)
+        if walk is None or deed is None or not self._is_time(task, state):
+            return None
         facts = (state.facts | walk.touched) ^ walk.removed
         there = State(state.world, facts, state.timers)
-        return walk if deed is not None and state.world.applicable(there, deed) else None
+        return walk if state.world.applicable(there, deed) else None
 
     def act(self, state: State) -> GroundAction | None:
         """The next action of the seat, if it is its time; None to wait."""
@@ -196,13 +211,6 @@ class Script:
 def does_something(action: GroundAction) -> bool:
     """Whether an action is more than to wait."""
     return bool(action.touched or action.effects)
-
-
-def _is_done_by(planned: GroundAction, action: GroundAction) -> bool:
-    """Whether an action is what a plan says; of a walk it does not matter where it begins."""
-    if planned.schema.definition.travel and action.schema.definition.travel:
-        return travel_ends(planned)[1] == travel_ends(action)[1]
-    return str(planned) == str(action)
 
 
 def _depend(one: GroundAction, other: GroundAction) -> bool:

@@ -39,7 +39,7 @@ class CutOff:
     def __init__(self, world: World) -> None:
         self._world = world
         self._acted_on = any(_players(world, schema) > 1 for schema in world.schemas)
-        self._relaxations: dict[frozenset[str], Relaxation] = {}
+        self._relaxations: dict[tuple[int, int], Relaxation] = {}
 
     def __call__(self, state: State, team: Collection[str]) -> bool:
         """Whether that is proven: not even if nothing is ever undone. Where players act on one
@@ -51,17 +51,20 @@ class CutOff:
         for player in others:  # Who is nowhere and has nothing can do nothing, and leaves nothing.
             facts &= ~self._world.table.mentions(player)
         try:
-            relaxation = self._begin(others, State(self._world, facts, state.timers))
+            relaxation = self._begin(State(self._world, facts, state.timers))
         except TooLargeError:
             return False
         if not all(relaxation.may_come_true(term) for term in self._world.goal.terms):
             return True
         return not relaxation.may_reach_goal(facts)
 
-    def _begin(self, others: frozenset[str], start: State) -> Relaxation:
-        relaxation = self._relaxations.get(others)
+    def _begin(self, start: State) -> Relaxation:
+        """A relaxation is of the objects that exist, and those that there is room for."""
+        table = self._world.table
+        key = start.facts & table.internal, len(table.atoms)
+        relaxation = self._relaxations.get(key)
         if relaxation is None:
-            relaxation = self._relaxations[others] = Relaxation(self._world, start)
+            relaxation = self._relaxations[key] = Relaxation(self._world, start)
         else:
             relaxation.begin(start)
         return relaxation

@@ -146,12 +146,12 @@ class Relaxation:
     def __init__(self, world: World, start: State) -> None:
         self._world = world
         self._running: set[Label] = set()
-        self._wholes: dict[tuple[int, int], tuple[RelaxedTask, set[Label]]] = {}
+        self._whole_task: tuple[RelaxedTask, set[Label]] | None = None
         self._parts: dict[GoalTerm, Prop] = {}
         self.begin(start)
 
     def begin(self, start: State) -> None:
-        """Take another start, with what is kept of the operators: most of the work."""
+        """Take another start, at which the same objects exist: most of the work is kept."""
         self._tasks: dict[int, tuple[RelaxedTask, set[Label]]] = {}
         self._born = {o.name for o in start.objects}
         self._reached: frozenset[Prop] = frozenset()
@@ -162,15 +162,11 @@ class Relaxation:
         self._known = frozenset(whole.number)
 
     def _whole_at(self, start: State) -> RelaxedTask:
-        """All operators at a start: the same wherever the same objects exist, but for effects that
-        run although no action starts them."""
-        table = self._world.table
-        key = start.facts & table.internal, len(table.atoms)
-        known = self._wholes.get(key)
-        if known is not None and all(e.label in known[1] for e, _ in start.timers.entries):
-            return known[0]
-        self._wholes[key] = whole, _ = self._whole(start.facts, start.timers)
-        return whole
+        """All operators: those of before, unless something runs that no action starts."""
+        known = self._whole_task
+        if known is None or any(e.label not in known[1] for e, _ in start.timers.entries):
+            known = self._whole_task = self._whole(start.facts, start.timers)
+        return known[0]
 
     def may_come_true(self, term: GoalTerm) -> bool:
         """Whether one predicate of the goal can be reached from the start."""
