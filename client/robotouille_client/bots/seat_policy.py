@@ -82,9 +82,8 @@ class SeatPolicy:
         self.waiting = False
         action = await self._ask(self._policy)
         self.waiting = action is None and waits(self._policy)
-        if not self._game.ended:
-            self._catch_up(self._policy)  # What it says is of the state in which that is heard.
-            self._say()
+        if not (self._game.ended or self._unheard):
+            self._say()  # Else once it has heard all: of the state in which that is read.
         return action and self._game.world.action(action.name, *action.arguments)
 
     async def _ask(self, policy: Policy) -> GroundAction | None:

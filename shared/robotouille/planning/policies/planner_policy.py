@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import logging
 import random
+from collections import deque
 from collections.abc import Collection, Mapping
 from functools import cached_property
 
@@ -24,10 +25,11 @@ from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.making_way import missing_deed, station_in_the_way
-from robotouille.planning.policies.script import Did, Script, does_something
+from robotouille.planning.policies.past_step import PastStep
+from robotouille.planning.policies.script import Did, Script
 from robotouille.planning.policies.standing import (
+    leads_to,
     standing_at,
-    travel_ends,
     walks_aside,
     walks_out_of_the_way,
 )
@@ -124,6 +126,7 @@ class PlannerPolicy:
         self._may_improve = self._meddled = False
         self._in_vain: dict[State, int] = {}
         self._retry = RETRY
+        self._unheeded: deque[PastStep] = deque()
         self._step = self._waited = self._yielding_until = 0
         self._plan_anew()
 
@@ -171,32 +174,26 @@ class PlannerPolicy:
     def observe(self, did: Did) -> None:
         """What everybody did in a step; called once for each step before `act`."""
         self._step += 1
-        self._steps_left -= 1
         own = [(player, self._own(action), applied) for player, action, applied in did]
         if self._state is not None:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
-        self._since.append(own)
-        meddled = self._note_deeds(own)
-        if self._script is None:
-            return
-        self._script.observe(own, self._may_walk)
-        if self._heed_astray() or self._state is None:
-            return
-        if self.has_plan:
-            self._heed_delay(self._state, own, meddled=meddled)
-        else:
-            self._heed_standstill(self._state, own)
+            self._unheeded.append(PastStep(self._step, self._state, own))
+            self._heed()
 
-    def _note_deeds(self, did: Did) -> bool:
-        """Whether others have done something, walks apart."""
-        deeds = [
-            action
-            for player, action, applied in did
-            if applied and player not in self._team and does_something(action)
-        ]
-        meddled = any(not action.schema.definition.travel for action in deeds)
-        self._meddled = self._meddled or meddled
-        return meddled
+    def _heed(self) -> None:
+        """Go through what has happened since the plan was found to be needed, as those have that
+        had it at once."""
+        while self._script is not None and self._unheeded:
+            past = self._unheeded.popleft()
+            self._steps_left -= 1
+            self._meddled = self._meddled or past.is_meddling(self._team)
+            self._script.observe(past.did, self._may_walk)
+            if self._heed_astray(past):
+                continue
+            if self.has_plan:
+                self._heed_delay(past)
+            else:
+                self._heed_standstill(past)
 
     def speak(self) -> list[str]:
         """What there is to be said since this was last asked; what is asked of others, as it is
@@ -213,30 +210,27 @@ class PlannerPolicy:
         if state is None or script is None or state.goal_reached or self.player != min(self._team):
             return ""
         others = self._outsiders
-        if self._basis is Basis.EVERYBODY:
-            if self._stuck <= self._patience:
-                return ""
+        deed = None
+        if self._basis is Basis.EVERYBODY and self._stuck > self._patience:
             deed = missing_deed(script, state, others, self._rules)
-            if deed is not None:
-                return appeal(self._own(deed), state, self._wording)
         elif self._basis is not Basis.OTHERS_ASIDE:
             return ""
+        if deed is not None:
+            return appeal(self._own(deed), state, self._wording)
         station = station_in_the_way(script.rest(self._team), state, others)
         return "" if station is None else request(station, state, self._wording)
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
 
-    def _may_see_a_way(self) -> bool:
+    def _may_see_a_way(self, state: State, script: Script) -> bool:
         """Whether what has changed may have opened a way, or closed the one that was hoped for."""
-        if self._state is None or self._script is None:
-            return False
         if self._basis is Basis.EVERYBODY:  # Who does their part does what is hoped for.
-            meddled = not self._script.astray <= self._team
+            meddled = not script.astray <= self._team
         else:
             meddled = self._meddled
-        walked = self._walked_elsewhere(self._state, self._script)
-        done = self._script.is_finished(self._team) and self._state != self._base
+        walked = self._walked_elsewhere(state, script)
+        done = script.is_finished(self._team) and state != self._base
         return meddled or walked or (done and not self._cut_off)
 
     def _walked_elsewhere(self, state: State, script: Script) -> bool:
@@ -265,24 +259,25 @@ class PlannerPolicy:
         self._world.admit(action.arguments)
         return self._world.action(action.name, *action.arguments)
 
-    def _plan_anew(self) -> None:
-        """Plan from here, once an action is asked for."""
+    def _plan_anew(self, past: PastStep | None = None) -> None:
+        """Plan from here, or from a step that has passed, once an action is asked for."""
         self._script: Script | None = None
-        self._base = self._state
-        self._since: list[Did] = []
-        self._planned = self._step
-        self._others = 0 if self._state is None else self._about_others(self._state)
+        if past is None:
+            self._unheeded.clear()
+        self._planned = self._step if past is None else past.step
+        self._base = self._state if past is None else past.state
+        self._others = 0 if self._base is None else self._about_others(self._base)
         self._meddled = False
         self._stuck = self._blocked = self._waited = 0
 
-    def _leave_out(self, players: set[str]) -> None:
+    def _leave_out(self, players: set[str], past: PastStep | None = None) -> None:
         """Do not count on some players any more."""
         players = players & self._team - {self.player}
         if players:
             self._team -= players
-            self._plan_anew()
+            self._plan_anew(past)
 
-    def _heed_astray(self) -> bool:
+    def _heed_astray(self, past: PastStep) -> bool:
         """Plan anew where somebody of the team does what the plan does not say."""
         astray = self._script.astray & self._team if self._script is not None else set()
         if not astray:
@@ -290,58 +285,53 @@ class PlannerPolicy:
         self._team -= astray - {self.player}
         if self.player in astray:
             self._talk.announce()
-        self._plan_anew()
+        self._plan_anew(past)
         return True
 
-    def _heed_delay(self, state: State, did: Did, *, meddled: bool) -> None:
+    def _heed_delay(self, past: PastStep) -> None:
         """Plan anew where others are in the way, or somebody of the team does nothing."""
-        script = self._script
+        script, state = self._script, past.state
         if script is None or state.goal_reached:
             return
-        busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
         due = {p: script.due(p, state) for p in self._team if not state.busy_steps(p)}
         blocked = {p for p, a in due.items() if a and not state.world.applicable(state, a)}
-        waiting = self._is_something_running(state)
+        busy = past.has_acted(self._team) or past.is_running(self._team)
         taken = {standing_at(state, player) for player in self._outsiders}
-        in_the_way = any(a and _leads_to(a, taken) for a in due.values())
-        self._blocked = self._blocked + 1 if in_the_way or (blocked and not waiting) else 0
-        self._stuck = 0 if busy or waiting else self._stuck + 1
-        if (blocked and meddled) or self._blocked > self._patience:
-            self._plan_anew()
+        in_the_way = any(a and leads_to(a, taken) for a in due.values())
+        running = past.is_running(self._team)
+        self._blocked = self._blocked + 1 if in_the_way or (blocked and not running) else 0
+        self._stuck = 0 if busy else self._stuck + 1
+        if (blocked and past.is_meddling(self._team)) or self._blocked > self._patience:
+            self._plan_anew(past)
         elif self._stuck > self._patience:
             late = {p for p, a in due.items() if a and p not in blocked} - {self.player}
             if not late:
-                self._plan_anew()
+                self._plan_anew(past)
             elif not self._hurried or self._stuck > SLOW * self._patience:
-                self._leave_out(late)
+                self._leave_out(late, past)
 
-    def _heed_standstill(self, state: State, did: Did) -> None:
+    def _heed_standstill(self, past: PastStep) -> None:
         """Without a plan of one's own: plan anew where others may have opened a way, or where bots
         wait for each other."""
-        busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
-        self._stuck = 0 if busy or self._is_something_running(state) else self._stuck + 1
-        among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in self._outsiders)
-        untried = among_bots and self._in_vain.get(state, 0) < len(WAYS)
-        due = self._step - self._planned >= self._retry
-        if (untried and self._stuck > self._patience) or (due and self._may_see_a_way()):
-            self._plan_anew()
-        elif self._basis is Basis.OTHERS_ASIDE and not self._meddled:
-            self._heed_way(state)
-
-    def _heed_way(self, state: State) -> None:
-        """Where nobody stands in the way any more, the plan is good as it is."""
-        script = self._script
+        script, state = self._script, past.state
         if script is None:
             return
+        busy = past.has_acted(self._team) or past.is_running(self._team)
+        self._stuck = 0 if busy else self._stuck + 1
+        among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in self._outsiders)
+        untried = among_bots and self._in_vain.get(state, 0) < len(WAYS)
+        due = past.step - self._planned >= self._retry
+        opened = due and self._may_see_a_way(state, script)
+        if opened or (untried and self._stuck > self._patience):
+            self._plan_anew(past)
+        elif self._basis is Basis.OTHERS_ASIDE and not self._meddled:
+            self._heed_way(state, script)
+
+    def _heed_way(self, state: State, script: Script) -> None:
+        """Where nobody stands in the way any more, the plan is good as it is."""
         if station_in_the_way(script.rest(self._team), state, self._outsiders) is None:
             self._basis = Basis.TEAM
             self._talk.met()
-
-    def _is_something_running(self, state: State) -> bool:
-        """Whether time alone will bring something: a walk of the team ends, a patty is done."""
-        if any(player in self._team for player, _ in state.timers.busy):
-            return True
-        return any(row.timed and row.running for row in state.progress())
 
     # What the seat does
 
@@ -426,7 +416,6 @@ class PlannerPolicy:
         """
         for result in self._search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
-                self._since = []
                 self._follow(result.plan, state)
             self._may_improve = result.plan is None or self._steps_left > result.bound
 
@@ -442,16 +431,15 @@ class PlannerPolicy:
         choices = self._planner.choices(team)
         found = self._search.once(state, team, choices=choices, after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
-            self._base, self._since = state, []
+            self._base = state
             self._follow(found.plan, state)
         self._may_improve = self._steps_left > NEAR * found.bound
 
     def _follow(self, plan: Plan, base: State) -> None:
-        self._script = Script(self.player, plan, self._anytime.in_model(base))
-        self._steps_left = len(plan) - len(self._since)
-        for did in self._since:
-            self._script.observe(did, self._may_walk)
-        self._heed_astray()
+        direct = self._hurried and bool(self._outsiders)
+        self._script = Script(self.player, plan, self._anytime.in_model(base), direct=direct)
+        self._steps_left = len(plan)
+        self._heed()
 
     # Others who are no planners
 
@@ -469,9 +457,9 @@ class PlannerPolicy:
         return [p for p in self._world.players if p not in self._team]
 
     @property
-    def _may_walk(self) -> set[str]:
-        """Those of the team that may make way for others."""
-        return self._team if self._outsiders else set()
+    def _may_walk(self) -> Collection[str]:
+        """Who may walk where the plan does not say: all, if only to make way for others."""
+        return self._world.players if self._outsiders else ()
 
     def _is_idle(self, state: State) -> bool:
         """Whether the seat has nothing to do, and may be in the way of others."""
@@ -494,7 +482,7 @@ class PlannerPolicy:
         if idle and self._basis is Basis.EVERYBODY and script.needs(others):
             return True
         due = script.due(self.player, state) if action is None else None
-        return due is not None and _leads_to(due, {standing_at(state, p) for p in others})
+        return due is not None and leads_to(due, {standing_at(state, p) for p in others})
 
     def _make_way(self, state: State) -> GroundAction | None:
         """Stand where nobody wants to be while one waits, if that lasts."""
@@ -510,8 +498,3 @@ class PlannerPolicy:
         if others and self._state is not None and may:
             coming = [self._own(each) for each in self._script.coming(TOLD)]
             self._talk.tell(intention(coming, self._state, self._wording), self._step)
-
-
-def _leads_to(action: GroundAction, stations: Collection[str | None]) -> bool:
-    """Whether an action is a walk to one of some stations."""
-    return bool(action.schema.definition.travel) and travel_ends(action)[1] in stations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
@@ -38,10 +39,15 @@ class Script:
     things, and for every effect that had run its course by then (a patty is not picked up before it
     is cooked). Who has made way for somebody goes back to where the plan has them once there is
     something for them to do there.
+
+    Args:
+        direct: Where walks come one after the other, walk at once to where the last one leads, if
+            that is possible.
     """
 
-    def __init__(self, player: str, plan: Plan, start: State) -> None:
+    def __init__(self, player: str, plan: Plan, start: State, *, direct: bool = False) -> None:
         self.player = player
+        self._direct = direct
         self.astray: set[str] = set()
         self._finished: list[frozenset[str]] = []
         self._rows: dict[str, list[_Row]] = {name: [] for name in start.world.players}
@@ -152,7 +158,17 @@ class Script:
         if row is None or not self._is_time(row, state, chosen):
             return None
         action = _here(state.world, row.action)
-        return action and (self._way_back(player, row, state) or action)
+        if action is None:
+            return None
+        return self._way_back(player, row, state) or self._shortcut(player, state) or action
+
+    def _shortcut(self, player: str, state: State) -> GroundAction | None:
+        """One walk instead of several."""
+        rows = self._rows[player][self._done[player] :] if self._direct else []
+        walks = list(takewhile(lambda row: row.action.schema.definition.travel, rows))
+        if len(walks) < 2 or not self._is_time(walks[-1], state):
+            return None
+        return walk_to(state, player, travel_ends(walks[-1].action)[1])
 
     def _is_time(self, row: _Row, state: State, chosen: Collection[str] = ()) -> bool:
         if _running(state) & self._finished[row.step]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
 __all__ = [
     "is_out_of_the_way",
+    "leads_to",
     "seat_out_of_the_way",
     "standing_at",
     "travel_ends",
@@ -89,3 +91,8 @@ def travel_ends(walk: GroundAction) -> tuple[str, str]:
     names = [name for name, _ in walk.schema.parameters]
     here, there = walk.schema.definition.travel or ("", "")
     return walk.arguments[names.index(here)], walk.arguments[names.index(there)]
+
+
+def leads_to(action: GroundAction, stations: Collection[str | None]) -> bool:
+    """Whether an action is a walk to one of some stations."""
+    return bool(action.schema.definition.travel) and travel_ends(action)[1] in stations

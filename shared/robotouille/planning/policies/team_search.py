@@ -26,11 +26,11 @@ shorter plan wins back (docs/planners.md)."""
 STUBBORN = Limits(expansions=2_000)
 """What is spent on any plan at all, where a player who is alone has found none: seconds."""
 
-BRIEF = 350
-"""Of the beam search for each seat of a team, where people play on meanwhile: about what the first
-plan that it finds takes."""
+BRIEF = 1_500
+"""Of the beam search where people play on meanwhile; where it finds no plan, `PATIENCE` times as
+many."""
 
-MAX_BRIEF = 6_000
+MAX_BRIEF = 8_000
 """Of it for all plans that are sought for one decision there, whatever they find; the last one may
 take a layer of the beam more. One or two seconds, seldom more than a fifth of that."""
 
@@ -55,6 +55,7 @@ class TeamSearch:
         self._anytime = anytime
         self._seed = seed
         self._expansions = expansions
+        self._brief = min(expansions, BRIEF)
         self._one_seat = len(anytime.model.players) == 1
 
     def best(
@@ -94,7 +95,7 @@ class TeamSearch:
         self, state: State, team: tuple[str, ...], *, choices: int, spent: int
     ) -> SearchResult:
         """The first plan that is found with little work, of what a decision has left."""
-        beam = min(self._brief(team), (MAX_BRIEF - spent) // PATIENCE)
+        beam = min(self._brief, (MAX_BRIEF - spent) // PATIENCE)
         if beam <= 0:
             return SearchResult(None, 0, Proof.NONE, PLANNER, 0)
         return next(
@@ -102,9 +103,6 @@ class TeamSearch:
                 state, HURRIED, team=team, seed=self._seed, beam=beam, choices=choices, brief=True
             )
         )
-
-    def _brief(self, team: tuple[str, ...]) -> int:
-        return min(self._expansions, BRIEF * len(team))
 
     def wide(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """A plan for a state that is hard to get out of."""
@@ -121,7 +119,7 @@ class TeamSearch:
         if not brief:
             return self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
         return self._anytime.towards(
-            state, team=team, seed=self._seed, beam=self._brief(team), choices=choices, brief=True
+            state, team=team, seed=self._seed, beam=self._brief, choices=choices, brief=True
         )
 
 
