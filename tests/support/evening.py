@@ -14,6 +14,7 @@ from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.shell import replays
 from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
@@ -46,7 +47,7 @@ class Evening:
         self.window: Window | None = None
 
     def watch(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Note each form that is asked, and each window of a game."""
+        """Note each form that is asked, and each window of a game; videos are small."""
         ask, show, start = Screen.ask, Window._show, Window.run
 
         async def asked(screen: Screen, form: Form, until: object = None) -> object:
@@ -66,6 +67,7 @@ class Evening:
         monkeypatch.setattr(Screen, "ask", asked)
         monkeypatch.setattr(Window, "_show", shown)
         monkeypatch.setattr(Window, "run", started)
+        monkeypatch.setattr(replays, "VIDEO_SIZE", "320x180")
 
     async def go(
         self, script: Callable[[], Iterator[None]], first: GameSetup | None = None
