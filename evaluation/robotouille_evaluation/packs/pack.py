@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal, TypeVar
 
@@ -38,6 +38,7 @@ __all__ = [
     "PackTask",
     "Prompt",
     "canonical_json",
+    "fields_of",
 ]
 
 InstanceKind = Literal["default", "free", "noisy"]
@@ -195,7 +196,7 @@ class Pack:
     @cached_property
     def digest(self) -> str:
         """The SHA-256 of all of it, 64 hex digits."""
-        text = json.dumps(asdict(self), sort_keys=True, separators=(",", ":"))
+        text = json.dumps(fields_of(self), default=fields_of, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
     @cached_property
@@ -333,6 +334,12 @@ class Pack:
     @cached_property
     def _instances(self) -> dict[str, PackInstance]:
         return {instance.id: instance for instance in self.instances}
+
+
+def fields_of(part: Any) -> dict[str, Any]:
+    """The fields of a pack or one of its parts, as `default` of `json.dumps`: a copy of all of it,
+    as `asdict` makes one, takes longer than its text."""
+    return {field.name: getattr(part, field.name) for field in fields(part)}
 
 
 def canonical_json(value: object) -> str:

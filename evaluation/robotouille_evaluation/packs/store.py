@@ -13,7 +13,6 @@ import json
 import os
 import shutil
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any, NoReturn
 
@@ -21,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from robotouille.domain.files import is_file, parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
-from robotouille_evaluation.packs.pack import Pack, canonical_json
+from robotouille_evaluation.packs.pack import Pack, canonical_json, fields_of
 from robotouille_evaluation.packs.published.experiment_settings import setting_faults
 
 __all__ = ["FORMAT", "MANIFEST", "default_folder", "read_pack", "write_pack"]
@@ -103,12 +102,12 @@ def _replaceable(folder: Path) -> bool:
 
 def _files(pack: Pack) -> dict[str, str]:
     """The texts of all files, the manifest's last."""
-    raw = asdict(pack)
     values: dict[str, Any] = {"domain.json": json.loads(pack.domain)}
-    for row in (*raw["tasks"], *raw["instances"]):
-        row["problem"] = json.loads(row["problem"])
     for name in LISTS:
-        values[f"{name}.json"] = list(raw[name])
+        rows = [fields_of(part) for part in getattr(pack, name)]
+        if name in ("tasks", "instances"):
+            rows = [{**row, "problem": json.loads(row["problem"])} for row in rows]
+        values[f"{name}.json"] = rows
     texts = {name: _text(value) for name, value in values.items()}
     manifest = {
         "format": FORMAT,
@@ -124,7 +123,8 @@ def _text(value: Any) -> str:
     """A line for each entry of a list: files of two packs can be compared line by line."""
     if not isinstance(value, list):
         return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
-    return "[\n" + ",\n".join(json.dumps(row, ensure_ascii=False) for row in value) + "\n]\n"
+    rows = (json.dumps(row, ensure_ascii=False, default=fields_of) for row in value)
+    return "[\n" + ",\n".join(rows) + "\n]\n"
 
 
 def _hash(content: bytes) -> str:

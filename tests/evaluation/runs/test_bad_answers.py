@@ -42,8 +42,8 @@ MALFORMED, INVALID = Verdict.MALFORMED, Verdict.INVALID
 ANSWERS: dict[str, tuple[Scripted, Verdict]] = {
     "a megabyte of nothing": ("x" * MEGABYTE, MALFORMED),
     "a megabyte as action": ("Reasoning: so\nAction: " + "x" * MEGABYTE, MALFORMED),
-    "a megabyte of actions": ("Action: up\n" * (MEGABYTE // 11), MALFORMED),
     "a megabyte of reasoning": (f"Reasoning: {'y' * MEGABYTE}\nAction: {FLY}", MALFORMED),
+    "a megabyte of actions": ("Action: up\n" * (MEGABYTE // 11), MALFORMED),
     "a megabyte of headings": ("Reasoning:\n" * (MEGABYTE // 11), MALFORMED),
     "no answer": (ModelError(ModelErrorKind.EMPTY, "no text"), MALFORMED),
     "blanks": (" \n\n ", MALFORMED),
