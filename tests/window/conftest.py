@@ -11,7 +11,6 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,14 +35,17 @@ def drawn_once(svg: bytes, size: tuple[int, int]) -> Any:
     return load_sized_svg(BytesIO(svg), size)
 
 
-def load_once(file: BytesIO | Path, size: tuple[int, int]) -> Any:
+@pytest.fixture(autouse=True)
+def pictures_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each window draws all its pictures anew, which is a tenth of the time of these tests."""
-    if max(size) > 160 or isinstance(file, Path):
+
+    def load(file: Any, size: tuple[int, int]) -> Any:
+        if isinstance(file, BytesIO) and max(size) <= 160:
+            return drawn_once(file.getvalue(), size)
         return load_sized_svg(file, size)
-    return drawn_once(file.getvalue(), size)
 
+    monkeypatch.setattr(pygame.image, "load_sized_svg", load)
 
-pygame.image.load_sized_svg = load_once
 
 Course = list[State]
 
