@@ -28,7 +28,7 @@ from tests.support.team_games import Idle, play_team
 
 from robotouille import World, load_certificate, load_task
 from robotouille.episode import Clock
-from robotouille.planning.search.unsolvable import is_cut_off
+from robotouille.planning.search.unsolvable import CutOff
 
 LIMIT = 200
 NUMBERS = [f"{number:02d}" for number in range(1, 11)]
@@ -93,7 +93,7 @@ def with_idle(name: str, clock: Clock) -> None:
     """Play one task with each seat in turn a person who stands still, and print what came of it."""
     world = World(load_task(name))
     for idle in world.players:
-        if is_cut_off(world, world.initial, set(world.players) - {idle}):
+        if CutOff(world)(world.initial, set(world.players) - {idle}):
             print(f"{name:18} {idle} stands: there is no way, which is proven", flush=True)
             continue
         begun = time.perf_counter()

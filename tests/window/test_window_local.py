@@ -16,7 +16,7 @@ from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way, standing_at
 from robotouille.planning.policies.team_talk import request
-from robotouille.planning.search.unsolvable import is_cut_off
+from robotouille.planning.search.unsolvable import CutOff
 from robotouille.world.people.wording import Wording
 from robotouille_client.bots.partners import PromptPartners
 from robotouille_client.window.hands.controls import Controls
@@ -247,7 +247,7 @@ def test_the_seat_of_a_person_is_out_of_the_way() -> None:
         player = seat_out_of_the_way(state)
         assert player == expected
         others = [other for other in state.world.players if other != player]
-        assert not is_cut_off(state.world, state, others)
+        assert not CutOff(state.world)(state, others)
 
 
 SOUP_AND_BOWL = [

@@ -16,9 +16,9 @@ from robotouille.planning.beam.planner import BeamPlanner, Solution
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.script import Did
 from robotouille.planning.policies.standing import is_out_of_the_way, standing_at, walk_to
-from robotouille.planning.policies.team_plan import Basis, TeamPlanner
+from robotouille.planning.policies.team_plan import Reliance, TeamPlanner
 from robotouille.planning.policies.team_search import EXPANSIONS, MAX_BRIEF, TeamSearch
-from robotouille.planning.search.unsolvable import CutOff, is_cut_off
+from robotouille.planning.search.unsolvable import CutOff
 from robotouille_client.bots.partner_worker import replies
 from tests.support.samples import first_quickly
 from tests.support.team_games import Chance, Idle, play_team
@@ -106,7 +106,7 @@ def test_so_it_does_where_every_search_is_in_vain(
     planner = TeamPlanner(anytime, TeamSearch(anytime, 0, EXPANSIONS), alone=False)
     team = world.players[1:]
     made = planner.make(world.initial, team, hurried=True)
-    assert made.basis is not Basis.TEAM
+    assert made.relies_on is not Reliance.TEAM
     assert 0 < work.expansions <= MAX_BRIEF + LAYER
 
 
@@ -203,7 +203,7 @@ def test_what_is_cut_off_is_told_again_and_again_as_it_is_told_once() -> None:
     told = set()
     for _ in range(8):
         told.add(again(state, world.players[1:]))
-        assert again(state, world.players[1:]) == is_cut_off(world, state, world.players[1:])
+        assert again(state, world.players[1:]) == CutOff(world)(state, world.players[1:])
         for _ in range(12):
             state = state.step([chance.choice(state.actions(world.players[0]))]).state
     assert told == {True, False}

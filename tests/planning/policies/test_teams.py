@@ -21,7 +21,7 @@ from robotouille.planning.policies.team_talk import (
     request,
     requested,
 )
-from robotouille.planning.search.unsolvable import is_cut_off
+from robotouille.planning.search.unsolvable import CutOff
 from robotouille.world.people.wording import Wording
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.support.bot_games import finish
@@ -76,8 +76,8 @@ def test_a_person_who_stands_still_is_gone_around(name: str, idle: str) -> None:
 def test_where_there_is_no_way_that_is_proven() -> None:
     """The person stands at what the goal needs: of two places one only is."""
     start = World("multi_agent/01@3").initial
-    assert is_cut_off(start.world, start, ("robot2", "robot3"))
-    assert not is_cut_off(start.world, start, start.world.players)
+    assert CutOff(start.world)(start, ("robot2", "robot3"))
+    assert not CutOff(start.world)(start, start.world.players)
     game = play_team("multi_agent/01@3", {"robot1": Idle("robot1")}, expansions=QUICK, limit=45)
     asked = [
         step

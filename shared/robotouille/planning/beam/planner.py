@@ -24,7 +24,7 @@ from robotouille.planning.plan import Plan
 from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.world.world import State, World
 
-__all__ = ["PATIENCE", "PLANNER", "BeamPlanner", "Solution"]
+__all__ = ["PLANNER", "UNSOLVED_FACTOR", "BeamPlanner", "Solution"]
 
 PLANNER = "beam 1"
 """Its name and version in results."""
@@ -34,8 +34,8 @@ EXPANSIONS = 4_000
 
 MAX_STEPS = 5_000
 
-PATIENCE = 4
-"""How much more is spent where no plan has been found yet."""
+UNSOLVED_FACTOR = 4
+"""How many times as much is spent as long as no plan has been found."""
 
 WIDTHS = (16, 16, 32, 32, 64, 64, 128, 128, 256, 256, 512, 512, 1024, 1024, 2048, 2048, 4096)
 STYLE_WEIGHTS = ((0.0, 0.0), (0.02, 0.5), (0.0, 0.5), (0.02, 0.0), (0.0, 1.0))
@@ -84,13 +84,13 @@ class BeamPlanner:
         best: BeamResult | None = None
         spent = 0
         for style, number in _styles(len(players)):
-            enough = expansions if best is not None and best.reached else PATIENCE * expansions
-            if not searches or spent >= enough:
+            reached = best is not None and best.reached
+            most = expansions if reached else UNSOLVED_FACTOR * expansions
+            if not searches or spent >= most:
                 break
             search = searches[number % len(searches)]
             limit = len(best.steps) if best is not None and best.reached else MAX_STEPS
-            patience = expansions if best is not None and best.reached else PATIENCE * expansions
-            found = search.run(style, seed + number, limit, patience - spent)
+            found = search.run(style, seed + number, limit, most - spent)
             spent += found.expansions + 1
             best = _better(best, found)
         return self._solution(state, best, spent)

@@ -42,10 +42,10 @@ def missing_deed(
 ) -> GroundAction | None:
     """What a plan has somebody else do next, if that can be done now but for where they stand."""
     for player in others:
-        task = None if player in script.astray else script.task(player)
-        if task is None or not state.world.thing_names.issuperset(task.arguments):
+        planned = None if player in script.astray else script.deed(player)
+        if planned is None or not state.world.thing_names.issuperset(planned.arguments):
             continue
-        deed = state.world.action(task.name, *task.arguments)
+        deed = state.world.action(planned.name, *planned.arguments)
         unmet = state.world.unmet(state, deed)
         if all(u.kind is UnmetKind.BUSY or rules.is_about_standing(u.predicate) for u in unmet):
             return deed

@@ -33,7 +33,7 @@ from robotouille.planning.policies.standing import (
     walks_aside,
     walks_out_of_the_way,
 )
-from robotouille.planning.policies.team_plan import WAYS, Basis, TeamPlanner
+from robotouille.planning.policies.team_plan import WAYS, Reliance, TeamPlanner
 from robotouille.planning.policies.team_search import EXPANSIONS, NEAR, TeamSearch
 from robotouille.planning.policies.team_talk import (
     TOLD,
@@ -120,7 +120,7 @@ class PlannerPolicy:
         self._state = start
         self._talk = Talk(silent=self._silent)
         self.anticipating = False
-        self._basis = Basis.TEAM
+        self._relies_on = Reliance.TEAM
         self._cut_off = self._walks_matter = False
         self._steps_left = 0
         self._may_improve = self._meddled = False
@@ -128,7 +128,7 @@ class PlannerPolicy:
         self._retry = RETRY
         self._unheeded: deque[PastStep] = deque()
         self._step = self._waited = self._yielding_until = 0
-        self._plan_anew()
+        self._drop_plan()
 
     # What the seat is told, in the same order as all others
 
@@ -136,7 +136,7 @@ class PlannerPolicy:
     def has_plan(self) -> bool:
         """Whether the last search found a plan. Without one the seat does what would be right if
         others made way; if there is no plan even then, it comes as near to the goal as it can."""
-        return self._basis is Basis.TEAM
+        return self._relies_on is Reliance.TEAM
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         """Who moves each player now: `bot`, `human`, `model` and the like; and the clock. Only
@@ -162,7 +162,7 @@ class PlannerPolicy:
             self._unlike.discard(player)
             self._team |= {p for p in self._world.players if self._counted_on(p)}
             if self._step:
-                self._plan_anew()
+                self._drop_plan()
         elif version is not None:
             self._unlike.add(player)
             self._leave_out({player})
@@ -211,9 +211,9 @@ class PlannerPolicy:
             return ""
         others = self._outsiders
         deed = None
-        if self._basis is Basis.EVERYBODY and self._stuck > self._patience:
+        if self._relies_on is Reliance.EVERYBODY and self._stuck > self._patience:
             deed = missing_deed(script, state, others, self._rules)
-        elif self._basis is not Basis.OTHERS_ASIDE:
+        elif self._relies_on is not Reliance.OTHERS_ASIDE:
             return ""
         if deed is not None:
             return appeal(self._own(deed), state, self._wording)
@@ -225,7 +225,7 @@ class PlannerPolicy:
 
     def _may_see_a_way(self, state: State, script: Script) -> bool:
         """Whether what has changed may have opened a way, or closed the one that was hoped for."""
-        if self._basis is Basis.EVERYBODY:  # Who does their part does what is hoped for.
+        if self._relies_on is Reliance.EVERYBODY:  # Who does their part does what is hoped for.
             meddled = not script.astray <= self._team
         else:
             meddled = self._meddled
@@ -237,7 +237,7 @@ class PlannerPolicy:
         """Whether others have walked from where they were in the way to where they are, as well; or
         where it is not known that they are, to where they are not."""
         others = self._outsiders
-        if self._basis is Basis.OTHERS_ASIDE and self._base is not None:
+        if self._relies_on is Reliance.OTHERS_ASIDE and self._base is not None:
             station = station_in_the_way(script.rest(self._team), state, others)
             return station not in {None, *(standing_at(self._base, player) for player in others)}
         if self._about_others(state) == self._others:
@@ -259,8 +259,9 @@ class PlannerPolicy:
         self._world.admit(action.arguments)
         return self._world.action(action.name, *action.arguments)
 
-    def _plan_anew(self, past: PastStep | None = None) -> None:
-        """Plan from here, or from a step that has passed, once an action is asked for."""
+    def _drop_plan(self, past: PastStep | None = None) -> None:
+        """Follow the plan no more. Once an action is asked for, another one is made: from here, or
+        from a step that has passed."""
         self._script: Script | None = None
         if past is None:
             self._unheeded.clear()
@@ -275,7 +276,7 @@ class PlannerPolicy:
         players = players & self._team - {self.player}
         if players:
             self._team -= players
-            self._plan_anew(past)
+            self._drop_plan(past)
 
     def _heed_astray(self, past: PastStep) -> bool:
         """Plan anew where somebody of the team does what the plan does not say."""
@@ -285,7 +286,7 @@ class PlannerPolicy:
         self._team -= astray - {self.player}
         if self.player in astray:
             self._talk.announce()
-        self._plan_anew(past)
+        self._drop_plan(past)
         return True
 
     def _heed_delay(self, past: PastStep) -> None:
@@ -302,11 +303,11 @@ class PlannerPolicy:
         self._blocked = self._blocked + 1 if in_the_way or (blocked and not running) else 0
         self._stuck = 0 if busy else self._stuck + 1
         if (blocked and past.is_meddling(self._team)) or self._blocked > self._patience:
-            self._plan_anew(past)
+            self._drop_plan(past)
         elif self._stuck > self._patience:
             late = {p for p, a in due.items() if a and p not in blocked} - {self.player}
             if not late:
-                self._plan_anew(past)
+                self._drop_plan(past)
             elif not self._hurried or self._stuck > SLOW * self._patience:
                 self._leave_out(late, past)
 
@@ -323,14 +324,14 @@ class PlannerPolicy:
         due = past.step - self._planned >= self._retry
         opened = due and self._may_see_a_way(state, script)
         if opened or (untried and self._stuck > self._patience):
-            self._plan_anew(past)
-        elif self._basis is Basis.OTHERS_ASIDE and not self._meddled:
+            self._drop_plan(past)
+        elif self._relies_on is Reliance.OTHERS_ASIDE and not self._meddled:
             self._heed_way(state, script)
 
     def _heed_way(self, state: State, script: Script) -> None:
         """Where nobody stands in the way any more, the plan is good as it is."""
         if station_in_the_way(script.rest(self._team), state, self._outsiders) is None:
-            self._basis = Basis.TEAM
+            self._relies_on = Reliance.TEAM
             self._talk.met()
 
     # What the seat does
@@ -341,7 +342,7 @@ class PlannerPolicy:
         if self._state is None or self._state != state:
             returning = self._state is not None
             self._state = state
-            self._plan_anew()
+            self._drop_plan()
             if returning:
                 self._talk.announce()
         self._state = state
@@ -351,7 +352,7 @@ class PlannerPolicy:
             return self._step_aside(state)
         for _ in range(MAX_CATCHING_UP):
             if self._script is None:
-                self._plan(self._base or state)
+                self._make_plan(self._base or state)
         if self._script is None:
             return None
         if self._may_improve and self._only:
@@ -383,26 +384,26 @@ class PlannerPolicy:
     def _scripted(self, state: State) -> GroundAction | None:
         if self._script is None:
             return None
-        if not self._lockstep or self._basis is Basis.EVERYBODY:
+        if not self._lockstep or self._relies_on is Reliance.EVERYBODY:
             return self._script.act(state)
         action, self.anticipating = self._script.joint(state).get(self.player, (None, False))
         return action
 
-    def _plan(self, base: State) -> None:
+    def _make_plan(self, base: State) -> None:
         """Make a plan from the state in which it was found to be needed."""
         tried = self._in_vain.get(base, 0)
         made = self._planner.make(base, self._team, hurried=self._hurried, tried=tried)
-        self._basis, self._cut_off = made.basis, made.cut_off
+        self._relies_on, self._cut_off = made.relies_on, made.cut_off
         self._walks_matter = made.aside_untried
         self._may_improve = False
-        if made.basis is Basis.TEAM:
+        if made.relies_on is Reliance.TEAM:
             self._talk.met()
             self._in_vain.clear()
             self._may_improve = self._punctual and self._is_worth_improving(made.found)
         else:
             logger.debug("%s finds no plan from here", self.player)
             self._in_vain[base] = tried + 1
-        helpless = made.basis is Basis.NOTHING and not made.found.unsolvable
+        helpless = made.relies_on is Reliance.NOTHING and not made.found.unsolvable
         self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
         if helpless and self._outsiders and self.player == min(self._team):
             self._talk.despair()
@@ -478,8 +479,8 @@ class PlannerPolicy:
         script, others = self._script, self._outsiders
         if script is None or not others or script.finished:
             return False
-        idle = action is None or action.schema.definition.travel is not None
-        if idle and self._basis is Basis.EVERYBODY and script.needs(others):
+        at_work = action is not None and action.schema.definition.travel is None
+        if not at_work and self._relies_on is Reliance.EVERYBODY and script.waits_for(others):
             return True
         due = script.due(self.player, state) if action is None else None
         return due is not None and leads_to(due, {standing_at(state, p) for p in others})

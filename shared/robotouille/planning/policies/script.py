@@ -128,23 +128,23 @@ class Script:
         rows = [row for p in players for row in self._rows[p][self._done[p] :]]
         return [row.action for row in sorted(rows, key=lambda row: (row.step, row.place))]
 
-    def task(self, player: str) -> GroundAction | None:
+    def deed(self, player: str) -> GroundAction | None:
         """The next action of a seat that is more than a walk."""
-        row = self._task(player)
+        row = self._deed(player)
         return None if row is None else row.action
 
-    def needs(self, players: Collection[str]) -> bool:
+    def waits_for(self, players: Collection[str]) -> bool:
         """Whether the next action of this seat that is more than a walk, or the walk there, waits
         for some others to do something first."""
-        task, row = self._task(self.player), self._next(self.player)
+        deed, row = self._deed(self.player), self._next(self.player)
         return any(
             self._done[p] < each.needs.get(p, 0)
-            for each in (task, row)
+            for each in (deed, row)
             if each is not None
             for p in players
         )
 
-    def _task(self, player: str) -> _Row | None:
+    def _deed(self, player: str) -> _Row | None:
         rows = self._rows[player][self._done[player] :]
         return next((row for row in rows if not row.action.schema.definition.travel), None)
 
@@ -180,15 +180,15 @@ class Script:
         for them where it leads; None for who stands there."""
         if standing_at(state, player) in (None, row.at):
             return None
-        task = self._task(player)
-        if task is None:
+        deed = self._deed(player)
+        if deed is None:
             return walk_to(state, player, travel_ends(row.action)[1])
-        walk, deed = walk_to(state, player, task.at), _here(state.world, task.action)
-        if walk is None or deed is None or not self._is_time(task, state):
+        walk, action = walk_to(state, player, deed.at), _here(state.world, deed.action)
+        if walk is None or action is None or not self._is_time(deed, state):
             return None
         facts = (state.facts | walk.touched) ^ walk.removed
         there = State(state.world, facts, state.timers)
-        return walk if state.world.applicable(there, deed) else None
+        return walk if state.world.applicable(there, action) else None
 
     def act(self, state: State) -> GroundAction | None:
         """The next action of the seat, if it is its time; None to wait."""

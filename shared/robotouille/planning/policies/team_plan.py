@@ -18,7 +18,7 @@ from robotouille.planning.policies.team_search import TeamSearch
 from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.world.world import State
 
-__all__ = ["Basis", "TeamPlan", "TeamPlanner"]
+__all__ = ["WAYS", "Reliance", "TeamPlan", "TeamPlanner"]
 
 CHOICES = 6
 """Choices of objects that are tried where others may stand in the way of the first."""
@@ -26,8 +26,8 @@ CHOICES = 6
 NOT_FOUND = SearchResult(None, 0, Proof.NONE, "", 0)
 
 
-class Basis(Enum):
-    """What a plan counts on."""
+class Reliance(Enum):
+    """On what a plan counts."""
 
     TEAM = auto()
     """The team alone: all others may stand where they stand."""
@@ -39,7 +39,7 @@ class Basis(Enum):
     """It does not reach the goal."""
 
 
-WAYS = (Basis.OTHERS_ASIDE, Basis.EVERYBODY)
+WAYS = (Reliance.OTHERS_ASIDE, Reliance.EVERYBODY)
 """On what a team counts that finds no plan of its own."""
 
 
@@ -54,7 +54,7 @@ class TeamPlan:
 
     plan: Plan
     base: State
-    basis: Basis
+    relies_on: Reliance
     found: SearchResult = NOT_FOUND
     cut_off: bool = False
     aside_untried: bool = False
@@ -93,9 +93,9 @@ class TeamPlanner:
         cut_off = not self._alone and self._anytime.is_cut_off(base, seats)
         found = NOT_FOUND if cut_off else self._find(base, seats)
         if found.plan is not None:
-            return TeamPlan(found.plan, base, Basis.TEAM, found)
+            return TeamPlan(found.plan, base, Reliance.TEAM, found)
         if found.unsolvable:
-            return TeamPlan(Plan(()), base, Basis.NOTHING, found)
+            return TeamPlan(Plan(()), base, Reliance.NOTHING, found)
         way = self._way(base, seats, tried, cut_off=cut_off)
         return way or self._nearer(base, seats, tried, cut_off=cut_off)
 
@@ -109,11 +109,11 @@ class TeamPlanner:
         """A plan as if others made way or did their part; the other one first where that was in
         vain."""
         for number in range(tried, tried + len(WAYS)):
-            if WAYS[number % len(WAYS)] is Basis.OTHERS_ASIDE:
+            if WAYS[number % len(WAYS)] is Reliance.OTHERS_ASIDE:
                 start = self._others_aside(base, team)
                 found = NOT_FOUND if start is None else self._find(start, team)
                 if start is not None and found.plan is not None:
-                    return TeamPlan(found.plan, start, Basis.OTHERS_ASIDE, cut_off=cut_off)
+                    return TeamPlan(found.plan, start, Reliance.OTHERS_ASIDE, cut_off=cut_off)
             elif team != self._players:
                 found = self._find(base, self._players)
                 if found.plan is not None:
@@ -121,7 +121,7 @@ class TeamPlanner:
                     return TeamPlan(
                         found.plan,
                         base,
-                        Basis.EVERYBODY,
+                        Reliance.EVERYBODY,
                         cut_off=cut_off,
                         aside_untried=untried,
                     )
@@ -132,11 +132,11 @@ class TeamPlanner:
         if not (self._alone or self._hurried or tried):
             found = self._search.wide(base, team)
             if found.plan is not None:
-                return TeamPlan(found.plan, base, Basis.TEAM, found)
+                return TeamPlan(found.plan, base, Reliance.TEAM, found)
         plan = Plan(())
         if not cut_off:
             plan = self._search.towards(base, team, choices=self._choices, brief=self._brief)
-        return TeamPlan(plan, base, Basis.NOTHING, cut_off=cut_off)
+        return TeamPlan(plan, base, Reliance.NOTHING, cut_off=cut_off)
 
     def _others_aside(self, base: State, team: tuple[str, ...]) -> State | None:
         """The state in which others have made way; None if that does not help."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.beam.planner import PATIENCE, PLANNER
+from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.world.world import State
@@ -27,8 +27,8 @@ STUBBORN = Limits(expansions=2_000)
 """What is spent on any plan at all, where a player who is alone has found none: seconds."""
 
 BRIEF = 1_500
-"""Of the beam search where people play on meanwhile; where it finds no plan, `PATIENCE` times as
-many."""
+"""Of the beam search where people play on meanwhile; where it finds no plan,
+`UNSOLVED_FACTOR` times as many."""
 
 MAX_BRIEF = 8_000
 """Of it for all plans that are sought for one decision there, whatever they find; the last one may
@@ -95,7 +95,7 @@ class TeamSearch:
         self, state: State, team: tuple[str, ...], *, choices: int, spent: int
     ) -> SearchResult:
         """The first plan that is found with little work, of what a decision has left."""
-        beam = min(self._brief, (MAX_BRIEF - spent) // PATIENCE)
+        beam = min(self._brief, (MAX_BRIEF - spent) // UNSOLVED_FACTOR)
         if beam <= 0:
             return SearchResult(None, 0, Proof.NONE, PLANNER, 0)
         return next(

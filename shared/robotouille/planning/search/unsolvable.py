@@ -13,7 +13,7 @@ from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.text import describe
 from robotouille.world.world import State, World
 
-__all__ = ["CutOff", "is_cut_off", "unreachable_goal"]
+__all__ = ["CutOff", "unreachable_goal"]
 
 EXHAUSTIVE = Limits(states=100_000)
 
@@ -68,11 +68,6 @@ class CutOff:
         else:
             relaxation.begin(start)
         return relaxation
-
-
-def is_cut_off(world: World, state: State, team: Collection[str]) -> bool:
-    """What `CutOff` tells, of one state."""
-    return CutOff(world)(state, team)
 
 
 def _players(world: World, schema: ActionSchema) -> int:
