@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.templates import capitalised
 from robotouille.world.world import State, World
 
 __all__ = [
@@ -113,8 +114,7 @@ class Bubble:
     @classmethod
     def rejection(cls, player: str, why: str) -> Bubble:
         """Why not, or what to do in its place."""
-        words = why or "this cannot be done now"
-        return cls(player, f"{words[0].upper()}{words[1:]}.")
+        return cls(player, f"{capitalised(why or 'this cannot be done now')}.")
 
 
 @dataclass(frozen=True, slots=True)

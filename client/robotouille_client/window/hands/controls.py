@@ -15,7 +15,8 @@ from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import Language, language_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.people.near_misses import InputBinding, Moment, NearMisses, things_upon
+from robotouille.world.people.near_misses import InputBinding, NearMisses, Situation, things_upon
+from robotouille.world.people.templates import capitalised
 from robotouille.world.people.usefulness import useful_actions, work_in_progress
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
@@ -92,29 +93,31 @@ class Controls:
 
     def click(self, state: State, me: str, target: str, button: Button = "left") -> Meaning:
         """What clicking on an object means; what lies on it can be meant as well."""
-        moment = Moment(state, me, scene(state))
+        situation = Situation(state, me, scene(state))
         own = self._clicks.get(button, [])
-        others = self._keys_at_a_place() if own and target == moment.at else []
-        return self._meaning(moment, own, others, [target, *things_upon(target, moment.placed)])
+        others = self._keys_at_a_place() if own and target == situation.at else []
+        return self._meaning(
+            situation, own, others, [target, *things_upon(target, situation.placed)]
+        )
 
     def key(self, state: State, me: str, key: str) -> Meaning:
         """What a key means where the player is."""
-        moment = Moment(state, me, scene(state))
+        situation = Situation(state, me, scene(state))
         own = self._keys.get(key.casefold(), [])
-        here = [moment.at, *things_upon(moment.at, moment.placed)] if moment.at else []
+        here = [situation.at, *things_upon(situation.at, situation.placed)] if situation.at else []
         at_a_place = any(binding.parameter for binding in own)
         others = self._clicks.get("left", []) if at_a_place and here else []
-        return self._meaning(moment, own, others, here)
+        return self._meaning(situation, own, others, here)
 
     def options(self, state: State, me: str) -> tuple[Option, ...]:
         """The keys whose own action is valid now and changes something, but for those that always
         are."""
-        moment, found = Moment(state, me, scene(state)), []
-        here = [moment.at] if moment.at else []
+        situation, found = Situation(state, me, scene(state)), []
+        here = [situation.at] if situation.at else []
         for key, bindings in self._keys.items():
             if all(binding.parameter is None for binding in bindings):
                 continue
-            action = _useful(moment, bindings, here)
+            action = _useful(situation, bindings, here)
             if action is not None:
                 found.append(Option(key, action))
         return tuple(found)
@@ -138,31 +141,33 @@ class Controls:
 
     def _meaning(
         self,
-        moment: Moment,
+        situation: Situation,
         own: list[InputBinding],
         others: list[InputBinding],
         meant: list[str],
     ) -> Meaning:
         if not own:
             return Meaning(None, "")
-        state, me = moment.state, moment.me
+        state, me = situation.state, situation.me
         busy = state.busy_steps(me)
         if busy:
             return Meaning(None, f"busy for {busy} more step{'s' * (busy > 1)}")
-        action = _useful(moment, own, meant)
-        at_work = action is None and _is_at_work(moment, own, meant)
+        action = _useful(situation, own, meant)
+        at_work = action is None and _is_at_work(situation, own, meant)
         if action is None and not at_work:
-            action = _useful(moment, others, meant)
+            action = _useful(situation, others, meant)
         if action is not None:
-            return Meaning(action, _capital(self.wording(me).action(action, state)), True)
+            return Meaning(action, capitalised(self.wording(me).action(action, state)), True)
         misses = NearMisses(self.world, self.wording(me))
-        miss = misses.nearest(moment, [*own, *others], meant, at_work=at_work)
+        miss = misses.nearest(situation, [*own, *others], meant, at_work=at_work)
         return Meaning(miss.action, miss.words, advice=miss.advice)
 
 
-def _useful(moment: Moment, bindings: list[InputBinding], meant: list[str]) -> GroundAction | None:
+def _useful(
+    situation: Situation, bindings: list[InputBinding], meant: list[str]
+) -> GroundAction | None:
     """The first action of some bindings that is valid and changes something."""
-    valid = useful_actions(moment.state, moment.me) if bindings else ()
+    valid = useful_actions(situation.state, situation.me) if bindings else ()
     for binding in bindings:
         for action in valid:
             if action.schema is binding.schema and _fits(action, binding, meant):
@@ -170,17 +175,13 @@ def _useful(moment: Moment, bindings: list[InputBinding], meant: list[str]) -> G
     return None
 
 
-def _is_at_work(moment: Moment, bindings: list[InputBinding], meant: list[str]) -> bool:
+def _is_at_work(situation: Situation, bindings: list[InputBinding], meant: list[str]) -> bool:
     """Whether what some bindings do here is going on or done: an input that comes once too often
     is then not taken for another."""
-    if any(row.subject in meant for row in work_in_progress(moment.state)):
+    if any(row.subject in meant for row in work_in_progress(situation.state)):
         return True
-    valid = moment.state.actions(moment.me)
+    valid = situation.state.actions(situation.me)
     return any(a.schema is b.schema and _fits(a, b, meant) for b in bindings for a in valid)
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
 
 
 def _fits(action: GroundAction, binding: InputBinding, meant: list[str]) -> bool:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.occupancy import Occupancy
+from robotouille.world.people.templates import capitalised
 from robotouille_client.window.hands.controls import Meaning
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Bubble, Source, View
@@ -144,7 +145,7 @@ class ActionQueue:
         if not meaning.valid:
             self._waiting = []
         if meaning.action is None:
-            return meaning.hint[:1].upper() + meaning.hint[1:]
+            return capitalised(meaning.hint)
         self._label = intent.label
         self._send(meaning.action, source, view)
         return ""

@@ -7,6 +7,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Literal
 
 from robotouille.episode import Reason
+from robotouille.world.people.templates import capitalised
 from robotouille_client.window.view import FarewellView
 
 if TYPE_CHECKING:  # A game in this process has no messages, which take long to import.
@@ -16,6 +17,7 @@ __all__ = [
     "clock_words",
     "comings_and_goings",
     "farewell",
+    "joined_names",
     "outcome_words",
     "pause_words",
     "readiness",
@@ -104,7 +106,7 @@ def farewell(code: str, reason: str) -> FarewellView:
         return UNREADABLE
     words = reason.strip() or "the connection was closed"
     ending = "" if words[-1] in ".!?" else "."
-    return FarewellView("You are out of this game", f"{words[0].upper()}{words[1:]}{ending}")
+    return FarewellView("You are out of this game", f"{capitalised(words)}{ending}")
 
 
 def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> tuple[str, str]:
@@ -115,7 +117,7 @@ def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> t
         case "absence":
             return _who_is_missing(away, list(seats)), f"{waiting}, then the game ends."
         case "restart":
-            whom = _listed(away) or "the others"
+            whom = joined_names(away) or "the others"
             return "The server was restarted", f"{waiting} for {whom}."
         case "operator":
             return "Paused by the operator", "The game goes on when the operator says so."
@@ -152,8 +154,8 @@ def waiting_words(seats: Iterable[SeatInfo], starts_in: float | None, me: str | 
     more = [f"{free} more player{'s' * (free != 1)}"] if free else []
     unready = [seat.name for seat in seats if readiness(seat) == "here"]
     if unready and not (away or more):
-        return f"Waiting until {_listed(unready)} {'is' if len(unready) == 1 else 'are'} ready"
-    return f"Waiting for {_listed([*away, *more]) or 'the others'}"
+        return f"Waiting until {joined_names(unready)} {'is' if len(unready) == 1 else 'are'} ready"
+    return f"Waiting for {joined_names([*away, *more]) or 'the others'}"
 
 
 def comings_and_goings(
@@ -188,10 +190,11 @@ def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:
     if len(away) == 1:
         return f"{away[0]}'s connection is lost"
     if away:
-        return f"{_listed(away)} have lost their connections"
+        return f"{joined_names(away)} have lost their connections"
     free = [seat.player for seat in seats if not seat.name]
-    return f"Nobody plays {_listed(free) or 'a seat'}"
+    return f"Nobody plays {joined_names(free) or 'a seat'}"
 
 
-def _listed(names: list[str]) -> str:
+def joined_names(names: list[str]) -> str:
+    """`Ada, Ben and Cem`."""
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))

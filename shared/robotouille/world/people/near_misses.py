@@ -8,21 +8,40 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.people.occupancy import Occupancy
+from robotouille.world.people.templates import capitalised
 from robotouille.world.people.usefulness import changes_something, work_in_progress
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import Placed
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
-__all__ = ["InputBinding", "Moment", "NearMiss", "NearMisses", "things_upon"]
+__all__ = ["InputBinding", "NearMiss", "NearMisses", "Situation", "things_upon"]
 
 _MAX_ATTEMPTS = 2000
 _MAX_UNMET = 2
 
-Rank = tuple[int, ...]
+
+class _Rank(NamedTuple):
+    """How far from being possible an action is; the least comes first.
+
+    A walk to where somebody stands comes before what one `acts` there. Last are, the worst first:
+    what `never` can be done at this place, what is in `vain` as it would change nothing, what has
+    to do with nothing that one holds (`aside`), what lacks several things and is nothing that the
+    goal asks for (`far`). Of others, what is about more of what is here (`about`, less than 0)
+    comes first, then what lacks less.
+    """
+
+    acts: bool
+    never: int
+    vain: bool
+    aside: bool
+    far: bool
+    about: int
+    missing: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +52,7 @@ class InputBinding:
     parameter: str | None
 
 
-class Moment:
+class Situation:
     """A state as one player sees it: where it stands, and what it holds."""
 
     def __init__(self, state: State, me: str, placed: dict[str, Placed]) -> None:
@@ -68,7 +87,7 @@ class NearMisses:
         self._occupancy = Occupancy(world)
 
     def nearest(
-        self, moment: Moment, bindings: list[InputBinding], meant: list[str], *, at_work: bool
+        self, situation: Situation, bindings: list[InputBinding], meant: list[str], *, at_work: bool
     ) -> NearMiss:
         """The action that is nearest to being possible, or the work that comes before it.
 
@@ -76,29 +95,31 @@ class NearMisses:
             meant: What the input may be about, the most likely first.
             at_work: Something is at work here, which no other work is to follow.
         """
-        near = _near(moment.me, meant, moment.placed)
-        tried = self._tried(moment, bindings, meant, near, at_work=at_work)
+        near = _near(situation.me, meant, situation.placed)
+        tried = self._tried(situation, bindings, meant, near, at_work=at_work)
         found = min(tried, key=lambda one: one[0], default=None)
-        unmade = min(self._unmade(moment, bindings, meant, near), default=None)
+        unmade = min(self._unmade(situation, bindings, meant, near), default=None)
         if unmade is not None and (found is None or unmade[0] < found[0]):
-            return NearMiss(None, _capital(unmade[1]))
+            return NearMiss(None, capitalised(unmade[1]))
         if found is None:
-            return self._nothing(moment, bindings, meant)
+            return self._nothing(situation, bindings, meant)
         rank, action, unmet = found
-        way = _capital(self._words.way(action, unmet, moment.state))
-        does = _capital(self._words.action(action, moment.state))
-        return NearMiss(action, way if not rank[0] else f"{does}? {way}")
+        way = capitalised(self._words.way(action, unmet, situation.state))
+        does = capitalised(self._words.action(action, situation.state))
+        return NearMiss(action, way if not rank.acts else f"{does}? {way}")
 
-    def _nothing(self, moment: Moment, bindings: list[InputBinding], meant: list[str]) -> NearMiss:
+    def _nothing(
+        self, situation: Situation, bindings: list[InputBinding], meant: list[str]
+    ) -> NearMiss:
         """What a place is for on which nothing is; else that there is nothing to do."""
-        if any(row.running and row.subject in meant for row in work_in_progress(moment.state)):
+        if any(row.running and row.subject in meant for row in work_in_progress(situation.state)):
             return NearMiss(None, self._words.language.work.under_way)
-        there = [name for name in meant[:1] if name != moment.me]
-        if len(meant) == 1 and not moment.held and meant[0] == moment.at:
+        there = [name for name in meant[:1] if name != situation.me]
+        if len(meant) == 1 and not situation.held and meant[0] == situation.at:
             schemas = [each.schema for each in bindings if self._is_for(each, meant[0])]
             if words := self._words.here(schemas):
-                return NearMiss(None, _capital(words))
-        where = self._words.thing(there[0], moment.state) if there else ""
+                return NearMiss(None, capitalised(words))
+        where = self._words.thing(there[0], situation.state) if there else ""
         words = f"nothing to do at {where}" if where else "nothing to do here"
         return NearMiss(None, words, advice=False)
 
@@ -120,47 +141,43 @@ class NearMisses:
 
     def _tried(
         self,
-        moment: Moment,
+        situation: Situation,
         bindings: list[InputBinding],
         meant: list[str],
         near: list[str],
         *,
         at_work: bool,
-    ) -> Iterator[tuple[Rank, GroundAction, tuple[Unmet, ...]]]:
+    ) -> Iterator[tuple[_Rank, GroundAction, tuple[Unmet, ...]]]:
         for binding in bindings:
-            for arguments in self._arguments(binding, moment.me, meant, near):
+            for arguments in self._arguments(binding, situation.me, meant, near):
                 if None in arguments:
                     continue
                 names = tuple(name for name in arguments if name is not None)
                 action = self._world.action(binding.schema.name, *names)
-                unmet = self._world.unmet(moment.state, action)
-                rank = self._rank(moment, action, unmet, meant)
-                if rank is not None and not (at_work and rank[1]):
+                unmet = self._world.unmet(situation.state, action)
+                rank = self._rank(situation, action, unmet, meant)
+                if rank is not None and not (at_work and rank.never):
                     yield rank, action, unmet
 
     def _rank(
-        self, moment: Moment, action: GroundAction, unmet: tuple[Unmet, ...], meant: list[str]
-    ) -> Rank | None:
-        """How far from being possible an action is, least first: a walk to where somebody stands
-        comes before what would be done there; then what is at the wrong place for good, what would
-        change nothing, what has to do with nothing that one holds, what lacks several things and is
-        nothing that the goal asks for, what has to do with less of what is here, what lacks more.
-        None for one that is not worth telling."""
+        self, situation: Situation, action: GroundAction, unmet: tuple[Unmet, ...], meant: list[str]
+    ) -> _Rank | None:
+        """Of an action that can be tried; None for one that is not worth telling."""
         never = [each for each in unmet if self._is_for_ever(each)]
-        vain = not changes_something(moment.state, action)
+        vain = not changes_something(situation.state, action)
         if not 0 < len(unmet) <= _MAX_UNMET or len(never) > 1:
             return None
         if (vain and all(each.expected for each in unmet)) or any(map(self._is_nowhere, never)):
             return None
-        here = meant[:1] == [moment.at]
-        if never and here and {*action.arguments} <= {moment.me, *meant[:1]}:
+        here = meant[:1] == [situation.at]
+        if never and here and {*action.arguments} <= {situation.me, *meant[:1]}:
             return None  # A place that is not for it, and nothing that could go elsewhere.
-        aside = here and bool(moment.held) and moment.held.isdisjoint(action.arguments)
+        aside = here and bool(situation.held) and situation.held.isdisjoint(action.arguments)
         names = [name for name, _ in action.schema.parameters]
         known = dict(zip(names, action.arguments, strict=True))
         far = len(unmet) > 1 and not self._leads_on(action.schema, known)
         taken = self._is_taken(action, unmet, meant)
-        return not taken, len(never), vain, aside, far, -len(action.arguments), len(unmet)
+        return _Rank(not taken, len(never), vain, aside, far, -len(action.arguments), len(unmet))
 
     def _is_taken(self, action: GroundAction, unmet: tuple[Unmet, ...], meant: list[str]) -> bool:
         """Whether an action walks to what is meant, and only somebody who stands there hinders."""
@@ -184,29 +201,29 @@ class NearMisses:
     # Actions with something that does not exist yet
 
     def _unmade(
-        self, moment: Moment, bindings: list[InputBinding], meant: list[str], near: list[str]
-    ) -> Iterator[tuple[Rank, str]]:
+        self, situation: Situation, bindings: list[InputBinding], meant: list[str], near: list[str]
+    ) -> Iterator[tuple[_Rank, str]]:
         """Actions that lead to the goal and lack a thing that has to be made first, with how."""
         for binding in bindings:
-            for arguments in self._arguments(binding, moment.me, meant, near):
+            for arguments in self._arguments(binding, situation.me, meant, near):
                 if arguments.count(None) == 1:
                     names = [name for name, _ in binding.schema.parameters]
                     known = dict(zip(names, arguments, strict=True))
-                    rank = self._rank_of_unmade(moment, binding.schema, known, meant)
+                    rank = self._rank_of_unmade(situation, binding.schema, known, meant)
                     if rank is None:
                         continue
-                    if words := self._before(moment.state, binding.schema, known):
+                    if words := self._before(situation.state, binding.schema, known):
                         yield rank, words
 
     def _rank_of_unmade(
         self,
-        moment: Moment,
+        situation: Situation,
         schema: ActionSchema,
         known: Mapping[str, str | None],
         meant: list[str],
-    ) -> Rank | None:
+    ) -> _Rank | None:
         """As `_rank` has it, of an action of which one thing is not there."""
-        table, facts, missing = self._world.table, moment.state.facts, 0
+        table, facts, missing = self._world.table, situation.state.facts, 0
         for condition in schema.definition.precons:
             names = [known[each] for each in condition.params]
             if None in names:
@@ -219,8 +236,12 @@ class NearMisses:
         if missing > _MAX_UNMET or not self._leads_on(schema, known):
             return None
         things = {name for name in known.values() if name is not None}
-        aside = meant[:1] == [moment.at] and bool(moment.held) and moment.held.isdisjoint(things)
-        return True, 0, False, aside, False, -len(known), missing + 1
+        aside = (
+            meant[:1] == [situation.at]
+            and bool(situation.held)
+            and situation.held.isdisjoint(things)
+        )
+        return _Rank(True, 0, False, aside, False, -len(known), missing + 1)
 
     def _before(self, state: State, schema: ActionSchema, known: Mapping[str, str | None]) -> str:
         """The work that makes what is not there."""
@@ -285,7 +306,3 @@ def _near(me: str, meant: list[str], placed: dict[str, Placed]) -> list[str]:
     for host in hosts:
         found.update(dict.fromkeys([host, *things_upon(host, placed)]))
     return list(found)
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from string import Formatter
 
-__all__ = ["filled", "parameters"]
+__all__ = ["capitalised", "filled", "parameters"]
 
 
 def filled(template: str, *called: str, **words: str) -> str:
@@ -21,3 +21,8 @@ def parameters(template: str) -> set[str]:
         return {name for _, name, _, _ in Formatter().parse(template) if name}
     except ValueError:
         return set()
+
+
+def capitalised(words: str) -> str:
+    """The same with a capital at its beginning."""
+    return words[:1].upper() + words[1:]

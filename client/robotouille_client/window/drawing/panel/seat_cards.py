@@ -20,6 +20,7 @@ from robotouille_client.window.pictures.theme import (
     Colour,
     mixed,
 )
+from robotouille_client.window.sources.texts import joined_names
 from robotouille_client.window.view import SeatView, View
 
 __all__ = ["SeatCards"]
@@ -225,8 +226,7 @@ def watching_words(names: list[str], count: int) -> str:
     if not names:
         return f"{count} watching"
     told = [*names, f"{count - len(names)} more"] if count > len(names) else names
-    listed = " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
-    return f"{listed} {'is' if count == 1 else 'are'} watching"
+    return f"{joined_names(told)} {'is' if count == 1 else 'are'} watching"
 
 
 def latency_words(milliseconds: int) -> str:

@@ -10,6 +10,7 @@ from stat import S_ISREG
 
 from pygame import Surface
 
+from robotouille.world.people.templates import capitalised
 from robotouille_client.window.forms.picker import Picker, PickerEntry, Told
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.screens.recording_summary import (
@@ -106,7 +107,7 @@ class ReplaysMenu:
             each
             for each in (
                 when_words(found.when, self._now),
-                f"{result[:1].upper()}{result[1:]}.",
+                f"{capitalised(result)}.",
                 people,
                 path.name,
             )
