@@ -28,7 +28,7 @@ from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.shell.screens.main_menu import leaving, menu
+from robotouille_client.window.shell.screens.main_menu import menu, quit_form
 from robotouille_client.window.shell.screens.play_menu import PlayMenu
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu
 from robotouille_client.window.shell.screens.server_menus import JoinMenu, OpenMenu, lobby_menu
@@ -89,7 +89,7 @@ def _kitchens() -> Form:
 
 SCREENS: dict[str, Callable[[], Form]] = {
     "menu": lambda: menu(_settings()),
-    "leaving": leaving,
+    "leaving": quit_form,
     "play": lambda: PlayMenu(_settings()).form,
     "tasks": lambda: TaskPicker(_settings(), BURGER).form,
     "join": lambda: JoinMenu(_settings(), "It cannot be reached. " * 4).form,

@@ -17,7 +17,7 @@ from tests.support.window_play import Script, Timer, post
 from robotouille import World, load_task
 from robotouille.episode.rules import Clock
 from robotouille_client.window.forms.display import Display
-from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
+from robotouille_client.window.shell.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
 from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.view import (
@@ -48,13 +48,14 @@ STATES: dict[str, dict[str, object]] = {
     "sent out": {"farewell": FarewellView("You were sent out", "By the operator.")},
 }
 LAST = ("ended", "sent out")
+BUTTONS = (("Play again", "again"), *REVIEW_BUTTONS, *LEAVE_BUTTONS)
 LETTERS = [*"abcdehmqstw123456789", "SPACE"]
 KEYS = [
     *LETTERS, "RETURN", "ESCAPE", "TAB", "BACKSPACE", "DELETE", "HOME", "END", "PAGEUP",
     "PAGEDOWN", "LEFT", "RIGHT", "UP", "DOWN", "LSHIFT", *(f"F{n}" for n in (*range(1, 11), 12)),
 ]  # fmt: skip
 """Not F11: large pictures take long."""
-BUTTONS = range(pygame.CONTROLLER_BUTTON_DPAD_RIGHT + 1)
+PAD_BUTTONS = range(pygame.CONTROLLER_BUTTON_DPAD_RIGHT + 1)
 NOT_THE_GAMES = {"RETURN", "ESCAPE"}
 """The keys that may answer a card; the mouse and gamepads may, too."""
 
@@ -93,7 +94,7 @@ class Anybody:
     def open(self) -> Window:
         return Window(
             display=self.display, clock=self.timer, screenshots=self.folder,
-            cards=GameCards(lambda: None, lambda: (("Play again", "again"), *REVIEW, *LEAVE)),
+            cards=GameCards(lambda: None, lambda: BUTTONS),
         )  # fmt: skip
 
     def press_escape(self) -> None:
@@ -149,7 +150,7 @@ def anything(random: Random, size: tuple[int, int] = (320, 240)) -> tuple[str, l
         moved = pygame.Event(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=held)
         return kind, [random.choice((moved, pygame.Event(pygame.MOUSEWHEEL, x=0, y=-1)))]
     if kind == "pad":
-        button, axis = random.choice(BUTTONS), random.randrange(4)
+        button, axis = random.choice(PAD_BUTTONS), random.randrange(4)
         tilt = pygame.Event(
             pygame.CONTROLLERAXISMOTION, axis=axis, value=random.choice((-30_000, 0, 30_000))
         )

@@ -11,11 +11,11 @@ from tests.support.window_play import SIZE, Script, Timer, at
 
 from robotouille import World
 from robotouille_client.window.forms.shown_card import QUIET_SECONDS
-from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
+from robotouille_client.window.shell.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
 from robotouille_client.window.view import View
 from robotouille_client.window.window import Window
 
-BUTTONS = (("Play again", "again"), ("Next task", "next"), *REVIEW, *LEAVE)
+BUTTONS = (("Play again", "again"), ("Next task", "next"), *REVIEW_BUTTONS, *LEAVE_BUTTONS)
 
 
 class Ending(Script):

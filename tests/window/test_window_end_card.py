@@ -13,10 +13,10 @@ from robotouille_client.window.hands.commands import Command
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import BAD
 from robotouille_client.window.shell.end_card import end_card
-from robotouille_client.window.shell.game_cards import LEAVE, REVIEW
+from robotouille_client.window.shell.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS
 from robotouille_client.window.view import SeatView, View
 
-BUTTONS = (("Play again", "again"), ("Next task", "next"), *REVIEW, *LEAVE)
+BUTTONS = (("Play again", "again"), ("Next task", "next"), *REVIEW_BUTTONS, *LEAVE_BUTTONS)
 SAVED = "The video is saved: ~/.local/share/robotouille/recordings/20261122T210000Z_10_1234.mp4"
 
 

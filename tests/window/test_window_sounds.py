@@ -63,9 +63,9 @@ def test_without_a_sound_card_nothing_happens(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(pygame.mixer, "get_init", lambda: None)
     monkeypatch.setattr(pygame.mixer, "init", broken)
     script, sounds = Script(World("training/01")), Sounds()
-    sounds.heard(script.view())
+    sounds.follow(script.view())
     script.act(script.world.parse(script.state, script.me, "move(robot1, table4, table3)"))
-    assert sounds.heard(script.view()) == ("walk",)
+    assert sounds.follow(script.view()) == ("walk",)
 
 
 def test_a_key_turns_the_sound_off(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ async def _run(entry: Entry, name: str, shown: Unattended) -> None:
 async def _show(entered: RemoteGame, shown: Unattended) -> None:
     import asyncio
 
-    from robotouille_client.window.shell.games.remote_game import shown as views_of
+    from robotouille_client.window.shell.games.remote_game import views_of
     from robotouille_client.window.window import Window
 
     loop, game, screenshot = asyncio.get_running_loop(), entered.game, shown.screenshot

@@ -164,7 +164,7 @@ class Window:
         if self._strip is not None or self._input.hands.queue.sent is not sent:
             view = source.view()
         if self._sounds is not None:
-            self._sounds.heard(view)
+            self._sounds.follow(view)
         self._show_end(source, view)
         self._wait_for_reader()
         self._draw(view)
@@ -209,7 +209,7 @@ class Window:
             )
         self.frames += 1
         below = None if self._strip is None else self._strip.seen()
-        told = self._told()
+        told = self._update_card()
         drawing = (surface.get_size(), self._painter.seen(shown), below, overlay, told)
         if drawing == self._drawn_last:
             return
@@ -222,8 +222,8 @@ class Window:
         self._display.flip()
         self.drawn += 1
 
-    def _told(self) -> tuple[str, bool]:
-        """What the card tells, with what is new, and whether it listens."""
+    def _update_card(self) -> tuple[str, bool]:
+        """Bring what is new to the card that is shown; what it tells, and whether it listens."""
         if self._card is None or self._cards is None:
             return "", False
         form = self._card.form

@@ -29,6 +29,6 @@ class Answer(StrEnum):
     """What was played, as a replay."""
     VIDEO = "video"
 
-    LEAVE = "leave"
-    """Robotouille, after a question."""
+    ASK_TO_QUIT = "ask to quit"
     QUIT = "quit"
+    """Close the window."""

@@ -14,9 +14,9 @@ __all__ = ["QUIET_SECONDS", "ShownCard"]
 QUIET_SECONDS = 0.7
 """Without a key of the game, after which a card that came by itself listens: who plays is still
 pressing keys."""
-_WINDOWS = (Command.FULLSCREEN, Command.SCREENSHOT, Command.SOUND)
+_WINDOW_COMMANDS = (Command.FULLSCREEN, Command.SCREENSHOT, Command.SOUND)
 """What is the window's, whatever it shows."""
-_NEVER_PLAYS = (Command.ENTER, Command.CANCEL)
+_NOT_REPEATED = (Command.ENTER, Command.CANCEL)
 """What does nothing in a game that would be pressed again and again."""
 
 
@@ -77,7 +77,7 @@ class ShownCard:
         asked, letter = keys.command(name), len(name) == 1 or name == "space"
         if event.key in self._held:
             return None
-        if asked in _WINDOWS and (self.listens or not letter):
+        if asked in _WINDOW_COMMANDS and (self.listens or not letter):
             return asked
         if letter:
             self.wait()
@@ -87,6 +87,6 @@ class ShownCard:
     def _hears(self, asked: Command | None) -> bool:
         """Whether what is pressed now is for the form; who plays presses more."""
         listens = self.listens
-        if not (listens or asked in _NEVER_PLAYS):
+        if not (listens or asked in _NOT_REPEATED):
             self.wait()
         return listens

@@ -15,7 +15,7 @@ from robotouille_client.window.hands.queue import ActionQueue, Intent
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Source, View
 
-__all__ = ["Hands", "told"]
+__all__ = ["Hands", "hint_words"]
 
 REPEAT_SECONDS = 0.35
 """For how long a direction is held until it means another walk."""
@@ -154,14 +154,14 @@ class Hands:
         here = scene(state)[me].at
         clicked = controls.click(state, me, here) if here else meaning
         if clicked.valid and clicked.action != meaning.action:
-            found.append(("Click", told(clicked, state)))
+            found.append(("Click", hint_words(clicked, state)))
         if not found and (meaning.action is not None or meaning.advice):
             key = self.keys.words(Command.USE) if meaning.action is not None else ""
             found.append((key, meaning.hint))
         return tuple(found)
 
 
-def told(meaning: Meaning, state: State) -> str:
+def hint_words(meaning: Meaning, state: State) -> str:
     """What an input means, and whether that comes too early."""
     early = meaning.valid and meaning.action is not None and ends_work(state, meaning.action)
     return f"{meaning.hint} {EARLY}" if early else meaning.hint

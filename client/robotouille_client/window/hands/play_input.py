@@ -8,6 +8,7 @@ import pygame
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.templates import capitalised
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
@@ -15,7 +16,7 @@ from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.hands.chat_line import ChatLine
 from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap, key_words
 from robotouille_client.window.hands.controls import Button, Controls, Meaning
-from robotouille_client.window.hands.hands import MAX_CHOICES, Hands, told
+from robotouille_client.window.hands.hands import MAX_CHOICES, Hands, hint_words
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.view import LobbySource, LobbyView, Source, View
@@ -34,9 +35,12 @@ _Advice = tuple[tuple[str, ...], HelpRows]
 
 class PlayInput:
     """Keys, clicks and commands in a game, told in the words of its kitchen with `words` laid over
-    them; `target` finds what is under a point of the window, and
-    `key_at` the key that is drawn there. Where it is not `alone`, a strip tells spectators keys;
-    where one `may_leave`, the key for it is told."""
+    them.
+
+    `target` finds what is under a point of the window, and `key_at` the key that is drawn there.
+    Where it is not `alone`, a strip tells spectators keys; where one `may_leave`, the key for it is
+    told.
+    """
 
     def __init__(
         self,
@@ -280,14 +284,13 @@ class PlayInput:
     def _tips(self, view: View, hover: str | None) -> tuple[str, ...]:
         if hover is None:
             return ()
-        name = self._wording(view).thing(hover, view.state)
-        title = name[:1].upper() + name[1:]
+        title = capitalised(self._wording(view).thing(hover, view.state))
         if view.me is None:
             return (title,)
         meaning = self.controls(view).click(view.state, view.me, hover)
         if not meaning.valid:
             return (title, meaning.hint) if meaning.hint else (title,)
-        return (told(meaning, view.state),)
+        return (hint_words(meaning, view.state),)
 
     def _wording(self, view: View) -> Wording:
         return self.controls(view).wording(view.me)
@@ -340,8 +343,7 @@ class PlayInput:
             words = self._wording(view)
             state = view.state
             meant = [Meaning(a, words.action(a, state), True) for a in actions]
-            said = tuple(told(each, state) for each in meant)
-            rows = tuple(each[:1].upper() + each[1:] for each in said)
+            rows = tuple(capitalised(hint_words(each, state)) for each in meant)
             self._listed = (view.state, actions), rows
         return self._listed[1]
 

@@ -33,7 +33,7 @@ class Sounds:
         """Another game, or the same once more, is shown: its first view is no news."""
         self._last = None
 
-    def heard(self, view: View) -> tuple[str, ...]:
+    def follow(self, view: View) -> tuple[str, ...]:
         """Play what has happened since the view before; what it was."""
         last, self._last = self._last, view
         names = sounds_between(last, view) if last is not None else ()

@@ -11,20 +11,19 @@ from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.end_card import end_card
 from robotouille_client.window.view import View
 
-__all__ = ["LEAVE", "REVIEW", "GameCards"]
+__all__ = ["LEAVE_BUTTONS", "REVIEW_BUTTONS", "GameCards"]
 
-REVIEW = (("Watch the replay", Answer.WATCH), ("Save a video", Answer.VIDEO))
+REVIEW_BUTTONS = (("Watch the replay", Answer.WATCH), ("Save a video", Answer.VIDEO))
 """What can be done with a game that is over and was kept."""
-LEAVE = (("Menu", Answer.MENU), ("Quit", Answer.QUIT))
+LEAVE_BUTTONS = (("Menu", Answer.MENU), ("Quit", Answer.QUIT))
 
 
 class GameCards:
     """What is asked in a game and after it; `buttons` are words and answers, asked for then.
 
     `stand_still` is told whether the game's owner is being asked whether to leave it, or reads the
-    help. Without a
-    `menu` to go to, whoever leaves a game closes the window. `news` are told on the card, as soon
-    as there are any.
+    help. Without a `menu` to go to, whoever leaves a game closes the window. `news` are told on the
+    card, as soon as there are any.
     """
 
     def __init__(

@@ -11,7 +11,7 @@ from robotouille.domain.loading import task_names
 from robotouille.domain.task import Timing
 from robotouille_client.bots.partners import MakePartners
 from robotouille_client.window.forms.answers import Answer
-from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
+from robotouille_client.window.shell.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
 from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.replays import Replays
@@ -88,8 +88,13 @@ class LocalGames:
         source = game.source
 
         def buttons() -> Sequence[tuple[str, object]]:
-            of_it = REVIEW if game.path is not None else ()
-            return [("Play again", Answer.AGAIN), ("Next task", Answer.NEXT), *of_it, *LEAVE]
+            of_it = REVIEW_BUTTONS if game.path is not None else ()
+            return [
+                ("Play again", Answer.AGAIN),
+                ("Next task", Answer.NEXT),
+                *of_it,
+                *LEAVE_BUTTONS,
+            ]
 
         cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
         show = partial(self._ui.show, source, cards, caption=task_title(setup.task))

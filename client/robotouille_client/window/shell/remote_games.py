@@ -21,8 +21,8 @@ from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.replay.history.live import LiveHistory
-from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
-from robotouille_client.window.shell.games.remote_game import RemoteGame, remote_game, shown
+from robotouille_client.window.shell.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
+from robotouille_client.window.shell.games.remote_game import RemoteGame, remote_game, views_of
 from robotouille_client.window.shell.replays import Replays
 from robotouille_client.window.shell.screens.server_menus import (
     JoinMenu,
@@ -157,7 +157,7 @@ class RemoteGames:
         """A game, and what comes after it: `again` where one has entered the next."""
         loop = asyncio.get_running_loop()
         game, look = entered.game, entered.look
-        source, strip, history = shown(
+        source, strip, history = views_of(
             game, loop.time, entered.client.connected.is_set, look, self._ui.words
         )
         cards = GameCards(
@@ -193,8 +193,8 @@ class RemoteGames:
         if not self._menu:
             return [("Close", Answer.QUIT)]
         again = [("Play again", Answer.AGAIN)] if game.outcome and game.own_seats else []
-        of_it = REVIEW if history.length > history.first else ()
-        return [*again, *of_it, *LEAVE]
+        of_it = REVIEW_BUTTONS if history.length > history.first else ()
+        return [*again, *of_it, *LEAVE_BUTTONS]
 
     async def _save(self, game: Game, history: LiveHistory, look: KitchenLook | None) -> None:
         stem = self._stem(game)

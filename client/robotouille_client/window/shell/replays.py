@@ -77,7 +77,7 @@ class Replays:
                 await (watch if answer == Answer.WATCH else save)()
             except (RobotouilleError, OSError) as error:
                 self._ui.message = explain(error)
-            cards.came_back(self._ui.told(), answer)
+            cards.came_back(self._ui.take_message(), answer)
             answer = await show()
         return answer
 
@@ -102,7 +102,7 @@ class Replays:
             words=ui.words,
         )
         try:
-            await ui.watched(viewer.window, viewer)
+            await ui.run_window(viewer.window, viewer)
         finally:
             viewer.close()
 
@@ -118,7 +118,7 @@ class Replays:
             ReplayCards(), caption=self._ui.display.caption, look=look, strip=viewer.strip
         )
         try:
-            await self._ui.watched(window, viewer)
+            await self._ui.run_window(window, viewer)
         finally:
             viewer.close()
 

@@ -22,7 +22,7 @@ from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.local_games import LocalGames
 from robotouille_client.window.shell.remote_games import RemoteGames
 from robotouille_client.window.shell.replays import Replays
-from robotouille_client.window.shell.screens.main_menu import leaving, menu
+from robotouille_client.window.shell.screens.main_menu import menu, quit_form
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.settings import Settings, save_settings
 from robotouille_client.window.shell.user_interface import UserInterface
@@ -67,7 +67,7 @@ class Shell:
         self.remote = RemoteGames(self.ui, self.replays, recordings, token=token, menu=menu)
         self._path = path
         self._remembered = remembered or settings.preferences
-        self._said = settings.preferences
+        self._at_start = settings.preferences
         self._menu = menu
         self._places: dict[object, Callable[[], Awaitable[object]]] = {
             Answer.PLAY: self.local.choose,
@@ -88,10 +88,10 @@ class Shell:
             while self._menu and answer != Answer.QUIT:
                 if answer in self._places:
                     answer = await self._go(answer)
-                elif answer == Answer.LEAVE:
-                    answer = await self.ui.ask(leaving())
+                elif answer == Answer.ASK_TO_QUIT:
+                    answer = await self.ui.ask(quit_form())
                 else:
-                    asked = menu(self.settings, self.ui.told(), chosen)
+                    asked = menu(self.settings, self.ui.take_message(), chosen)
                     answer = chosen = await self.ui.ask(asked)
         except ClosedByOwnerError:
             return  # So it ends from everywhere.
@@ -148,5 +148,7 @@ class Shell:
 
     def _as_before(self) -> dict[str, object]:
         """What was said for this time only, and has not been changed since, as it was."""
-        now, said, before = self.settings.preferences, self._said, self._remembered
-        return {name: getattr(before, name) for name, value in now if value == getattr(said, name)}
+        now, at_start, before = self.settings.preferences, self._at_start, self._remembered
+        return {
+            name: getattr(before, name) for name, value in now if value == getattr(at_start, name)
+        }

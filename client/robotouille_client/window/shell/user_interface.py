@@ -120,7 +120,7 @@ class UserInterface:
         except (RobotouilleError, OSError, RuntimeError) as error:
             self.words_fault = f"No words of your own: {error}"
 
-    def told(self) -> str:
+    def take_message(self) -> str:
         """The message, which is told once."""
         words, self.message = self.message, ""
         return words
@@ -145,7 +145,7 @@ class UserInterface:
 
     async def show(self, source: Source, cards: Cards, *, caption: str, **options: Any) -> object:
         """Show a game; what was chosen in it at last."""
-        return await self.watched(self.window(cards, caption=caption, **options), source)
+        return await self.run_window(self.window(cards, caption=caption, **options), source)
 
     def window(self, cards: Cards, *, caption: str, **options: Any) -> Window:
         """A window in this display, with the settings of its owner."""
@@ -162,7 +162,7 @@ class UserInterface:
             **options,
         )
 
-    async def watched(self, window: Window, source: Source) -> object:
+    async def run_window(self, window: Window, source: Source) -> object:
         """Run a window until something was chosen in it."""
         await window.run(source, linger=None)
         if self._sounds is not None:

@@ -158,7 +158,7 @@ class Panel:
     def _goal(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
     ) -> int:
-        """An order slip."""
+        """The ticket."""
         room = pygame.Rect(area.x, y, area.width, area.height)
         clock = self._text.height(layout.text) + 3 * layout.text
         below = clock + self._seats.height(layout, len(view.seats))
@@ -172,7 +172,7 @@ class Panel:
     def _draw_ticket(
         self, ticket: Ticket, room: pygame.Rect, layout: Layout, free: int
     ) -> pygame.Surface:
-        """The slip by itself: it changes far less often than what is beside it."""
+        """The ticket by itself: it changes far less often than what is beside it."""
         shown = (room.size, layout, free, ticket.seen(self._settled))
         if self._ticket_drawn is None or self._ticket_drawn[0] != shown:
             canvas = pygame.Surface(room.size)

@@ -1,4 +1,4 @@
-"""The order slip: each dish of the goal as a column of pictures that are ticked off, and their
+"""The ticket: each dish of the goal as a column of pictures that are ticked off, and their
 names where they fit."""
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Ticket:
         self._prose = view.world.task.goal_description or "No goal is set."
 
     def told(self, point: tuple[int, int]) -> tuple[str, ...]:
-        """What is so and what is not of the layer at a point of the slip; and the goal in words."""
+        """What is so and what is not of the layer at a point; and the goal in words."""
         for row, layer, far in self._rows:
             if row.collidepoint(point):
                 return (*self._conditions(layer, far), self._prose)
@@ -91,7 +91,7 @@ class Ticket:
         state: State,
         free: int,
     ) -> int:
-        """Draw the slip at the top of an area, as a state has it; its height.
+        """Draw the ticket at the top of an area, as a state has it; its height.
 
         Args:
             free: The height that nothing else needs: in that, dishes stand below each other.

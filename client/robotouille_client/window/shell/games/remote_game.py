@@ -30,7 +30,7 @@ from robotouille_client.window.sources.remote_look import fetch_look
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
 
-__all__ = ["PlayedSource", "RemoteGame", "Shown", "remote_game", "shown"]
+__all__ = ["PlayedSource", "RemoteGame", "Shown", "remote_game", "views_of"]
 
 LEAVE_SECONDS = 2.0
 """For which whoever leaves waits for the server's answer."""
@@ -63,7 +63,7 @@ class Shown(NamedTuple):
     history: LiveHistory
 
 
-def shown(
+def views_of(
     game: Game,
     now: Callable[[], float],
     connected: Callable[[], bool],

@@ -12,7 +12,7 @@ from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.settings import Settings
 
-__all__ = ["leaving", "menu"]
+__all__ = ["menu", "quit_form"]
 
 EMBLEM = ("assets", "kitchen", "app_icon.svg")
 
@@ -30,7 +30,9 @@ def menu(settings: Settings, message: str = "", chosen: object = None) -> Form:
         Button("Settings", Answer.SETTINGS),
         Button("Quit", Answer.QUIT),
     ]
-    form = Form(f"Hello, {settings.preferences.name}", rows, cancel=Answer.LEAVE, picture=_emblem)
+    form = Form(
+        f"Hello, {settings.preferences.name}", rows, cancel=Answer.ASK_TO_QUIT, picture=_emblem
+    )
     last = next((row for row in rows if row.answer == chosen), None)
     if last is not None:
         form.focus(last)
@@ -40,7 +42,7 @@ def menu(settings: Settings, message: str = "", chosen: object = None) -> Form:
     return form
 
 
-def leaving() -> Form:
+def quit_form() -> Form:
     """Whether Escape was meant."""
     return Form("Leave Robotouille?", [Button("Stay", Answer.STAY), Button("Quit", Answer.QUIT)])
 
