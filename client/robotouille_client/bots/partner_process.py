@@ -26,8 +26,8 @@ __all__ = ["PartnerProcess"]
 
 COMMAND = (sys.executable, "-P", "-m", "robotouille_client.bots.partner_worker")
 PLAIN = {"ROBOTOUILLE_COMPILE": "0"}
-"""They plan in plain Python, unless the environment says otherwise: compiling takes a minute, and
-begins in the middle of a game, with the first plan in which the person has a part."""
+"""They plan in plain Python, unless the environment says otherwise: compiling takes half a minute,
+and begins in the middle of a game, with the first plan in which the person has a part."""
 CHUNK = 65536
 LIVES = 2
 """Processes that are started for a game, one after the other."""

@@ -109,9 +109,7 @@ class Conversation:
         except ProtocolError as error:
             self._answer_error(error, ref)
         except Exception:
-            get_logger().exception("a message failed")
-            failure = ProtocolError("server/internal", "the server failed to handle this")
-            self._answer_error(failure, ref)
+            self._answer_failure(ref)
         peer.throttle()
 
     def _decode(self, payload: bytes | str) -> messages.ClientMessage:
@@ -165,6 +163,12 @@ class Conversation:
         self._services.metrics.errors.labels(code).inc()
         self.peer.send(unheard(message, session, message.basis or 0, code, reason))
 
+    def _answer_failure(self, ref: int | None) -> None:
+        """Answer what has failed for no fault of the client's; called while that is handled."""
+        get_logger().exception("a message failed")
+        failure = ProtocolError("server/internal", "the server failed to handle this")
+        self._answer_error(failure, ref)
+
     def _answer_error(self, error: ProtocolError, ref: int | None) -> None:
         self._services.metrics.errors.labels(error.code).inc()
         self.peer.send(
@@ -207,10 +211,13 @@ class Conversation:
         if self._hello_timer is not None:
             self._hello_timer.cancel()
         self._attach(session)
-        services = self._services
-        room = session.room
+        self._welcome(session, message, resumed=resumed)
+
+    def _welcome(self, session: Session, hello: messages.Hello, *, resumed: bool) -> None:
+        """Answer a hello; who comes back is sent what they have missed."""
+        services, room = self._services, session.room
         welcome = messages.Welcome(
-            ref=message.ref,
+            ref=hello.ref,
             protocol=messages.PROTOCOL_VERSION,
             server=RELEASE,
             session=session.id,
@@ -224,10 +231,10 @@ class Conversation:
         if resumed:
             services.metrics.resumed.inc()
             if room is not None:
-                room.connection_back(session, message.seen)
-            elif message.seen is not None:
+                room.connection_back(session, hello.seen)
+            elif hello.seen is not None:
                 reason = "you are no longer in this episode"
-                self.peer.send(messages.Left(episode=message.seen.episode, reason=reason))
+                self.peer.send(messages.Left(episode=hello.seen.episode, reason=reason))
 
     async def _handle_hello_later(self, hello: messages.Hello, episode: str) -> None:
         """Find the end of an episode beside the games; what the client says meanwhile waits."""
@@ -238,9 +245,7 @@ class Conversation:
         except ProtocolError as error:
             self._answer_error(error, hello.ref)
         except Exception:
-            get_logger().exception("a message failed")
-            failure = ProtocolError("server/internal", "the server failed to handle this")
-            self._answer_error(failure, hello.ref)
+            self._answer_failure(hello.ref)
         self._hello_task = None
         self.peer.socket.resume_reading("hello")
 

@@ -1,4 +1,4 @@
-"""What all connections of a server use."""
+"""What conversations need of the server around them, and what it says when it stops."""
 
 from __future__ import annotations
 

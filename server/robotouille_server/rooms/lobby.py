@@ -126,7 +126,7 @@ class Lobby:
         """
         if request.rematch is not None:
             return self._play_again(request, owner, asker)
-        self._check_room(owner, reserved=request.open_for is not None)
+        self._check_capacity(owner, reserved=request.open_for is not None)
         return self._open(EpisodeSetup.requested(request, self._settings, self.tasks), owner)
 
     def _play_again(self, request: messages.Create, owner: str, asker: Collection[str]) -> Room:
@@ -137,7 +137,7 @@ class Lobby:
         opened = self.rooms.get(game.again)
         if opened is not None and opened.episode.phase is not Phase.ENDED:
             return opened
-        self._check_room(owner, reserved=False)
+        self._check_capacity(owner, reserved=False)
         room = self._open(game.setup_for(owner), owner)
         game.again = room.id
         if (before := self.rooms.get(game.episode)) is not None:
@@ -163,7 +163,7 @@ class Lobby:
         message = "this game is not over; it can be played again when it is"
         raise ProtocolError("message/invalid-field", message, "rematch")
 
-    def _check_room(self, owner: str, *, reserved: bool) -> None:
+    def _check_capacity(self, owner: str, *, reserved: bool) -> None:
         if self.draining:
             message = "this server is about to be restarted; try again in a moment"
             raise ProtocolError("server/draining", message)
