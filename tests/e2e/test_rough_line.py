@@ -15,7 +15,6 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene
 from robotouille_client import Game, connect
 from robotouille_client.window.drawing.kitchen.motion import Motion
-from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.sources.playout import MAX_DELAY, MAX_RATE
 from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import View
@@ -73,7 +72,7 @@ class Walker:
         """Go somewhere, if one has arrived."""
         state, world = self._game.state, self._game.world
         here = scene(state)["robot1"].at
-        ways = {a: there for a in state.actions("robot1") if (there := destination(a))}
+        ways = {a: there for a in state.actions("robot1") if (there := a.destination)}
         if self._game.running and here and ways and not state.busy_steps("robot1"):
             self.act(max(ways, key=lambda action: world.floor.distance(here, ways[action])))
 

@@ -13,7 +13,6 @@ from robotouille import State
 from robotouille.world.scene import scene
 from robotouille_client.window.hands.controls import Controls, Meaning
 from robotouille_client.window.hands.possible import use
-from robotouille_client.window.hands.walking import destination
 from tests.support.scripted import after
 
 GOLDEN = Path(__file__).parents[1] / "window" / "hints"
@@ -83,7 +82,7 @@ def _walked(state: State, me: str, station: str) -> State | None:
     if scene(state)[me].at == station:
         return state
     for action in state.actions(me):
-        if destination(action) == station:
+        if action.destination == station:
             return state.step({me: action}).state
     return None
 

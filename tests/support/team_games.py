@@ -43,9 +43,7 @@ class Chance(Idle):
         self._random, self._travel = random.Random(f"{seed}:{player}"), travel
 
     def act(self, state: State) -> GroundAction | None:
-        actions = [
-            a for a in state.actions(self.player) if a.schema.definition.travel or not self._travel
-        ]
+        actions = [a for a in state.actions(self.player) if a.destination or not self._travel]
         return self._random.choice(actions) if actions else None
 
 

@@ -13,7 +13,7 @@ from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap
-from robotouille_client.window.hands.walking import destination, towards
+from robotouille_client.window.hands.walking import towards
 from robotouille_client.window.view import Bubble, View
 from robotouille_client.window.window import Window
 
@@ -129,7 +129,7 @@ def way(state: State, me: str, station: str) -> list[Command]:
 
 def goes_to(action: GroundAction) -> str | None:
     """Where an action walks to, if it is a walk."""
-    return destination(action)
+    return action.destination
 
 
 class Fingers:

@@ -27,7 +27,7 @@ def is_waiting(action: GroundAction) -> bool:
 
 def is_travel(action: GroundAction) -> bool:
     """Whether it takes a player from one station to another, as `move` does."""
-    return action.schema.definition.travel is not None
+    return action.destination is not None
 
 
 def is_asynchronous(action: GroundAction) -> bool:

@@ -83,7 +83,7 @@ class Walk:
         valid = [a for a in state.actions(player) if a.schema.definition.precons]
         if not valid or self.random.random() < 0.1:
             return None
-        walks = (a.schema.definition.travel is not None for a in valid)
+        walks = (a.destination is not None for a in valid)
         weights = [
             1 + 20 * bool(a.effects) + 5 * (not w) for a, w in zip(valid, walks, strict=True)
         ]

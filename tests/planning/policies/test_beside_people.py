@@ -59,7 +59,7 @@ class Odd(Idle):
         self._deeds -= 1
         if self._deeds % 3:
             return None
-        walks = [a for a in state.actions(self.player) if a.schema.definition.travel]
+        walks = [a for a in state.actions(self.player) if a.destination]
         deeds = [a for a in state.actions(self.player) if a not in walks]
         if self._deeds < 0:
             deeds = [a for a in deeds if a.name.startswith("place")]
@@ -160,7 +160,7 @@ def test_of_two_that_wait_for_each_others_place_one_gives_way() -> None:
 
         def observe(self, did: Did) -> None:
             for player, action, applied in did:
-                if player == "robot1" and applied and not action.schema.definition.travel:
+                if player == "robot1" and applied and action.destination is None:
                     self.waited, self.place = 0, action.arguments[-1]
             self.waited += 1
 

@@ -289,9 +289,7 @@ def test_an_action_may_count_on_another_in_the_same_step() -> None:
     """robot2 takes the place that robot1 leaves, whoever sends first."""
     world = World(load_task("multi_agent/01"))
     here = {p: standing_at(world.initial, p) or "" for p in world.players}
-    free = next(a for a in world.initial.actions("robot2") if a.schema.definition.travel).arguments[
-        2
-    ]
+    free = next(a for a in world.initial.actions("robot2") if a.destination).arguments[2]
     leave = world.action("move", "robot2", here["robot2"], free)
     follow = world.action("move", "robot1", here["robot1"], here["robot2"])
     for both in (True, False):

@@ -111,7 +111,7 @@ class Painter:
                 *([] if choices is None else [choices]),
             ],
             avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
-            spared=workplaces(place, stage),
+            spared=workplaces(place, stage, view.world.floor.plain),
         )  # fmt: skip
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)

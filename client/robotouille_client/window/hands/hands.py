@@ -12,7 +12,6 @@ from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.hands.controls import Button, Controls, Meaning
 from robotouille_client.window.hands.possible import EARLY, WAIT, ends_work, possible, use, walk
 from robotouille_client.window.hands.queue import ActionQueue, Intent
-from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Source, View
 
 __all__ = ["Hands", "hint_words"]
@@ -136,7 +135,7 @@ class Hands:
         sent = self.queue.sent
         if sent is None:
             return None
-        return destination(sent.action) or scene(state)[me].at
+        return sent.action.destination or scene(state)[me].at
 
     def hints(self, controls: Controls, state: State, me: str) -> tuple[tuple[str, str], ...]:
         """Rows of (key, what it does now), the most useful first; where nothing can be done here

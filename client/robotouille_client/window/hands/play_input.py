@@ -17,7 +17,6 @@ from robotouille_client.window.hands.chat_line import ChatLine
 from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap, key_words
 from robotouille_client.window.hands.controls import Button, Controls, Meaning
 from robotouille_client.window.hands.hands import MAX_CHOICES, Hands, hint_words
-from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.view import LobbySource, LobbyView, Source, View
 
@@ -320,7 +319,7 @@ class PlayInput:
 
     def _mark(self, view: View) -> ActionMark | None:
         if self.hands.choices:
-            there = destination(self.hands.choices[self.hands.chosen])
+            there = self.hands.choices[self.hands.chosen].destination
             return ActionMark(there, "asked") if there else None
         sent = self.hands.queue.sent  # Once: it is over when its time is.
         if view.me is None or sent is None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.people.usefulness import useful_actions, work_in_progress
@@ -11,7 +9,7 @@ from robotouille.world.scene import scene
 from robotouille.world.timers import Progress
 from robotouille.world.world import State
 from robotouille_client.window.hands.controls import Controls, Meaning
-from robotouille_client.window.hands.walking import destination, towards
+from robotouille_client.window.hands.walking import towards
 
 __all__ = ["EARLY", "WAIT", "ends_work", "possible", "use", "walk"]
 
@@ -32,7 +30,7 @@ def possible(state: State, me: str) -> tuple[GroundAction, ...]:
 
 
 def _order(state: State, me: str, action: GroundAction, walks: _Walks) -> tuple[int, int]:
-    there = destination(action)
+    there = action.destination
     if there is not None:
         return (3 if walks.matters(there) else 4), walks.steps(there)
     if not (action.touched or action.effects):
@@ -55,15 +53,13 @@ class _Walks:
 
     def __init__(self, state: State, me: str) -> None:
         placed = scene(state)
-        kinds = [state.world.thing(name).kind for name in state.world.floor.stations]
-        self._plain = Counter(kinds).most_common(1)[0][0] if kinds else ""
         self._used = {each.host for each in placed.values()}
         self._here = placed[me].at
         self._world = state.world
 
     def matters(self, station: str) -> bool:
-        """Whether something lies there, or it is of another kind than most."""
-        return station in self._used or self._world.thing(station).kind != self._plain
+        """Whether something lies there, or may be done there."""
+        return station in self._used or station not in self._world.floor.plain
 
     def steps(self, station: str) -> int:
         return self._world.floor.distance(self._here, station) if self._here else 0

@@ -10,7 +10,6 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.people.templates import capitalised
 from robotouille_client.window.hands.controls import Meaning
-from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Bubble, Source, View
 
 __all__ = ["MAX_QUEUED", "ActionQueue", "Intent", "Sent"]
@@ -102,7 +101,7 @@ class ActionQueue:
             return "The game has not begun"
         self._settle(view)
         asked = self._sent if self._sent is not None and self._sent.fate == "asked" else None
-        walks = asked is not None and destination(asked.action) is not None
+        walks = asked is not None and asked.action.destination is not None
         if intent.follows and (walks or self._retry is not None):
             return self._wait(intent)
         if self._retry is not None:
@@ -164,7 +163,7 @@ class ActionQueue:
 
     def _wanted(self, action: GroundAction, view: View) -> _Retry | None:
         """What to try again of a walk that was refused: if nothing but somebody was in the way."""
-        if destination(action) is None:
+        if action.destination is None:
             return None
         occupancy = Occupancy(view.world)
         unmet = view.world.unmet(view.state, action)

@@ -11,23 +11,17 @@ from robotouille.world.grounding.floor import Tile
 from robotouille.world.scene import Placed
 from robotouille.world.world import State
 
-__all__ = ["destination", "towards", "walks"]
+__all__ = ["towards", "walks"]
 
 _ASIDE = 2
 """By how much more a tile to the side counts than one ahead."""
-
-
-def destination(action: GroundAction) -> str | None:
-    """The station that an action walks to; None where it is no walk."""
-    travel = action.schema.definition.travel
-    return action.schema.bind(action.arguments)[travel[1]] if travel else None
 
 
 def walks(state: State, me: str) -> dict[str, GroundAction]:
     """The valid walks of a player by the station they lead to."""
     found: dict[str, GroundAction] = {}
     for action in state.actions(me):
-        there = destination(action)
+        there = action.destination
         if there is not None:
             found.setdefault(there, action)
     return found

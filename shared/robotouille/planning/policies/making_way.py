@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 from robotouille.planning.policies.script import Script
-from robotouille.planning.policies.standing import standing_at, travel_ends, walks_aside
+from robotouille.planning.policies.standing import leads_to, standing_at, walks_aside
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.unmet import UnmetKind
@@ -33,8 +33,7 @@ def station_in_the_way(
 ) -> str | None:
     """The first station to which some actions walk where one of some other players stands."""
     taken = {standing_at(state, player) for player in others}
-    ends = (travel_ends(each)[1] for each in coming if each.schema.definition.travel)
-    return next((end for end in ends if end in taken), None)
+    return next((each.destination for each in coming if leads_to(each, taken)), None)
 
 
 def missing_deed(

@@ -25,7 +25,7 @@ class PastStep(NamedTuple):
     def is_meddling(self, team: Collection[str]) -> bool:
         """Whether others have done something, walks apart."""
         return any(
-            p not in team and ok and not action.schema.definition.travel
+            p not in team and ok and action.destination is None
             for p, action, ok in self.did
             if does_something(action)
         )

@@ -479,7 +479,7 @@ class PlannerPolicy:
         script, others = self._script, self._outsiders
         if script is None or not others or script.finished:
             return False
-        at_work = action is not None and action.schema.definition.travel is None
+        at_work = action is not None and action.destination is None
         if not at_work and self._relies_on is Reliance.EVERYBODY and script.waits_for(others):
             return True
         due = script.due(self.player, state) if action is None else None
@@ -492,7 +492,7 @@ class PlannerPolicy:
 
     def _tell_others(self, action: GroundAction | None) -> None:
         """Tell people and others who cannot know where this seat is about to go."""
-        if action is None or self._script is None or not action.schema.definition.travel:
+        if action is None or self._script is None or action.destination is None:
             return
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
         may = self._talk.may_tell(self._step, hurried=self._hurried)

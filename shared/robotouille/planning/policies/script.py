@@ -7,7 +7,7 @@ from itertools import takewhile
 from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
-from robotouille.planning.policies.standing import standing_at, travel_ends, walk_to
+from robotouille.planning.policies.standing import standing_at, walk_to
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
@@ -64,8 +64,7 @@ class Script:
                 player = action.player or self.player
                 row = _Row(step, place, action, self._needs(player, action), at[player])
                 self._rows[player].append(row)
-                if action.schema.definition.travel:
-                    at[player] = travel_ends(action)[1]
+                at[player] = action.destination or at[player]
             state = state.step(list(actions)).state
             begun |= _running(state)
 
@@ -89,7 +88,7 @@ class Script:
             if done:
                 self._done[player] += done
                 continue
-            walks = action.schema.definition.travel is not None
+            walks = action.destination is not None
             stays = row is not None and player not in may_walk
             if applied and does_something(action) and (stays or not walks):
                 self.astray.add(player)
@@ -98,10 +97,10 @@ class Script:
         """How many of a seat's next actions are done with an action. Of walks it only matters where
         they lead: one may be instead of several."""
         for number, row in enumerate(self._rows[player][self._done[player] :], start=1):
-            walks = row.action.schema.definition.travel and action.schema.definition.travel
-            if walks and travel_ends(row.action)[1] == travel_ends(action)[1]:
+            there = row.action.destination
+            if there is not None and there == action.destination:
                 return number
-            if not walks:
+            if there is None or action.destination is None:
                 return int(number == 1 and str(row.action) == str(action))
         return 0
 
@@ -146,7 +145,7 @@ class Script:
 
     def _deed(self, player: str) -> _Row | None:
         rows = self._rows[player][self._done[player] :]
-        return next((row for row in rows if not row.action.schema.definition.travel), None)
+        return next((row for row in rows if row.action.destination is None), None)
 
     def due(self, player: str, state: State, chosen: Collection[str] = ()) -> GroundAction | None:
         """The next action of a seat if the plan waits for nothing else, valid or not.
@@ -165,10 +164,10 @@ class Script:
     def _shortcut(self, player: str, state: State) -> GroundAction | None:
         """One walk instead of several."""
         rows = self._rows[player][self._done[player] :] if self._direct else []
-        walks = list(takewhile(lambda row: row.action.schema.definition.travel, rows))
+        walks = list(takewhile(lambda row: row.action.destination is not None, rows))
         if len(walks) < 2 or not self._is_time(walks[-1], state):
             return None
-        return walk_to(state, player, travel_ends(walks[-1].action)[1])
+        return walk_to(state, player, walks[-1].action.destination)
 
     def _is_time(self, row: _Row, state: State, chosen: Collection[str] = ()) -> bool:
         if _running(state) & self._finished[row.step]:
@@ -182,7 +181,7 @@ class Script:
             return None
         deed = self._deed(player)
         if deed is None:
-            return walk_to(state, player, travel_ends(row.action)[1])
+            return walk_to(state, player, row.action.destination)
         walk, action = walk_to(state, player, deed.at), _here(state.world, deed.action)
         if walk is None or action is None or not self._is_time(deed, state):
             return None

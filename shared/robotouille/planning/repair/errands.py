@@ -74,7 +74,7 @@ def errands(course: Course) -> ErrandList:
         row, touched = [], 0
         for action in joint:
             touched |= action.touched
-            if action.player is None or action.schema.definition.travel is not None:
+            if action.player is None or action.destination is not None:
                 continue
             if action.touched or action.effects:
                 needs = _about(action, before, before.facts & by_time)

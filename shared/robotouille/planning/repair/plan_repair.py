@@ -245,7 +245,7 @@ class _Repair:
             there = self._floor.moved(player, facts, station)
             for action in self._world.actions(State(self._world, there, none), player):
                 after = (there | action.touched) ^ action.removed
-                is_walk = action.schema.definition.travel is not None
+                is_walk = action.destination is not None
                 if is_walk or action.effects or not (after ^ facts) & bit:
                     continue
                 cost = (len(action.arguments), station in used, station != here)

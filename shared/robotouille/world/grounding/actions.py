@@ -108,6 +108,18 @@ class GroundAction:
     def __hash__(self) -> int:
         return self._hash
 
+    @property
+    def origin(self) -> str | None:
+        """The station where a walk begins; None for what is no walk."""
+        travel = self.schema.definition.travel
+        return None if travel is None else self.schema.bind(self.arguments)[travel[0]]
+
+    @property
+    def destination(self) -> str | None:
+        """The station where a walk ends; None for what is no walk."""
+        travel = self.schema.definition.travel
+        return None if travel is None else self.schema.bind(self.arguments)[travel[1]]
+
     def __copy__(self) -> GroundAction:
         return self
 

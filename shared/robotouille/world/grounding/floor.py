@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from functools import cached_property
 
 from robotouille.world.grounding.objects import Object
@@ -16,12 +16,17 @@ _NEIGHBOURS = ((0, -1), (0, 1), (-1, 0), (1, 0))
 
 
 class Floor:
-    """Tiles of a `width` × `height` grid without a station, and walks over them."""
+    """Tiles of a `width` × `height` grid without a station, and walks over them.
+
+    `stations` have their tiles. Those that are `plain` are of the kind of which there are most:
+    one puts things down there, and does something at the others.
+    """
 
     def __init__(self, width: int, height: int, objects: tuple[Object, ...], stations: set[str]):
         self.width = width
         self.height = height
         self.stations = {o.name: o.tile for o in objects if o.type in stations and o.tile}
+        self.plain = _plain([o for o in objects if o.type in stations])
         self.blocked = frozenset(self.stations.values())
         self._starts = tuple(o.tile for o in objects if o.facing is not None and o.tile)
         self._walks: dict[Tile, dict[Tile, Tile]] = {}
@@ -80,3 +85,8 @@ class Floor:
                         queue.append(neighbour)
             self._walks[goal] = known
         return known
+
+
+def _plain(stations: list[Object]) -> frozenset[str]:
+    kinds = Counter(each.kind for each in stations).most_common(1)
+    return frozenset(each.name for each in stations if each.kind == kinds[0][0])

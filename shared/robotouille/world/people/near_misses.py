@@ -182,7 +182,7 @@ class NearMisses:
     def _is_taken(self, action: GroundAction, unmet: tuple[Unmet, ...], meant: list[str]) -> bool:
         """Whether an action walks to what is meant, and only somebody who stands there hinders."""
         stations = {self._occupancy.needed_free(each) for each in unmet}
-        walks = action.schema.definition.travel is not None
+        walks = action.destination is not None
         return walks and stations == {*meant[:1]}
 
     def _is_for_ever(self, unmet: Unmet) -> bool:

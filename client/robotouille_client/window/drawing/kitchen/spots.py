@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
@@ -140,16 +139,10 @@ def occupied(layout: Layout, stage: Stage, poses: dict[str, Pose]) -> list[pygam
     return areas
 
 
-def workplaces(layout: Layout, stage: Stage) -> list[pygame.Rect]:
-    """Stations of other kinds than most: where something is done, whether it is now or not."""
-    kinds = Counter(stage.placed[name].thing.kind for name in stage.stations)
-    plain = kinds.most_common(1)[0][0] if kinds else ""
-    there = [stage.placed[name] for name in stage.stations]
-    return [
-        _part(layout.corner(each.tile), _WORKTOP, layout.tile)
-        for each in there
-        if each.tile is not None and each.thing.kind != plain
-    ]
+def workplaces(layout: Layout, stage: Stage, plain: Collection[str]) -> list[pygame.Rect]:
+    """Stations but for the plain ones: where something is done, whether it is now or not."""
+    tiles = (stage.placed[name].tile for name in stage.stations if name not in plain)
+    return [_part(layout.corner(tile), _WORKTOP, layout.tile) for tile in tiles if tile is not None]
 
 
 def ways(

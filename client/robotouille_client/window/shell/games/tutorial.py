@@ -19,7 +19,6 @@ from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State, World
 from robotouille_client.window.hands.commands import Command, KeyMap
-from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.view import Source, View
 
@@ -131,7 +130,7 @@ def _first_work(world: World) -> str:
 
 def kind_of(state: State, action: GroundAction) -> Kind:
     """What an action is, by what it changes: where its player is, or what is held."""
-    if destination(action) is not None:
+    if action.destination is not None:
         return "walk"
     before = _held(state, action.player)
     after = _held(state.world.successor(state, action), action.player)
