@@ -81,7 +81,7 @@ def test_a_bot_that_was_killed_takes_the_seat_that_it_is_told_to(
 
             async def bot(seat: str | None) -> asyncio.Task[Any]:
                 make = policy_maker(BotKind.RANDOM)
-                playing = bots._run(server.url, ("ada",), None, room.code, seat, make)
+                playing = bots._run(bots.Entry(server.url, ("ada",), None, room.code, seat), make)
                 task = asyncio.create_task(playing)
                 await asyncio.sleep(1.0)
                 return task

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import AsyncExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
 
@@ -62,63 +63,58 @@ class TextBot(Protocol):
         ...
 
 
-async def _waiting(url: str, name: str, token: str | None, kind: Kind) -> str:
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Which episode of a server a bot enters, as whom, and for which seats.
+
+    Without an `episode` it is the first that waits for players. Of several `names` it is the first
+    that no other process here plays under. `seats` are several that one model plays; else it is
+    `seat`, or any that is free.
+    """
+
+    url: str
+    names: Sequence[str]
+    token: str | None = None
+    episode: str | None = None
+    seat: str | None = None
+    seats: Seats = ()
+
+
+async def _waiting(entry: Entry, kind: Kind) -> str:
     """The code of the first episode that waits for players."""
     from robotouille_client.client import connect
 
-    async with connect(url, name=name, kind=kind, token=token) as client:
+    async with connect(entry.url, name=entry.names[0], kind=kind, token=entry.token) as client:
         waiting = [e for e in await client.episodes() if e.phase == "waiting"]
     if not waiting:
         raise RobotouilleError("no episode waits for players; name one with --episode CODE")
     return waiting[0].code
 
 
-async def _run(
-    url: str,
-    names: Sequence[str],
-    token: str | None,
-    episode: str | None,
-    seat: str | None,
-    bot: MakePolicy | TextBot,
-    seats: Seats = (),
-) -> Any:
+async def _run(entry: Entry, bot: MakePolicy | TextBot) -> Any:
     """Make the bot ready, and then play to the end."""
     from robotouille_client.bots.player import play
 
-    async with AsyncExitStack() as opened:
-        if isinstance(bot, TextBot):
-            player = await opened.enter_async_context(bot.opened())
-            return await _take_seat(
-                url, names, token, episode, seat, player, bot.view, seats, bot.kind
-            )
-        make_policy = bot
-        return await _take_seat(
-            url, names, token, episode, seat, lambda game: play(game, make_policy), "state"
-        )
+    if isinstance(bot, TextBot):
+        async with bot.opened() as player:
+            return await _take_seat(entry, player, bot.view, bot.kind)
+    make_policy = bot
+    return await _take_seat(entry, lambda game: play(game, make_policy), "state", "bot")
 
 
-async def _take_seat(
-    url: str,
-    names: Sequence[str],
-    token: str | None,
-    episode: str | None,
-    seat: str | None,
-    player: Player,
-    view: View,
-    seats: Seats = (),
-    kind: Kind = "bot",
-) -> Any:
-    """Play to the end; in the seat that a process of this name had that was killed, if it had. Of
-    several names it is the first that no other process here plays under."""
+async def _take_seat(entry: Entry, player: Player, view: View, kind: Kind) -> Any:
+    """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     from robotouille_client.client import connect
     from robotouille_client.console.kept_seat import came_back, kept_seat_of, state_folder
 
-    code = episode or await _waiting(url, names[0], token, kind)
-    with kept_seat_of(state_folder(), url, code, names) as (name, kept):
-        asked = (seat,) if seat is not None else seats
+    code = entry.episode or await _waiting(entry, kind)
+    with kept_seat_of(state_folder(), entry.url, code, entry.names) as (name, kept):
+        asked = (entry.seat,) if entry.seat is not None else entry.seats
         resume = kept.token_for(asked) if kept is not None else None
-        async with connect(url, name=name, kind=kind, token=token, resume=resume) as client:
-            game = await _join(client, code, seat, seats, view, kept)
+        async with connect(
+            entry.url, name=name, kind=kind, token=entry.token, resume=resume
+        ) as client:
+            game = await _join(client, code, entry, view, kept)
             if back := came_back(client, game, kept):
                 tell(printable(f"came back into {back}"), err=True)
             own = ", ".join(game.own_seats)
@@ -131,14 +127,13 @@ async def _take_seat(
             return outcome
 
 
-async def _join(
-    client: Client, code: str, seat: str | None, seats: Seats, view: View, kept: KeptSeat | None
-) -> Game:
-    """Join an episode, whose world waits for one who plays several `seats`."""
+async def _join(client: Client, code: str, entry: Entry, view: View, kept: KeptSeat | None) -> Game:
+    """Join an episode, whose world waits for one who plays several seats."""
+    seats = entry.seats
     if seats:
         await _require_waiting_world(client, code)
     try:
-        game = await client.join(code, seat=seat, seats=seats, view=view)
+        game = await client.join(code, seat=entry.seat, seats=seats, view=view)
     except ProtocolError as error:
         raise _what_to_do(error, seats) from None
     if seats and game.clock.get("clock") == "realtime":
@@ -345,8 +340,9 @@ def command(
         else:
             bot = _maker(kind, seed, plan)
         own = [f"{kind.rpartition(':')[2]}-bot"] if ":" in kind else given_names(seed, seat)
-        names, address = [name] if name else own, server_url(url, host, port)
-        outcome = asyncio.run(_run(address, names, token, episode, seat, bot, several))
+        names = [name] if name else own
+        entry = Entry(server_url(url, host, port), names, token, episode, seat, several)
+        outcome = asyncio.run(_run(entry, bot))
     if json_output:
         typer.echo(json.dumps(outcome))
     else:
