@@ -143,7 +143,8 @@ class AnytimePlanner:
             beam: About how many expansions a beam search takes.
             choices: Of objects for the goal that a beam search tries where the first has no plan:
                 somebody may stand where that one is.
-            brief: Take them in turns from the start, which bounds the work by that for one.
+            brief: Try all of these in one search, in turns, and not the first by itself before: so
+                all of it takes no more than one search.
 
         Yields:
             What is known so far; its `plan` is None where none was found.
