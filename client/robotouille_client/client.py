@@ -23,6 +23,7 @@ from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
+from robotouille_client.sansio.addresses import server_uri
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.client_requests import Request, RequestDone
 from robotouille_client.sansio.client_state import ClientState
@@ -343,6 +344,7 @@ class Client:
             self._flush()
 
     async def _connect(self) -> ClientConnection:
+        server_uri(self.url)
         try:
             return await open_socket(
                 self.url,

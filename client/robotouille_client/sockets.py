@@ -7,8 +7,9 @@ import ssl
 from urllib.parse import urlsplit
 
 from websockets.asyncio.client import connect
-from websockets.exceptions import InvalidMessage, InvalidStatus, InvalidURI
+from websockets.exceptions import InvalidMessage, InvalidStatus
 
+from robotouille_client.errors import StrangerError
 from robotouille_client.sansio.addresses import check_host
 
 __all__ = ["open_socket", "why_not"]
@@ -19,7 +20,10 @@ class open_socket(connect):  # noqa: N801
 
     def process_redirect(self, exc: Exception) -> Exception | str:
         """Where to go on; an error in place of a host that our tokens do not go to."""
-        target = super().process_redirect(exc)
+        try:
+            target = super().process_redirect(exc)
+        except ValueError as error:
+            raise StrangerError(f"{self.uri} sends us to what is no address: {error}") from None
         if isinstance(target, str):
             check_host(urlsplit(self.uri), target)
         return target
@@ -42,10 +46,6 @@ def _reason(error: Exception, url: str) -> str:
     if isinstance(error, InvalidStatus) and error.response.body:
         said = error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
         return "that is no Robotouille server, but a web page" if said.startswith("<") else said
-    if isinstance(error, InvalidURI):
-        given = urlsplit(url).netloc
-        near = f", as in ws://{given} or, with TLS, wss://{given}" if given else ""
-        return f"a server's address begins with ws:// or wss://{near}"
     if isinstance(error, InvalidMessage) and url.startswith("ws:"):
         return f"{error}. If it speaks TLS, it is at wss://"
     if isinstance(error, ssl.SSLCertVerificationError):

@@ -17,8 +17,9 @@ from websockets.asyncio.client import connect as open_socket
 from robotouille_client import Client
 from robotouille_client import client as connection
 from robotouille_client.loadtest.worker import participant
-from robotouille_client.loadtest.worker.light_connection import LightConnection, server_address
+from robotouille_client.loadtest.worker.light_connection import LightConnection
 from robotouille_client.loadtest.worker.participant import Environment, LostError, Participant
+from robotouille_client.sansio.addresses import server_uri
 from robotouille_client.sansio.backoff import pauses
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
@@ -116,7 +117,7 @@ def test_a_bot_of_the_load_tester_tries_at_those_times(monkeypatch: pytest.Monke
     async def main() -> list[float]:
         attempts = Attempts(refuse)
         monkeypatch.setattr(participant, "open_connection", attempts.open)
-        environment = Environment(server_address("ws://127.0.0.1:9"), rng=random.Random(1))
+        environment = Environment(server_uri("ws://127.0.0.1:9"), rng=random.Random(1))
         attempts.begin()
         returning = asyncio.ensure_future(Participant(environment, "ada").return_to_seat())
         times = await attempts.all()

@@ -7,10 +7,11 @@ import ssl
 
 import pytest
 from websockets.datastructures import Headers
-from websockets.exceptions import InvalidMessage, InvalidStatus, InvalidURI
+from websockets.exceptions import InvalidMessage, InvalidStatus
 from websockets.http11 import Response
 
-from robotouille_client.sockets import why_not
+from robotouille_client.errors import StrangerError
+from robotouille_client.sockets import open_socket, why_not
 
 HERE, SAFE = "ws://127.0.0.1:8765", "wss://kitchen.example"
 
@@ -30,12 +31,6 @@ def untrusted(message: str) -> ssl.SSLCertVerificationError:
     [
         (refused(b"the server is full\nmore"), HERE, "the server is full"),
         (refused(b"<html>"), HERE, "that is no Robotouille server, but a web page"),
-        (
-            InvalidURI("http://a:1", "scheme"),
-            "http://a:1",
-            "as in ws://a:1 or, with TLS, wss://a:1",
-        ),
-        (InvalidURI("a:1", "scheme"), "a:1", "begins with ws:// or wss://"),
         (InvalidMessage("no HTTP response"), HERE, "If it speaks TLS, it is at wss://"),
         (untrusted("self-signed certificate"), SAFE, "SSL_CERT_FILE=FILE"),
         (untrusted("IP address mismatch, not valid for 'x'."), SAFE, "Say --url with a name"),
@@ -50,3 +45,10 @@ def untrusted(message: str) -> ssl.SSLCertVerificationError:
 )
 def test_what_is_wrong_is_said(error: Exception, url: str, words: str) -> None:
     assert words in why_not(error, url)
+
+
+@pytest.mark.parametrize("there", ["ws://127.0.0.1:99999/", "ws://[::1/"])
+def test_a_redirect_to_what_is_no_address_is_not_followed(there: str) -> None:
+    moved = InvalidStatus(Response(302, "Found", Headers(Location=there)))
+    with pytest.raises(StrangerError, match="sends us to what is no address"):
+        open_socket(HERE).process_redirect(moved)

@@ -16,7 +16,6 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.frames import Frame, Opcode
 from websockets.typing import Subprotocol
 
-from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
 from robotouille_client.loadtest.worker.light_connection import (
     HandshakeRefusedError,
@@ -24,8 +23,8 @@ from robotouille_client.loadtest.worker.light_connection import (
     Traffic,
     UnreachableError,
     open_connection,
-    server_address,
 )
+from robotouille_client.sansio.addresses import server_uri
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 
@@ -61,7 +60,7 @@ def test_messages_arrive_however_the_stream_is_cut(
     messages, content, ends = stream
 
     async def read() -> list[bytes]:
-        connection = LightConnection(server_address(URL), Traffic())
+        connection = LightConnection(server_uri(URL), Traffic())
         connection.opened.set_result(None)
         received: list[bytes] = []
         connection.receive = received.append
@@ -92,7 +91,7 @@ def test_the_library_understands_what_is_sent_and_counts_agree() -> None:
     async def converse() -> None:
         async with echoing(max_size=None, **PROTOCOL) as url:
             traffic = Traffic()
-            connection = await open_connection(server_address(url), traffic, 5)
+            connection = await open_connection(server_uri(url), traffic, 5)
             received: asyncio.Queue[bytes] = asyncio.Queue()
             connection.receive = received.put_nowait
             for size in (1, 100, 200, 70_000):
@@ -120,9 +119,7 @@ def test_pings_of_the_server_are_answered_and_a_close_is_noticed() -> None:
 
         async with serve(handle, "127.0.0.1", 0, **PROTOCOL) as server:
             port = next(iter(server.sockets)).getsockname()[1]
-            connection = await open_connection(
-                server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5
-            )
+            connection = await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
             lost = asyncio.Event()
             connection.lost = lost.set
             await answered.wait()
@@ -136,9 +133,9 @@ def test_pings_of_the_server_are_answered_and_a_close_is_noticed() -> None:
 def test_a_server_that_refuses_is_quoted(tmp_path: Path) -> None:
     async def knock() -> None:
         async with serving(tmp_path, max_connections=1) as server:
-            first = await open_connection(server_address(server.url), Traffic(), 5)
+            first = await open_connection(server_uri(server.url), Traffic(), 5)
             with pytest.raises(HandshakeRefusedError, match=r"503 .*: the server is full"):
-                await open_connection(server_address(server.url), Traffic(), 5)
+                await open_connection(server_uri(server.url), Traffic(), 5)
             first.close()
 
     run(knock())
@@ -150,7 +147,7 @@ def test_other_servers_are_told_apart() -> None:
             with pytest.raises(
                 HandshakeRefusedError, match=r"does not speak robotouille\.v1\.msgpack"
             ):
-                await open_connection(server_address(url), Traffic(), 5)
+                await open_connection(server_uri(url), Traffic(), 5)
 
         async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             await reader.readuntil(b"\r\n\r\n")
@@ -163,7 +160,7 @@ def test_other_servers_are_told_apart() -> None:
         with pytest.raises(
             HandshakeRefusedError, match=r"'220 mail\.example ESMTP', which opens no"
         ):
-            await open_connection(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+            await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
         mail.close()
         await asyncio.sleep(1)
 
@@ -179,16 +176,10 @@ def test_nobody_there_and_nobody_who_answers() -> None:
         silent = await asyncio.start_server(listen, "127.0.0.1", 0)
         port = silent.sockets[0].getsockname()[1]
         with pytest.raises(UnreachableError, match=f"127.0.0.1:{port} did not answer in 5 s"):
-            await open_connection(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+            await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
         silent.close()
         await asyncio.sleep(1)
         with pytest.raises(UnreachableError, match=f"no server at 127.0.0.1:{port}"):
-            await open_connection(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+            await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
 
     run(knock())
-
-
-@pytest.mark.parametrize("url", ["127.0.0.1:8765", "http://host", "ws://", "ws://host:port"])
-def test_what_is_no_address_is_said(url: str) -> None:
-    with pytest.raises(RobotouilleError, match="is no WebSocket URL like ws://host:8765"):
-        server_address(url)

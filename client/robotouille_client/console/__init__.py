@@ -168,7 +168,16 @@ def name_and_value(text: str, option: str) -> tuple[str, str]:
 
 
 def server_url(url: str | None, host: str, port: int) -> str:
-    """The URL of a server: as given, or made of host and port."""
+    """The URL of a server: as given, or made of host and port.
+
+    Raises:
+        ConnectionFailedError: It is none.
+    """
+    from robotouille_client.sansio.addresses import server_uri
+
     if url is None:
-        return f"ws://{f'[{host}]' if ':' in host else host}:{port}"
-    return url if "://" in url else f"ws://{url}"
+        url = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
+    elif "://" not in url:
+        url = f"ws://{url}"
+    server_uri(url)
+    return url

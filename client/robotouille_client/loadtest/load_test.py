@@ -21,10 +21,10 @@ from robotouille_client.loadtest.server_monitor import (
     is_here,
     listener,
 )
-from robotouille_client.loadtest.worker.light_connection import server_address
 from robotouille_client.loadtest.worker.participant import Environment, Participant
 from robotouille_client.loadtest.worker_pool import WorkerPool
 from robotouille_client.loadtest.workload import LoadPlan
+from robotouille_client.sansio.addresses import server_uri
 
 __all__ = ["LoadObservation", "LoadTest", "NothingBegunError", "refusals"]
 
@@ -73,7 +73,7 @@ class LoadTest:
         self.process: ServerProcess | None = None
         self._token = token
         self._pid = pid
-        self._uri = server_address(plan.url)
+        self._uri = server_uri(plan.url)
         scheme, host = "https" if self._uri.secure else "http", self._uri.host
         where = f"[{host}]" if ":" in host else host
         self._metrics = metrics or f"{scheme}://{where}:{self._uri.port}/metrics"

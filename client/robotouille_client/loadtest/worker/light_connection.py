@@ -14,11 +14,11 @@ from random import getrandbits
 
 import msgpack
 from websockets.client import ClientProtocol
-from websockets.exceptions import InvalidURI, WebSocketException
+from websockets.exceptions import WebSocketException
 from websockets.http11 import Response
 from websockets.protocol import State
 from websockets.typing import Subprotocol
-from websockets.uri import WebSocketURI, parse_uri
+from websockets.uri import WebSocketURI
 
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
@@ -41,7 +41,6 @@ __all__ = [
     "Traffic",
     "UnreachableError",
     "open_connection",
-    "server_address",
 ]
 
 READ_SIZE = 64 * 1024
@@ -202,14 +201,6 @@ class LightConnection(asyncio.Protocol):
         """Cut the connection off, as a failing line does."""
         if self._transport is not None:
             self._transport.abort()
-
-
-def server_address(url: str) -> WebSocketURI:
-    """A server's URL, taken apart; RobotouilleError if it is none."""
-    try:
-        return parse_uri(url)
-    except (InvalidURI, ValueError) as error:
-        raise RobotouilleError(f"{url!r} is no WebSocket URL like ws://host:8765") from error
 
 
 async def open_connection(uri: WebSocketURI, traffic: Traffic, seconds: float) -> LightConnection:

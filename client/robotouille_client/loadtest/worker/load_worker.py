@@ -22,11 +22,11 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.loadtest.cores import keep_to_cores
 from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.worker.bot_rooms import BotRoom, Pinger, SlowReader, Spectator
-from robotouille_client.loadtest.worker.light_connection import server_address
 from robotouille_client.loadtest.worker.participant import Environment, Participant
 from robotouille_client.loadtest.worker.players import Player
 from robotouille_client.loadtest.worker.punctual_loop import precise_loop
 from robotouille_client.loadtest.workload import WorkerShare
+from robotouille_client.sansio.addresses import server_uri
 
 __all__ = ["LoadWorker", "main"]
 
@@ -48,7 +48,7 @@ class LoadWorker:
     ) -> None:
         self.share = share
         self.environment = Environment(
-            server_address(share.url), token=token, rng=random.Random(share.seed)
+            server_uri(share.url), token=token, rng=random.Random(share.seed)
         )
         self.rooms: list[BotRoom] = []
         self.quiet: list[BotRoom] = []

@@ -18,9 +18,8 @@ from robotouille_client.loadtest.worker.light_connection import (
     LightConnection,
     Traffic,
     open_connection,
-    server_address,
 )
-from robotouille_client.sansio.addresses import moved_url
+from robotouille_client.sansio.addresses import moved_url, server_uri
 from robotouille_client.sansio.backoff import pauses
 
 __all__ = ["Environment", "LostError", "Participant"]
@@ -147,7 +146,7 @@ class Participant:
         host = f"[{self._uri.host}]" if ":" in self._uri.host else self._uri.host
         scheme = "wss" if self._uri.secure else "ws"
         here = f"{scheme}://{host}:{self._uri.port}"
-        self._uri = server_address(moved_url(here, messages.Moved.model_validate(moved)))
+        self._uri = server_uri(moved_url(here, messages.Moved.model_validate(moved)))
         return await self.introduce()
 
     def cut(self) -> None:
