@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import multiprocessing
 import os
 import signal
 import stat
@@ -18,6 +17,7 @@ from pathlib import Path
 from sqlalchemy.engine import URL, Engine, make_url
 from sqlalchemy.exc import DataError, IntegrityError
 
+from robotouille.certification.spawning import spawn_context
 from robotouille.errors import RecordingError
 from robotouille_data.database import database_errors, writing_engine
 from robotouille_data.errors import UnavailableError
@@ -184,8 +184,7 @@ def _read_all(
         for piece in pieces:
             yield len(piece), _index_files(text, piece, steps_to_go)
         return
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, spawn, _begin_reading) as pool:
+    with ProcessPoolExecutor(jobs, spawn_context(), _begin_reading) as pool:
         try:
             futures = {
                 pool.submit(_index_files, text, piece, steps_to_go): len(piece) for piece in pieces

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 import signal
 import time
 from collections.abc import Awaitable, Callable, Iterator, Sequence
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from robotouille.certification.spawning import spawn_context
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.models import Model
@@ -105,8 +105,7 @@ async def run_jobs(
 @contextmanager
 def _executor(workers: Workers) -> Iterator[Executor]:
     if not workers.scheduler:
-        spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers.processes, spawn, _ignore_interrupts) as pool:
+        with ProcessPoolExecutor(workers.processes, spawn_context(), _ignore_interrupts) as pool:
             yield pool
         return
     try:

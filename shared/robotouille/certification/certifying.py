@@ -9,7 +9,6 @@ processes, the machine or the time, unless the budget has seconds.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import threading
@@ -45,6 +44,7 @@ from robotouille.certification.dataset import (
     report_of,
 )
 from robotouille.certification.shipped_plan import plan_beside
+from robotouille.certification.spawning import spawn_context
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.planning.search_result import Limits, Watch
@@ -88,7 +88,7 @@ def certify_dataset(
     _require_writable(dataset)
     job = _Job(dataset, solver, budget, fresh)
     outcomes: list[CertifyingOutcome] = []
-    context = multiprocessing.get_context("spawn")
+    context = spawn_context()
     cells = context.RawArray("q", 3 * len(dataset.instances))
 
     def pulse() -> None:
@@ -190,7 +190,7 @@ def _together(job: _Job, cells: Any, jobs: int, pulse: Callable[[], None]) -> Ou
     Each holds one end of a pipe and ends when the other is closed: by an interrupt, an error, or
     the death of this process.
     """
-    context = multiprocessing.get_context("spawn")
+    context = spawn_context()
     theirs, ours = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(
         jobs, mp_context=context, initializer=_enlist, initargs=(theirs, job, cells)
