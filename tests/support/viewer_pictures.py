@@ -13,7 +13,7 @@ from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rul
 from robotouille.replay.recording import Recording
 from robotouille_client.window.replay.timeline.steps_curve import StepsKnown
 from robotouille_client.window.replay.viewer import Viewer
-from robotouille_client.window.replay.viewer_state import Job
+from robotouille_client.window.replay.viewer_state import JobProgress
 from robotouille_client.window.window import Window
 from tests.support.games import record
 
@@ -78,7 +78,7 @@ def viewer_picture(size: tuple[int, int]) -> pygame.Surface:
         state, curve = viewer.state, viewer.strips[0].curve
         state.log, state.first, state.last = True, 5, 30
         state.followed = "robot2"
-        state.jobs["steps"] = Job("Steps to go: 4 of 41", lambda: None, 0.3)
+        state.jobs["steps"] = JobProgress("Steps to go: 4 of 41", lambda: None, 0.3)
         curve.begun = True
         for step, least, most in ((0, 14, 14), (10, 12, 16), (20, 8, 13), (40, 5, 6)):
             curve.add(step, StepsKnown(least, most))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from robotouille.errors import RobotouilleError
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.replay.background.job import Job, toggle
 from robotouille_client.window.replay.background.seen_export import SeenExport
 from robotouille_client.window.replay.background.steps_search import StepsSearch
 from robotouille_client.window.replay.history.history import History
@@ -49,21 +51,23 @@ class HistoryViewer(ReplaySource):
         self._folder = TemporaryDirectory(prefix="robotouille-")
         self._states = Path(self._folder.name) / f"seen{ENDING}"
         self._search = StepsSearch(self._states, history, curve, state, now)
-        self._export = SeenExport(stem, history, state, rendering, look)
+        export = SeenExport(stem, history, state, rendering, look)
+        self._jobs: tuple[Job, ...] = (self._search, export)
         keys = ViewerKeys(
-            [history], playhead, state, now, curve=self._toggle_curve, export=self._toggle_export
-        )
+            [history], playhead, state, now,
+            curve=self._toggle_curve, export=partial(toggle, export),
+        )  # fmt: skip
         self.strip = TimelineStrip(history, playhead, state, keys, curve)
 
     def view(self) -> View:
-        self._search.poll()
-        self._export.poll()
+        for job in self._jobs:
+            job.poll()
         return super().view()
 
     def close(self) -> None:
         """Stop what is being worked out."""
-        self._search.close()
-        self._export.close()
+        for job in self._jobs:
+            job.close()
         self._folder.cleanup()
 
     def _toggle_curve(self) -> None:
@@ -76,9 +80,3 @@ class HistoryViewer(ReplaySource):
             self._viewer_state.tell(f"No steps to go: {error}")
         else:
             self._search.start()
-
-    def _toggle_export(self) -> None:
-        if self._export.running:
-            self._export.stop()
-        else:
-            self._export.start()

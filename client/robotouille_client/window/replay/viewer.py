@@ -18,6 +18,7 @@ from robotouille_client.window.forms.answers import Answer
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.preferences import Preferences
+from robotouille_client.window.replay.background.job import Job, toggle
 from robotouille_client.window.replay.background.span_export import SpanExport
 from robotouille_client.window.replay.background.steps_search import StepsSearch
 from robotouille_client.window.replay.history.recorded import RecordedHistory
@@ -150,12 +151,13 @@ class Viewer(ReplaySource):
             for (path, _), history, curve in zip(recordings, self.histories, curves, strict=True)
         ]
         alone = len(recordings) == 1
-        self._export = SpanExport(
+        export = SpanExport(
             recordings[0][0], self.histories[0], self.state, self.playhead.rate, rendering
         )
+        self._jobs: tuple[Job, ...] = (*self._searches, export)
         keys = ViewerKeys(
             self.histories, self.playhead, self.state, now,
-            curve=self._toggle_curves, export=self._toggle_export if alone else None,
+            curve=self._toggle_curves, export=partial(toggle, export) if alone else None,
             picture=self._save_picture,
         )  # fmt: skip
         strips = self.strips = [
@@ -174,16 +176,14 @@ class Viewer(ReplaySource):
         )
 
     def view(self) -> View:
-        for search in self._searches:
-            search.poll()
-        self._export.poll()
+        for job in self._jobs:
+            job.poll()
         return super().view()
 
     def close(self) -> None:
         """Close the window, and stop what is being worked out."""
-        for search in self._searches:
-            search.close()
-        self._export.close()
+        for job in self._jobs:
+            job.close()
         self.window.close()
 
     def _length(self) -> int:
@@ -192,16 +192,7 @@ class Viewer(ReplaySource):
     def _toggle_curves(self) -> None:
         running = [search for search in self._searches if search.running]
         for search in running or self._searches:
-            if running:
-                search.stop()
-            else:
-                search.start()
-
-    def _toggle_export(self) -> None:
-        if self._export.running:
-            self._export.stop()
-        else:
-            self._export.start()
+            toggle(search)
 
     def _save_picture(self) -> None:
         """Save what the window shows beside the recording, and tell where that is."""

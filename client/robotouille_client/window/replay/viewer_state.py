@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-__all__ = ["Job", "ViewerState"]
+__all__ = ["JobProgress", "ViewerState"]
 
 MESSAGE_SECONDS = 8.0
 
 
 @dataclass(slots=True)
-class Job:
-    """Something that is done beside the window, in words; `done` is its share, from 0 to 1, None
-    where nobody knows. `stop` gives it up."""
+class JobProgress:
+    """How far something is that is done beside the window, in words; `done` is its share, from 0 to
+    1, None where nobody knows. `stop` gives it up."""
 
     words: str
     stop: Callable[[], None]
@@ -32,7 +32,7 @@ class ViewerState:
     last: int | None = None
     log: bool = False
     help: bool = False
-    jobs: dict[str, Job] = field(default_factory=dict)
+    jobs: dict[str, JobProgress] = field(default_factory=dict)
     _message: str = field(default="", repr=False)
     _until: float = field(default=0.0, repr=False)
 

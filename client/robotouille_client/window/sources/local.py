@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
 from typing import Any
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
@@ -25,6 +24,7 @@ from robotouille.world.world import State
 from robotouille_client.bots.partners import Decision, Partners
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
+from robotouille_client.window.sources.feedback import Feedback
 from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
 from robotouille_client.window.view import GLIDE_SECONDS, PauseView, SeatView, View
 
@@ -67,6 +67,7 @@ class LocalSource:
         self._clock_words = clock_words(rules.clock.value, rules.model_dump(mode="json"))
         self._chat_log = ChatLog(now)
         self._blockages = Blockages(now)
+        self._feedback = Feedback(self._chat_log, self._blockages)
         self._previous: State | None = None
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
         self._step_time = now()
@@ -140,9 +141,9 @@ class LocalSource:
         return tuple(player for player, (_, asked) in self._asked.items() if asked <= since)
 
     def _hear(self, event: Said) -> None:
-        self._chat_log.said(event.name, event.player, event.text)
-        state = self._episode.state
-        self._blockages.said(event.player, event.text, state, self._wording)
+        self._feedback.show_speech(
+            event.name, event.player, event.text, self._episode.state, self._wording
+        )
         self._partners.hear(event.player, event.text)
 
     def _ask_bots(self) -> None:
@@ -198,10 +199,8 @@ class LocalSource:
                     ]
                     self._partners.observe(did)
                 case Rejected():
-                    why = (event.action, event.player, event.unmet, self._episode.state)
-                    told = partial(self._wording.refusal, *why)
-                    self._chat_log.rejected(event.player, event.unmet, told)
-                    self._blockages.refused(event.player, event.unmet, self._episode.state)
+                    why = event.player, event.action, event.unmet
+                    self._feedback.show_refusal(*why, self._episode.state, self._wording)
                 case Said():
                     self._hear(event)
                 case Ended():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 from robotouille.domain.rendering import Language, language_of
@@ -26,6 +25,7 @@ from robotouille_client.sansio.game_events import (
 )
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
+from robotouille_client.window.sources.feedback import Feedback
 from robotouille_client.window.sources.playout import Playout, ShownStep
 from robotouille_client.window.sources.texts import (
     clock_words,
@@ -96,6 +96,7 @@ class RemoteSource:
         self._language = language
         self._chat_log = ChatLog(now)
         self._blockages = Blockages(now)
+        self._feedback = Feedback(self._chat_log, self._blockages)
         self._countdown = _Countdown()
         self._seats: tuple[SeatInfo, ...] = ()
         self._shown = ShownStep(game.step, game.state, None) if game.has_state else None
@@ -144,14 +145,11 @@ class RemoteSource:
                     self._take_step(event)
                     self._show_rejections(event)
                 case Refused() if game.seat:
-                    told = partial(
-                        self._wording.refusal, event.action, game.seat, event.unmet, game.state
-                    )
-                    self._chat_log.rejected(game.seat, event.unmet, told)
-                    self._blockages.refused(game.seat, event.unmet, game.state)
+                    why = game.seat, event.action, event.unmet
+                    self._feedback.show_refusal(*why, game.state, self._wording)
                 case Heard():
-                    self._chat_log.said(speaker(event.name, event.seat), event.seat, event.text)
-                    self._blockages.said(event.seat, event.text, game.state, self._wording)
+                    said = speaker(event.name, event.seat), event.seat, event.text
+                    self._feedback.show_speech(*said, game.state, self._wording)
                 case NotSaid():
                     self._chat_log.happened(event.reason)
                 case RosterChanged():

@@ -9,7 +9,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.replay.film import filming
 from robotouille_client.window.replay.history.history import History
-from robotouille_client.window.replay.viewer_state import Job, ViewerState
+from robotouille_client.window.replay.viewer_state import JobProgress, ViewerState
 
 __all__ = ["SeenExport"]
 
@@ -57,7 +57,7 @@ class SeenExport:
             self._history, self._output, rate, SIZE, (first, last), self._rendering, self._look
         )
         words = f"Saving the steps {first} to {last} as {self._output.name}"
-        self._state.jobs["video"] = Job(words, self.stop, 0.0)
+        self._state.jobs["video"] = JobProgress(words, self.stop, 0.0)
 
     def poll(self) -> None:
         """Write one more frame, and say how far it is or that it is done."""

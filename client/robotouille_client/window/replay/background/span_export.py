@@ -10,7 +10,7 @@ from robotouille.errors import MissingExtraError
 from robotouille_client.window.replay.background.line_process import LineProcess
 from robotouille_client.window.replay.film import draft_of
 from robotouille_client.window.replay.history.history import History
-from robotouille_client.window.replay.viewer_state import Job, ViewerState
+from robotouille_client.window.replay.viewer_state import JobProgress, ViewerState
 
 __all__ = ["SpanExport"]
 
@@ -70,7 +70,7 @@ class SpanExport:
             self._done = int(done) / max(1, int(total))
 
     def _show(self) -> None:
-        self._state.jobs["video"] = Job(self._words, self.stop, self._done)
+        self._state.jobs["video"] = JobProgress(self._words, self.stop, self._done)
 
     def wait(self, seconds: float) -> bool:
         """Whether it has ended, after so many seconds at most."""

@@ -15,7 +15,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.window.replay.background.line_process import LineProcess
 from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve, StepsKnown
-from robotouille_client.window.replay.viewer_state import Job, ViewerState
+from robotouille_client.window.replay.viewer_state import JobProgress, ViewerState
 
 __all__ = ["StepsSearch"]
 
@@ -120,7 +120,7 @@ class StepsSearch:
         if known == whole:
             words = f"Steps to go: what is proven, for {left} s more at most"
         done = seconds / SECONDS if known == whole else max(known / whole, seconds / SECONDS)
-        self._state.jobs[f"steps {self._path}"] = Job(words, self.stop, done)
+        self._state.jobs[f"steps {self._path}"] = JobProgress(words, self.stop, done)
 
     def _end(self, fault: str) -> None:
         self._forget()

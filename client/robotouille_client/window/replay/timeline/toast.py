@@ -9,7 +9,7 @@ import pygame
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, FAINT, INK, PANEL, TEXT, TRACK
-from robotouille_client.window.replay.viewer_state import Job, ViewerState
+from robotouille_client.window.replay.viewer_state import JobProgress, ViewerState
 
 __all__ = ["Toast"]
 
@@ -68,7 +68,12 @@ class Toast:
         return card
 
     def _job(
-        self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, job: Job, size: int
+        self,
+        target: pygame.Surface,
+        area: pygame.Rect,
+        text: Typesetter,
+        job: JobProgress,
+        size: int,
     ) -> None:
         stop = text.line(_STOP, max(9, size - 2), FAINT)
         place = stop.get_rect(topright=(area.right, area.y + 2))
