@@ -16,7 +16,7 @@ from robotouille_client.window.drawing.interruptions import (
     pause_seen,
 )
 from robotouille_client.window.drawing.key_strip import KeyStrip
-from robotouille_client.window.drawing.kitchen.kitchen_layer import KitchenLayer, Scene
+from robotouille_client.window.drawing.kitchen.kitchen_layer import Frame, KitchenLayer
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
 from robotouille_client.window.drawing.kitchen.preloader import Preloader
@@ -88,15 +88,15 @@ class Painter:
         view = with_readable_names(view, self._text)
         self._lesson = view.lesson
         place = self.layout(surface.get_size(), view.world)
-        scene = self._scene(view, place)
-        stage, poses = scene.stage, scene.poses
+        frame = self._frame(view, place)
+        stage, poses = frame.stage, frame.poses
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._overlays.highlight(surface, place, stage, view.hover)
-        self._kitchen.draw(surface, place, scene, view.me)
+        self._kitchen.draw(surface, place, frame, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
         own = _around(place, poses[view.me]) if view.me in poses else None
         cards = self._interruptions.draw(surface, place, view, own)
-        under_way = scene.life.travels and view.phase < 1.0
+        under_way = frame.life.travels and view.phase < 1.0
         self._panel.draw(surface, place, view, view.previous if under_way else None)
         choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
         if not ui_overlay.tips:
@@ -106,7 +106,7 @@ class Painter:
             listed=self._listed(view, stage),
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,
-                *ways(stage, scene.spots, scene.earlier, scene.life.travels),
+                *ways(stage, frame.spots, frame.earlier, frame.life.travels),
                 *self._notices.reserved(place, view, ui_overlay),
                 *([] if choices is None else [choices]),
             ],
@@ -164,12 +164,12 @@ class Painter:
         pictures = max(1, round(_EFFECT_PICTURES * (view.step_seconds or 1.0)))
         return int(view.phase * pictures) / pictures
 
-    def _scene(self, view: View, place: Layout) -> Scene:
+    def _frame(self, view: View, place: Layout) -> Frame:
         stage, poses, life = self.stage(view.state), self._poses(view), self._life(view)
         earlier: dict[str, Spot] = {}
         if life.travels and view.previous is not None:
             earlier = spots(place, self.stage(view.previous), poses)
-        return Scene(
+        return Frame(
             stage, poses, spots(place, stage, poses), earlier, life, view.phase,
             view.step + view.phase, not self._preferences.reduced_motion,
         )  # fmt: skip

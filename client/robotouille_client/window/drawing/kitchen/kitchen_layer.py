@@ -25,7 +25,7 @@ from robotouille_client.window.pictures.shapes import box, ellipse
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.theme import BACKGROUND, INK
 
-__all__ = ["KitchenLayer", "Scene"]
+__all__ = ["Frame", "KitchenLayer"]
 
 _STRIDES = 4
 """How many steps a player takes on each tile."""
@@ -40,8 +40,8 @@ _MINI = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
-    """Everything between two states, `phase` of the way.
+class Frame:
+    """Everything to draw at one moment between two states, `phase` of the way.
 
     `spots` are where things are, `earlier` where they were before the step. `time` is in steps.
     One that is not `lively` has no movement but that from place to place.
@@ -92,11 +92,11 @@ class KitchenLayer:
         self,
         target: pygame.Surface,
         layout: Layout,
-        scene: Scene,
+        frame: Frame,
         me: str | None,
     ) -> None:
         """Everything that moves, row by row from the top; over it what is between two places."""
-        stage, poses = scene.stage, scene.poses
+        stage, poses = frame.stage, frame.poses
         rows: list[tuple[float, int, str]] = [(-pose.at[1], 1, n) for n, pose in poses.items()]
         for host in stage.piles:
             tile = stage.placed[host].tile
@@ -104,23 +104,23 @@ class KitchenLayer:
                 rows.append((-tile[1], 0, host))
         for _, is_player, name in sorted(rows):
             if is_player:
-                self._player(target, layout, scene, name, own=name == me)
+                self._player(target, layout, frame, name, own=name == me)
             else:
-                self._pile(target, layout, scene, name)
-        self._travels(target, layout, scene)
-        for emission in scene.life.emissions:
-            spot = scene.spots.get(emission.source)
-            if spot is not None and scene.lively:
-                draw_particles(target, self._sprites, emission, spot, scene.time)
+                self._pile(target, layout, frame, name)
+        self._travels(target, layout, frame)
+        for emission in frame.life.emissions:
+            spot = frame.spots.get(emission.source)
+            if spot is not None and frame.lively:
+                draw_particles(target, self._sprites, emission, spot, frame.time)
 
-    def _travels(self, target: pygame.Surface, layout: Layout, scene: Scene) -> None:
+    def _travels(self, target: pygame.Surface, layout: Layout, frame: Frame) -> None:
         """What somebody takes or puts is on its way for a step, in a low arc."""
-        share = _eased(scene.phase)
-        for pieces in scene.stage.piles.values():
+        share = _eased(frame.phase)
+        for pieces in frame.stage.piles.values():
             for piece in pieces:
-                if piece.name in scene.life.travels and piece.name in scene.spots:
-                    end = scene.spots[piece.name]
-                    start = scene.earlier.get(piece.name, end)
+                if piece.name in frame.life.travels and piece.name in frame.spots:
+                    end = frame.spots[piece.name]
+                    start = frame.earlier.get(piece.name, end)
                     arc = _ARC * math.sin(math.pi * share)
                     self._piece(target, piece, start.towards(end, share).up(arc))
 
@@ -156,11 +156,11 @@ class KitchenLayer:
         else:
             surface.blit(picture, layout.cell(tile))
 
-    def _pile(self, target: pygame.Surface, layout: Layout, scene: Scene, host: str) -> None:
-        pieces = scene.stage.piles.get(host, ())
+    def _pile(self, target: pygame.Surface, layout: Layout, frame: Frame, host: str) -> None:
+        pieces = frame.stage.piles.get(host, ())
         for piece in pieces:
-            spot = scene.spots.get(piece.name)
-            if spot is not None and piece.name not in scene.life.travels:
+            spot = frame.spots.get(piece.name)
+            if spot is not None and piece.name not in frame.life.travels:
                 self._piece(target, piece, spot, whole=piece is pieces[-1])
 
     def _piece(
@@ -190,27 +190,27 @@ class KitchenLayer:
         target.blit(self._sprites.of(appearance, size), (round(x - size / 2), round(y - size / 2)))
 
     def _player(
-        self, target: pygame.Surface, layout: Layout, scene: Scene, name: str, *, own: bool
+        self, target: pygame.Surface, layout: Layout, frame: Frame, name: str, *, own: bool
     ) -> None:
-        size, pose, spot = layout.tile, scene.poses[name], scene.spots[name]
+        size, pose, spot = layout.tile, frame.poses[name], frame.spots[name]
         index = self._world.players.index(name)
         if own:
             self._light(target, spot, index)
-        kind, held = self._world.thing(name).kind, bool(scene.stage.piles.get(name))
-        feet, frame = self._resolver.feet(kind, index, pose.facing), 0
+        kind, held = self._world.thing(name).kind, bool(frame.stage.piles.get(name))
+        feet, stride = self._resolver.feet(kind, index, pose.facing), 0
         hop = reach = 0.0
-        if scene.lively and pose.walking:
-            frame = int(pose.stride * _STRIDES)
+        if frame.lively and pose.walking:
+            stride = int(pose.stride * _STRIDES)
             hop = _HOP * abs(math.sin(math.pi * _STRIDES / 2 * pose.stride))
-        elif scene.lively and name in scene.life.working:
-            reach = math.sin(math.tau * _BEATS * scene.phase)
+        elif frame.lively and name in frame.life.working:
+            reach = math.sin(math.tau * _BEATS * frame.phase)
             hop = _HOP * abs(reach)
         if feet:
-            self._picture(target, feet[frame % len(feet)], spot, size)
-        arms = held or reach > 0 or (name in scene.life.working and not scene.lively)
+            self._picture(target, feet[stride % len(feet)], spot, size)
+        arms = held or reach > 0 or (name in frame.life.working and not frame.lively)
         appearance = self._resolver.player(kind, index, pose.facing, carrying=arms)
         self._centred(target, appearance, spot.x, spot.y - hop * size, size)
-        self._pile(target, layout, scene, name)
+        self._pile(target, layout, frame, name)
 
     def _picture(self, target: pygame.Surface, name: str, spot: Spot, size: int) -> None:
         picture = self._sprites.file(name, size)
