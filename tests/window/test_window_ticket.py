@@ -16,18 +16,17 @@ from robotouille.domain.rendering import NO_WORDS, Language, rendering_of
 from robotouille.domain.schema import GoalTerm
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.ui_overlay import UiOverlay
-from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import (
-    Dish,
+from robotouille_client.window.drawing.panel.dish_progress import (
     LayerProgress,
-    dishes,
     fit,
     kept_in_place,
     progress,
     shares,
     stack_levels,
 )
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.pictures.dishes import Dish, dishes
 from robotouille_client.window.view import View
 
 SIZE = (1280, 720)

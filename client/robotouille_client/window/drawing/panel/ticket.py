@@ -7,19 +7,17 @@ import pygame
 
 from robotouille.world.grounding.goal import Fit
 from robotouille.world.world import State
-from robotouille_client.window.drawing.window_layout import Layout
-from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import (
-    Dish,
-    Layer,
+from robotouille_client.window.drawing.panel.dish_progress import (
     LayerProgress,
-    dishes,
     fit,
     kept_in_place,
     progress,
     shares,
     stack_levels,
 )
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.pictures.dishes import Dish, Layer, dishes
 from robotouille_client.window.pictures.shapes import RING_STEPS, box, share_disc, tick
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
