@@ -173,6 +173,11 @@ class View:
         return self.me is not None and (bool(self.outcome) or self.farewell is not None)
 
     @property
+    def asks_if_ready(self) -> bool:
+        """Whether the game waits for its owner to be ready."""
+        return self.lobby is not None and self.lobby.ready is not None and not self.frozen
+
+    @property
     def frozen(self) -> bool:
         """Whether nothing that the owner does would come to anything now."""
         interrupted = any(x is not None for x in (self.pause, self.offline, self.farewell))

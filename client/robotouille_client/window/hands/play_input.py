@@ -7,29 +7,20 @@ from collections.abc import Callable
 import pygame
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
-from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.people.templates import capitalised
-from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
-from robotouille.world.world import State
 from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
 from robotouille_client.window.hands.chat_line import ChatLine
-from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap, key_words
-from robotouille_client.window.hands.controls import Button, Controls, Meaning
-from robotouille_client.window.hands.hands import MAX_CHOICES, Hands, hint_words
+from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap
+from robotouille_client.window.hands.controls import Button, Controls
+from robotouille_client.window.hands.hands import MAX_CHOICES, Hands
+from robotouille_client.window.hands.play_words import PlayWords
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
-from robotouille_client.window.view import LobbySource, LobbyView, Source, View
+from robotouille_client.window.view import LobbySource, Source, View
 
-__all__ = ["HelpRows", "PlayInput"]
-
-HelpRows = tuple[tuple[str, str], ...]
-"""Rows of (key, what it does)."""
+__all__ = ["PlayInput"]
 
 _NOTICE_SECONDS = 3.0
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
-_Asked = tuple[State, str | None, str | None, LobbyView | None, tuple[bool, bool, bool]]
-_List = tuple[State, tuple[GroundAction, ...]]
-_Advice = tuple[tuple[str, ...], HelpRows]
 
 
 class PlayInput:
@@ -54,12 +45,11 @@ class PlayInput:
         clock: Callable[[], float],
     ) -> None:
         self.hands = Hands(keys, clock)
+        self._told = PlayWords(self.hands, alone=alone, may_leave=may_leave)
         self._look = look
         self._words = words
         self._target = target
         self._key_at = key_at
-        self._alone = alone
-        self._may_leave = may_leave
         self._clock = clock
         self._chat = ChatLine()
         self._controls: Controls | None = None
@@ -67,8 +57,6 @@ class PlayInput:
         self._pointer: tuple[int, int] | None = None
         self._notice = ""
         self._notice_until = 0.0
-        self._advice: tuple[_Asked, _Advice] | None = None
-        self._listed: tuple[_List, tuple[str, ...]] | None = None
 
     @property
     def typing(self) -> bool:
@@ -159,16 +147,11 @@ class PlayInput:
 
     def _be_ready(self, source: Source, view: View) -> bool:
         """Say that one is ready, or not any more; whether that is asked."""
-        if view.lobby is None or not self._is_asked(view):
+        if view.lobby is None or not view.asks_if_ready:
             return False
         if isinstance(source, LobbySource):
             source.be_ready(not view.lobby.ready)
         return True
-
-    @staticmethod
-    def _is_asked(view: View) -> bool:
-        """Whether a game waits for its owner to be ready."""
-        return view.lobby is not None and view.lobby.ready is not None and not view.frozen
 
     def _cancel(self) -> bool:
         """Close what is open, or forget what waits; whether there was anything."""
@@ -249,73 +232,23 @@ class PlayInput:
 
     def overlay(self, view: View, hover: str | None) -> UiOverlay:
         """What the owner sees over the view."""
-        tips, hints = self._advise(view, hover)
-        choices, more = self._choices(view)
+        told, controls = self._told, self.controls(view)
+        tips, hints = told.advice(controls, view, hover)
+        choices, more = told.choices(controls, view)
         return UiOverlay(
             pointer=self._pointer,
             tips=tips,
             prompt=self._notice if self._clock() < self._notice_until else "",
             typing=self._chat.typed,
-            help=self._help_of(view) if self._help else (),
+            help=told.help(controls, view) if self._help else (),
             hints=hints,
-            keys=self._permanent(view),
+            keys=told.permanent_keys(controls, view),
             queued=self.hands.queue.labels,
             mark=self._mark(view),
             choices=choices,
             chosen=self.hands.chosen % MAX_CHOICES,
             more=more,
         )
-
-    def _advise(self, view: View, hover: str | None) -> _Advice:
-        """Tips and hints: asked for once for each state."""
-        interrupted = (view.pause is not None, view.offline is not None, view.frozen)
-        key = (view.state, view.me, hover, view.lobby, interrupted)
-        if self._advice is None or self._advice[0] != key:
-            hints: HelpRows = ()
-            if view.lobby is not None and self._is_asked(view):
-                use = self.hands.keys.words(Command.USE)
-                hints = ((use, "not ready yet" if view.lobby.ready else "I am ready"),)
-            elif view.me is not None and not view.frozen:
-                hints = self.hands.hints(self.controls(view), view.state, view.me)
-            self._advice = (key, (self._tips(view, hover), hints))
-        return self._advice[1]
-
-    def _tips(self, view: View, hover: str | None) -> tuple[str, ...]:
-        if hover is None:
-            return ()
-        title = capitalised(self._wording(view).thing(hover, view.state))
-        if view.me is None:
-            return (title,)
-        meaning = self.controls(view).click(view.state, view.me, hover)
-        if not meaning.valid:
-            return (title, meaning.hint) if meaning.hint else (title,)
-        return (hint_words(meaning, view.state),)
-
-    def _wording(self, view: View) -> Wording:
-        return self.controls(view).wording(view.me)
-
-    def _permanent(self, view: View) -> HelpRows:
-        keys = self.hands.keys
-        if view.me is None and not self._alone:
-            return ()
-        rows = [("", "You are watching")] if view.me is None else []
-        if view.me is not None and not view.frozen:
-            rows = [(self._walk_keys(view), "walk"), (keys.words(Command.LIST), "all actions")]
-        if view.lobby is not None and view.lobby.ready is not None and not view.frozen:
-            rows = []
-        if (view.pause or view.lobby) is not None and view.offline is None and view.me is not None:
-            chat = (keys.words(Command.CHAT), "say something")
-            rows = [chat] if view.pause is not None else [*rows, chat]
-        if self._may_leave:
-            rows.append((key_words("escape"), "leave"))
-        return (*rows, (keys.words(Command.HELP), "help"))
-
-    def _walk_keys(self, view: View) -> str:
-        """The keys that walk here: a domain's own keys come before letters."""
-        keys, bound = self.hands.keys, self.controls(view).keys
-        order = (Command.UP, Command.LEFT, Command.DOWN, Command.RIGHT)
-        letters = [keys.keys(c)[0] for c in order if keys.keys(c) and keys.keys(c)[0] not in bound]
-        return "".join(letters).upper() if len(letters) == 4 else "Arrows"
 
     def _mark(self, view: View) -> ActionMark | None:
         if self.hands.choices:
@@ -326,51 +259,6 @@ class PlayInput:
             return None
         station = self.hands.target(view.state, view.me)
         return ActionMark(station, sent.fate) if station else None
-
-    def _choices(self, view: View) -> tuple[tuple[str, ...] | None, str]:
-        actions = self.hands.choices
-        if actions is None:
-            return None, ""
-        start = self.hands.page * MAX_CHOICES
-        pages = -(-len(actions) // MAX_CHOICES)
-        more = f"{self.hands.page + 1} of {pages}: Left, Right" if pages > 1 else ""
-        return self._said(actions[start : start + MAX_CHOICES], view), more
-
-    def _said(self, actions: tuple[GroundAction, ...], view: View) -> tuple[str, ...]:
-        """Actions in words: made once for each state."""
-        if self._listed is None or self._listed[0] != (view.state, actions):
-            words = self._wording(view)
-            state = view.state
-            meant = [Meaning(a, words.action(a, state), True) for a in actions]
-            rows = tuple(capitalised(hint_words(each, state)) for each in meant)
-            self._listed = (view.state, actions), rows
-        return self._listed[1]
-
-    def _help_of(self, view: View) -> HelpRows:
-        keys = self.hands.keys
-        bound = self.controls(view).bindings.keyboard_actions
-        always = {b.input_instructions.key for b in bound if b.input_instructions.at is None}
-        use = " or ".join(key_words(k) for k in keys.keys(Command.USE) if k not in always)
-        walk = dict.fromkeys((self._walk_keys(view), "Arrows"))
-        own = (
-            (", ".join(walk), "walk to the next station that way"),
-            (f"{use}, right click", "what is most useful here"),
-            (keys.words(Command.LIST), "all that can be done now, 1 to 9 picks"),
-        )
-        window = (
-            (f"{keys.words(Command.CHAT)} or Enter", "say something (Enter sends, Esc cancels)"),
-            (keys.words(Command.SOUND), "sound on or off"),
-            (keys.words(Command.FULLSCREEN) + ", Alt+Enter", "fill the screen"),
-            (keys.words(Command.SCREENSHOT), "save a picture of the window"),
-            (keys.words(Command.HELP), "this help"),
-            (key_words("escape"), self._escape_words(view)),
-        )
-        return (*own, *self.controls(view).help(), *window) if view.me else window
-
-    def _escape_words(self, view: View) -> str:
-        does = ["close what is open"]
-        does += ["forget what waits to be done"] if view.me else []
-        return ", ".join([*does, "leave"] if self._may_leave else does)
 
 
 def _name(event: pygame.Event) -> str:
