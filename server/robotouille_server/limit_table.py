@@ -54,6 +54,7 @@ from robotouille_server.mqtt.models import MAX_OPENED, MAX_WATCH_SECONDS
 from robotouille_server.mqtt.outbox import MAX_MESSAGES, MAX_STEPS
 from robotouille_server.mqtt.watches import MAX_WATCHES
 from robotouille_server.rooms.broadcast.broadcaster import MAX_SPECTATOR_NAMES
+from robotouille_server.rooms.broadcast.spectator_rosters import ROSTER_SECONDS
 from robotouille_server.rooms.directory.listing import MAX_CODES
 from robotouille_server.rooms.directory.rematches import MAX_FINISHED
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
@@ -339,6 +340,9 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               setting="max_spectators"),
         Limit("… whose names are sent", "those who came later are only counted",
               value=str(MAX_SPECTATOR_NAMES)),
+        Limit("rosters because spectators come, go, or lose or regain the connection",
+              "everybody is told of all of them together",
+              value=f"one in {ROSTER_SECONDS:g} s"),
         Limit("steps of an episode that asks for nothing else", "it ends: `step_limit`",
               setting="max_steps"),
         Limit("… that asks for more", "refused", INVALID,

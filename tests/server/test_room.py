@@ -9,6 +9,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from robotouille_client import connect
 from robotouille_server import Server
+from robotouille_server.rooms.broadcast.spectator_rosters import ROSTER_SECONDS
 from tests.support.disks import TroubledFolder
 from tests.support.servers import serving
 from tests.support.virtual_time import VirtualTimeLoop, run
@@ -77,7 +78,7 @@ def test_who_watches_is_told_also_when_a_connection_is_lost_and_back(tmp_path: P
             game = await ada.join((await ada.create("multi_agent/01")).code)
             for one in (eve, zoe):
                 await one.join(game.code, role="spectator")
-            await asyncio.sleep(0.1)
+            await asyncio.sleep(2 * ROSTER_SECONDS)
             assert game.spectator_names == ("eve", "zoe")
             game.poll()
             for session in server.lobby.find(game.code).members[1:]:

@@ -24,6 +24,7 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
+from robotouille_server.rooms.broadcast.spectator_rosters import SpectatorRosters
 from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings import Journal
 from robotouille_server.rooms.seats.action_requests import ActionRequests
@@ -90,6 +91,7 @@ class Room:
         "_publisher",
         "_retry",
         "_round_trips",
+        "_spectator_rosters",
         "_timer",
         "_turnover",
         "_write_ahead",
@@ -154,6 +156,9 @@ class Room:
         )
         self._write_ahead = WriteAhead(
             episode, journal, self._publisher.publish, self._failing_changed
+        )
+        self._spectator_rosters = SpectatorRosters(
+            host.timers, lambda: self._write_ahead.failing, broadcaster.publish_roster
         )
         self._actions = ActionRequests(episode, broadcaster, self._write_ahead, host.metrics)
         self._open = True
@@ -243,10 +248,9 @@ class Room:
 
     def _welcome(self, session: Session, ref: int | None) -> None:
         self.broadcaster.welcome(session, ref, self._host.resume_token(session))
-        if session.players:
-            self.broadcaster.send(session, self.broadcaster.roster())
-        else:
-            self.broadcaster.publish_roster()
+        self.broadcaster.send(session, self.broadcaster.roster())
+        if not session.players:
+            self._spectator_rosters.changed()
 
     def set_ready(self, session: Session, ready: bool) -> None:
         """A player is ready for the beginning, or is not any more; each change is recorded.
@@ -268,7 +272,7 @@ class Room:
         if players:
             self.episode.leave(players, self._now(), why)
         else:
-            self.broadcaster.publish_roster()
+            self._spectator_rosters.changed()
         self.flush()
 
     def _remove(self, session: Session) -> tuple[str, ...]:
@@ -297,7 +301,7 @@ class Room:
         """The seats of a player are kept; a spectator is only not told anything."""
         session.away_since = self._now()
         if not session.players:
-            self.broadcaster.publish_roster_soon()
+            self._spectator_rosters.changed()
         self.episode.set_present(session.players, False, self._now())
         self.flush()
 
@@ -317,7 +321,7 @@ class Room:
         welcome = partial(self.broadcaster.welcome_back, session, seen, resume)
         self._write_ahead.when_committed(session, welcome)
         if not session.players:
-            self.broadcaster.publish_roster_soon()
+            self._spectator_rosters.changed()
 
     def players_of(self, session_id: str) -> tuple[str, ...]:
         """The seats that belong to a session, in this process or one before."""
@@ -525,12 +529,12 @@ class Room:
 
     def _failing_changed(self, failing: bool) -> None:
         """The recording begins to fail, or can be written again."""
-        if not failing:
+        if failing:
+            self._metrics.failing.inc()
+            self.broadcaster.publish_unwritable()
+        else:
             self._metrics.failing.dec()
-            return
-        self._metrics.failing.inc()
-        if self.episode.phase is not Phase.ENDED:
-            self.broadcaster.publish_roster()
+            self._spectator_rosters.released()
 
     # The end
 

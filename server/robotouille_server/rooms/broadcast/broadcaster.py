@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
@@ -12,7 +11,16 @@ from typing import Any
 import msgpack
 from pydantic import BaseModel
 
-from robotouille.episode import Episode, Outcome, QuotaReached, Rejected, Said, Stepped
+from robotouille.episode import (
+    Episode,
+    Outcome,
+    PauseReason,
+    Phase,
+    QuotaReached,
+    Rejected,
+    Said,
+    Stepped,
+)
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
@@ -52,9 +60,10 @@ class Broadcaster:
         "_metrics",
         "_notices",
         "_now",
-        "_roster_due",
         "_said",
         "_snapshots",
+        "_told",
+        "_turn_told",
         "members",
         "rematch",
         "snapshot_when_committed",
@@ -83,7 +92,8 @@ class Broadcaster:
         self._now = now
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
-        self._roster_due = False
+        self._told: messages.Roster | None = None
+        self._turn_told: str | None = None
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
 
@@ -169,7 +179,7 @@ class Broadcaster:
         delta = self._episode_messages.delta(event)
         payload = MSGPACK.pack(delta)
         self._deltas.append(payload)  # type: ignore[arg-type]
-        self._last_delta = event.step
+        self._last_delta, self._turn_told = event.step, event.turn
         packed = frame_of(payload)
         frames: dict[Codec, bytes] = {}
         texts: dict[str | None, messages.Observation] = {}
@@ -274,19 +284,29 @@ class Broadcaster:
         self.send_all(self._episode_messages.ended(outcome))
 
     def publish_roster(self) -> None:
-        """Who plays, and whether time runs."""
-        self.send_all(self.roster())
+        """Who plays, and whether time runs. It tells how the episode stands: all of that must be
+        written."""
+        self._told = self.roster()
+        self._turn_told = self._told.turn
+        self.send_all(self._told)
 
-    def publish_roster_soon(self) -> None:
-        """The same once for all that happens in this turn of the event loop: many spectators may
-        lose their connections at once."""
-        if not self._roster_due:
-            self._roster_due = True
-            asyncio.get_running_loop().call_soon(self._publish_due)
-
-    def _publish_due(self) -> None:
-        self._roster_due = False
-        self.publish_roster()
+    def publish_unwritable(self) -> None:
+        """That the game stands still since nothing can be written; of all else, what was told
+        last, for more is not written."""
+        told = self._told
+        if told is None:
+            return
+        begun, why = told.phase != Phase.WAITING, PauseReason.STORAGE.value
+        if begun and (told.pause is None or told.pause.reason != PauseReason.OPERATOR):
+            told = told.model_copy(update={"pause": messages.Pause(reason=why)})
+        phase = Phase.PAUSED if begun else Phase.WAITING
+        still: dict[str, Any] = {
+            "phase": phase.value,
+            "turn": self._turn_told,
+            "waits_for": [],
+            "starts_in": None,
+        }
+        self.send_all(told.model_copy(update=still))
 
     # Snapshots
 
