@@ -80,6 +80,24 @@ def test_every_fault_has_a_code_and_a_field(
 
 
 @pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize(
+    ("action", "field", "told"),
+    [
+        ("x" * 2001, "action", "at most 2000 characters"),
+        (-1, "action", "greater than or equal to 0"),
+        ({"name": "move", "args": ["x"] * 17}, "action.NamedAction.args", "at most 16 items"),
+        ({"name": "move", "args": ["x" * 65]}, "action.NamedAction.args.0", "at most 64"),
+    ],
+)
+def test_of_an_action_that_may_not_be_the_limit_is_named(
+    codec: Codec, action: Any, field: str, told: str
+) -> None:
+    error = fault(codec, payload(codec, {"type": "act", "seq": 1, "action": action}))
+    assert (error.code, error.field) == ("message/invalid-field", field)
+    assert told in error.message
+
+
+@pytest.mark.parametrize("codec", CODECS)
 def test_the_answer_to_a_faulty_request_repeats_its_number(codec: Codec) -> None:
     plain = {"type": "list", "ref": 7, "more": 1}
     assert fault(codec, payload(codec, plain)).ref == 7

@@ -38,6 +38,27 @@ def test_a_name_is_what_can_be_seen_of_it(said: str, shown: str) -> None:
     assert proper_name(said) == shown
 
 
+DEFAULT_IGNORABLE = (
+    (0xAD, 0xAD), (0x34F, 0x34F), (0x61C, 0x61C), (0x115F, 0x1160), (0x17B4, 0x17B5),
+    (0x180B, 0x180F), (0x200B, 0x200F), (0x202A, 0x202E), (0x2060, 0x206F), (0x3164, 0x3164),
+    (0xFE00, 0xFE0F), (0xFEFF, 0xFEFF), (0xFFA0, 0xFFA0), (0xFFF0, 0xFFF8), (0x1BCA0, 0x1BCA3),
+    (0x1D173, 0x1D17A), (0xE0000, 0xE0FFF),
+)  # fmt: skip
+"""Ranges of Unicode's property of this name (DerivedCoreProperties.txt)."""
+
+
+def test_what_unicode_calls_default_ignorable_is_in_no_name() -> None:
+    for first, last in DEFAULT_IGNORABLE:
+        for point in range(first, last + 1):
+            assert proper_name(f"a{chr(point)}da") == "ada", hex(point)
+
+
+@pytest.mark.parametrize("letter", [*"\u2800\ufffc\u2d7f\U00013441\U00016fe4\U0001107f\U0001d159"])
+def test_nor_is_what_draws_nothing_all_the_same(letter: str) -> None:
+    assert proper_name(f"ada{letter}") == "ada"
+    assert proper_name(letter) == ""
+
+
 @given(st.text(max_size=60))
 def test_any_name_is_short_printable_and_stays_as_it_is(said: str) -> None:
     name = proper_name(said)

@@ -77,3 +77,25 @@ def test_a_deed_is_shown_again_and_done_once(tmp_path: Path) -> None:
     (file,) = tmp_path.glob("*.rbt")
     moves = [move for step in read_recording(file).steps for move in step.get("moves", ())]
     assert [move["seq"] for move in moves] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("basis", "told"),
+    [
+        (None, "a position needs the step whose list it is in, as 'basis'; it is step 1"),
+        (0, "step 0 is past; it is step 1"),
+        (99, "step 99 is still to come; it is step 1"),
+    ],
+)
+def test_a_position_in_the_list_of_another_step_is_stale(
+    tmp_path: Path, basis: int | None, told: str
+) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as ada:
+            await enter(server, ada, "lockstep")
+            await ada.ask({"type": "act", "seq": 1, "action": None}, "delta")
+            act = {"type": "act", "seq": 2, "action": 0, "basis": basis}
+            rejected = await ada.ask(act, "rejected")
+            assert (rejected["code"], rejected["reasons"]) == ("action/stale", [told])
+
+    run(main())

@@ -176,6 +176,9 @@ def test_an_unknown_version_and_a_missing_hello(tmp_path: Path) -> None:
             assert answer["code"] == "protocol/hello"
             answer = await client.ask({"type": "hello", "protocol": 99, "name": "x"})
             assert (answer["code"], answer["field"]) == ("protocol/version", "protocol")
+            assert "the server is the older one and has to be updated" in answer["message"]
+            answer = await client.ask({"type": "hello", "protocol": 0, "name": "x"})
+            assert "your program is the older one" in answer["message"]
             answer = await client.ask({"type": "hello", "protocol": 1, "name": "x", "resume": "no"})
             assert (answer["code"], answer["field"]) == ("auth/invalid", "resume")
             welcome = await client.ask({"type": "hello", "protocol": 1, "name": "x"}, "welcome")

@@ -213,7 +213,9 @@ def test_to_and_fro_does_not_fill_a_recording(tmp_path: Path) -> None:
             await ada.ask(join, "joined")
             for number in range(SEAT_CHANGES_AT_ONCE + 5):
                 await ada.send({"type": "ready", "ready": number % 2 == 0})
-            assert (await ada.expect("error"))["code"] == "rate/seats"
+            error = await ada.expect("error")
+            assert error["code"] == "rate/seats"
+            assert "robot1 was ready, and then not, too often" in error["message"]
 
     run(main())
 

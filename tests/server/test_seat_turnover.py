@@ -16,7 +16,7 @@ def test_a_seat_changes_hands_so_often(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server, raw(server) as ada:
             created = await ada.ask({"type": "create", "task": "multi_agent/01"}, "created")
-            join = {"type": "join", "episode": created["code"]}
+            join = {"type": "join", "episode": created["code"].lower().replace("-", " ")}
             await ada.ask({**join, "seat": "robot1"}, "joined")
             room = server.lobby.find(created["code"])
             taken = 0
@@ -55,6 +55,7 @@ def test_who_flaps_has_to_wait_and_keeps_the_seat(tmp_path: Path) -> None:
                     resume = (await again.expect("joined"))["resume"]
             assert refused is not None
             assert (refused["code"], refused["retry"]) == ("rate/seats", True)
+            assert "lost and regained its connection too often" in refused["reason"]
             await asyncio.sleep(5)
             async with raw(server, hello=False) as again:
                 assert (await again.ask({**HELLO, "resume": resume}, "welcome"))["resumed"] is True

@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from robotouille.protocol import messages
-from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot
+from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot, plain_code
+
+
+@pytest.mark.parametrize(
+    "typed",
+    ["ABCDE-FGHJK", "abcde fghjk", "  abcdefghjk\n", "abc de\u00a0fgh - jk", "a-b-c-defghjk"],
+)
+def test_dashes_spaces_and_case_of_a_code_do_not_matter(typed: str) -> None:
+    assert plain_code(typed) == "ABCDEFGHJK"
 
 
 class TestNames:

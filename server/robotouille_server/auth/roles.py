@@ -92,5 +92,5 @@ def check_scope(only: str, episode: str, code: str, field: str = "episode") -> N
 
 
 def same_episode(one: str, other: str) -> bool:
-    """Whether two ids or codes are the same; case and dashes of codes do not matter."""
+    """Whether two ids or codes are the same; dashes, spaces and case of codes do not matter."""
     return plain_code(one) == plain_code(other)

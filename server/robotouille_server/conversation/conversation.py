@@ -186,8 +186,7 @@ class Conversation:
         if not isinstance(message, messages.Hello):
             raise ProtocolError("protocol/hello", "say hello first", "type")
         if message.protocol != messages.PROTOCOL_VERSION:
-            text = f"version {message.protocol}; this server speaks {messages.PROTOCOL_VERSION}"
-            raise ProtocolError("protocol/version", text, "protocol")
+            raise ProtocolError("protocol/version", _other_version(message.protocol), "protocol")
         try:
             session, resumed = self._session(message, shown=shown)
         except ElsewhereError as error:
@@ -299,3 +298,10 @@ class Conversation:
             get_logger().info("participant connected", session=session.id, address=address)
         if old is not None:
             old.close("session/elsewhere", "the connection was resumed elsewhere")
+
+
+def _other_version(protocol: int) -> str:
+    """What somebody is told who speaks another version than this server."""
+    older = "the server" if protocol > messages.PROTOCOL_VERSION else "your program"
+    speaks = f"version {protocol}; this server speaks {messages.PROTOCOL_VERSION}"
+    return f"{speaks}: {older} is the older one and has to be updated"

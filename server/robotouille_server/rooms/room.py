@@ -262,7 +262,7 @@ class Room:
         if self.episode.phase is not Phase.WAITING or all(seat.ready == ready for seat in seats):
             return
         self._write_ahead.check_space()
-        self._turnover.charge(session.players, self._now())
+        self._turnover.charge(session.players, self._now(), "was ready, and then not,")
         self.episode.set_ready(session.players, ready, self._now())
         self.flush()
 
@@ -311,7 +311,8 @@ class Room:
         back now has to try again."""
         self._write_ahead.check_space()
         if self.episode.phase is not Phase.ENDED:
-            self._turnover.charge(self.players_of(session_id), self._now())
+            players = self.players_of(session_id)
+            self._turnover.charge(players, self._now(), "has lost and regained its connection")
 
     def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
         """A session is here again: send it what it has missed."""

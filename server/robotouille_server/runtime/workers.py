@@ -14,7 +14,7 @@ __all__ = ["CODE_LETTERS", "ElsewhereError", "WorkerSlot", "plain_code"]
 
 def plain_code(code: str) -> str:
     """A join code without what people may leave out or add: dashes, spaces, case."""
-    return code.strip().replace("-", "").upper()
+    return "".join(code.split()).replace("-", "").upper()
 
 
 CODE_LETTERS = "ABCDEFGHJKMNPQRSTUVWXYZ"

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import msgpack
 from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from robotouille.errors import FileError, ProtocolError
 from robotouille.protocol.messages import (
@@ -244,8 +245,10 @@ def _refused(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
 
 
 def _fault(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
-    first = error.errors(include_url=False, include_input=False, include_context=False)[0]
-    location = [str(part) for part in first["loc"]]
+    first = _nearest(error.errors(include_url=False, include_input=False, include_context=False))
+    # A field that may be of several types says which one an error is about; of those that are
+    # only limited, that has no name that anybody knows.
+    location = [str(part) for part in first["loc"] if not str(part).startswith("constrained-")]
     if first["type"] in ("union_tag_invalid", "union_tag_not_found"):
         found = str(plain.get("type"))[:40]
         return ProtocolError("message/unknown-type", f"no message type {found!r}", "type")
@@ -255,6 +258,13 @@ def _fault(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
     if first["type"] == "missing":
         return ProtocolError("message/missing-field", "is required", field)
     return ProtocolError("message/invalid-field", first["msg"], field)
+
+
+def _nearest(errors: list[ErrorDetails]) -> ErrorDetails:
+    """The first error; where a value may be of several types, that of the one it is of."""
+    field = errors[0]["loc"][:2]
+    of_its_type = (e for e in errors if e["loc"][:2] == field and not e["type"].endswith("_type"))
+    return next(of_its_type, errors[0])
 
 
 MSGPACK = Codec("robotouille.v1.msgpack", text=False)

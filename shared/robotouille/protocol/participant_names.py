@@ -13,10 +13,15 @@ MAX_NAME_LENGTH = 40
 _UNSEEN = frozenset(
     chr(point)
     for points in (
-        (0x034F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x2800, 0x3164, 0xFFA0),
+        # What Unicode calls default ignorable, and is no control or format character.
+        (0x034F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x3164, 0xFFA0),
         range(0x180B, 0x1810),
         range(0xFE00, 0xFE10),
         range(0xE0100, 0xE01F0),
+        # What is blank all the same: in Braille, music, Khitan, hieroglyphs, for an object.
+        (0x2800, 0x1D159, 0x16FE4, 0x13441, 0x13442, 0xFFFC),
+        # What only says how its neighbours are joined: in Tifinagh, Brahmi, Zanabazar, Soyombo.
+        (0x2D7F, 0x1107F, 0x11A47, 0x11A99),
     )
     for point in points
 )

@@ -157,13 +157,19 @@ def requested_action(
 
 def _at(episode: Episode, player: str, position: int, basis: int | None) -> GroundAction:
     if basis != episode.step:
-        message = f"step {basis} is past; it is step {episode.step}"
-        raise ProtocolError("action/stale", message, "basis")
+        raise ProtocolError("action/stale", _wrong_basis(basis, episode.step), "basis")
     actions = episode.state.actions(player)
     if position >= len(actions):
         message = f"there are {len(actions)} valid actions, found {position}"
         raise ProtocolError("action/unknown", message, "action")
     return actions[position]
+
+
+def _wrong_basis(basis: int | None, step: int) -> str:
+    if basis is None:
+        return f"a position needs the step whose list it is in, as 'basis'; it is step {step}"
+    when = "is past" if basis < step else "is still to come"
+    return f"step {basis} {when}; it is step {step}"
 
 
 def in_words(request: messages.Act) -> str:

@@ -1,4 +1,5 @@
-"""How often seats change hands: each coming and going is recorded, and may not fill a recording."""
+"""How often seats change: each coming and going, and who is ready or not, is recorded, and may not
+fill a recording."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from robotouille_server.runtime.token_bucket import TokenBucket
 __all__ = ["SEAT_CHANGES", "SEAT_CHANGES_AT_ONCE", "SeatTurnover"]
 
 SEAT_CHANGES, SEAT_CHANGES_AT_ONCE = 20, 40
-"""How often a minute, and how often at once, a seat may be taken or come back to."""
+"""How often a minute, and how often at once, a seat may be taken, come back to, or ready or not."""
 
 
 class SeatTurnover:
@@ -26,13 +27,15 @@ class SeatTurnover:
             player: TokenBucket(SEAT_CHANGES / 60, now, SEAT_CHANGES_AT_ONCE) for player in players
         }
 
-    def charge(self, players: Iterable[str], now: float) -> None:
-        """Seats are taken or come back to; ProtocolError `rate/seats`, and none is charged, if
-        that is too often for one of them."""
+    def charge(
+        self, players: Iterable[str], now: float, too_often: str = "has changed hands"
+    ) -> None:
+        """Something changes of seats: they are taken, come back to, or ready or not. ProtocolError
+        `rate/seats`, and none is charged, if that was `too_often` for one of them."""
         budgets = {player: self._budgets[player] for player in players}
         for player, budget in budgets.items():
             if budget.left(now) < 1:
-                message = f"{player} has changed hands too often just now; try again in a while"
+                message = f"{player} {too_often} too often just now; try again in a while"
                 raise ProtocolError("rate/seats", message, "seat")
         for budget in budgets.values():
             budget.take(now)
