@@ -18,6 +18,7 @@ from robotouille_client.window.shell import replays
 from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
+from robotouille_client.window.view import Source
 from robotouille_client.window.window import Window
 from tests.support.window_play import ARROWS, Fingers, Timer, goes_to, post, way
 
@@ -48,24 +49,25 @@ class Evening:
 
     def watch(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Note each form that is asked, and each window of a game; videos are small."""
-        ask, show, start = Screen.ask, Window._show, Window.run
+        ask, frame, start = Screen.ask, Window.frame, Window.run
 
         async def asked(screen: Screen, form: Form, until: object = None) -> object:
             self.form = form
             self.titles.append(form.title)
             return await ask(screen, form, until)  # type: ignore[arg-type]
 
-        def shown(window: Window, form: Form, *, by_itself: bool = False) -> None:
-            self.form = form
-            self.titles.append(form.title)
-            show(window, form, by_itself=by_itself)
+        def framed(window: Window, source: Source) -> None:
+            frame(window, source)
+            if window.card is not None and window.card is not self.form:
+                self.form = window.card
+                self.titles.append(self.form.title)
 
         async def started(window: Window, source: object, **options: object) -> None:
             self.window = window
             await start(window, source, **options)  # type: ignore[arg-type]
 
         monkeypatch.setattr(Screen, "ask", asked)
-        monkeypatch.setattr(Window, "_show", shown)
+        monkeypatch.setattr(Window, "frame", framed)
         monkeypatch.setattr(Window, "run", started)
         monkeypatch.setattr(replays, "VIDEO_SIZE", "320x180")
 

@@ -14,11 +14,10 @@ import pygame
 from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
-from robotouille_client.window.forms.answers import Answer
+from robotouille_client.window.forms.card_slot import CardSlot
 from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.shown_card import ShownCard
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.play_input import PlayInput
@@ -77,7 +76,6 @@ class Window:
         self.screenshots = screenshots or Path.cwd()
         self.closed = False
         self.frames = 0
-        self.answer: object = None
         self.drawn = 0
         self._drawn_last: _Drawn | None = None
         self._clock = clock
@@ -86,13 +84,9 @@ class Window:
         self._owns_display = display is None
         self._display = display or Display(size, caption=caption, headless=headless)
         self._gamepads = gamepads or Gamepads()
-        self._cards = cards
         self._sounds = sounds
-        self._card: ShownCard | None = None
-        self._keys = KeyMap(preferences.keys)
-        self._keys_down: set[int] = set()
-        self._over = False
-        self._still = False
+        keys = KeyMap(preferences.keys)
+        self._cards = CardSlot(cards, keys, clock, self._card_came)
         self._painter = painter or Painter(
             look.rendering if look else None,
             look.pictures if look else None,
@@ -101,7 +95,7 @@ class Window:
             words=words,
         )
         self._input = PlayInput(
-            keys=self._keys,
+            keys=keys,
             look=look,
             words=words,
             target=self._target,
@@ -119,7 +113,16 @@ class Window:
     @property
     def card(self) -> Form | None:
         """What is asked beside the kitchen, if anything is."""
-        return None if self._card is None else self._card.form
+        return self._cards.form
+
+    @property
+    def answer(self) -> object:
+        """What was chosen on a card that ended the game; None if the window was closed."""
+        return self._cards.answer
+
+    def overlay(self, view: View) -> UiOverlay:
+        """What only its owner sees over a view."""
+        return self._overlay(view, self._hover(view))
 
     async def run(self, source: Source, *, linger: float | None = 5.0) -> None:
         """Show a source until the window is closed, or `linger` seconds after it has finished.
@@ -165,9 +168,13 @@ class Window:
             view = source.view()
         if self._sounds is not None:
             self._sounds.follow(view)
-        self._show_end(source, view)
-        self._wait_for_reader()
-        self._draw(view)
+        over = source.finished and bool(view.outcome or view.farewell)
+        if over and self._cards.end(view, at_once=self.frames == 0):
+            self._input.close()
+        self._cards.stand_still(self._input.helping)
+        if not self.closed:
+            self._cards.refresh(typing=self._input.typing)
+            self._draw(view)
 
     def preload(self) -> None:
         """Draw some of the pictures that later frames may need."""
@@ -195,41 +202,36 @@ class Window:
 
     def _draw(self, view: View) -> None:
         surface = self._display.surface
-        if self.closed or surface is None:
+        if surface is None:
             return
-        hover = self._input.hover(view) if self._card is None else None
+        card, hover = self.card, self._hover(view)
         lost = bool(view.outcome) and not view.won
         shown = dataclasses.replace(view, hover=view.hover or hover, lost=lost)
-        overlay = self._input.overlay(view, hover)
-        if self._card is not None or self._strip is not None:
+        overlay = self._overlay(view, hover)
+        if card is not None or self._strip is not None:
             shown = dataclasses.replace(shown, outcome="")  # They say it, and cover nothing.
-        if self._card is not None:
-            overlay = dataclasses.replace(
-                overlay, hints=(), keys=CARD_KEYS, mark=None, pointer=None
-            )
         self.frames += 1
         below = None if self._strip is None else self._strip.seen()
-        told = self._update_card()
-        drawing = (surface.get_size(), self._painter.seen(shown), below, overlay, told)
+        drawing = surface.get_size(), self._painter.seen(shown), below, overlay, self._cards.seen
         if drawing == self._drawn_last:
             return
         self._drawn_last = drawing
         self._painter.paint(surface, shown, overlay)
-        if self._card is not None:
+        if card is not None:
             place = self._painter.layout(surface.get_size(), view.world)
-            form = self._card.form
-            form.draw(surface, place.panel, self._painter.text, max(11, place.text - 2))
+            card.draw(surface, place.panel, self._painter.text, max(11, place.text - 2))
         self._display.flip()
         self.drawn += 1
 
-    def _update_card(self) -> tuple[str, bool]:
-        """Bring what is new to the card that is shown; what it tells, and whether it listens."""
-        if self._card is None or self._cards is None:
-            return "", False
-        form = self._card.form
-        form.message = self._cards.news() or form.message
-        form.listens = self._card.listens and not self._chats_over(self._card)
-        return form.message, form.listens
+    def _hover(self, view: View) -> str | None:
+        """What is under the mouse in the kitchen, where that is what the mouse is for."""
+        return self._input.hover(view) if self.card is None else None
+
+    def _overlay(self, view: View, hover: str | None) -> UiOverlay:
+        overlay = self._input.overlay(view, hover)
+        if self.card is None:
+            return overlay
+        return dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None, pointer=None)
 
     # Events
 
@@ -238,9 +240,9 @@ class Window:
             self.closed = True
         if event.type == pygame.QUIT or self._display.handle(event):
             return
-        self._note_keys(event)
+        self._cards.note_keys(event)
         self._input.point(event)
-        if self._card is None and self._taken_by_strip(event, view):
+        if self.card is None and self._taken_by_strip(event, view):
             return
         self._input.tell(self._gamepads.notice(event))
         pressed = self._gamepads.read(event)
@@ -252,28 +254,21 @@ class Window:
         self, event: pygame.Event, pressed: Command | None, source: Source, view: View
     ) -> Command | None:
         """Give an event, or what was pressed on a gamepad, to the card or the game."""
-        card, typed = self._card, event.type in (pygame.KEYDOWN, pygame.TEXTINPUT)
-        if card is not None and not (typed and self._chats_over(card)):
-            return self._ask(card, event, pressed)
+        if self._cards.takes(event, typing=self._input.typing):
+            command = self._cards.handle(event, pressed)
+            self.closed = self.closed or self.answer is not None
+            return command
         if pressed is not None:
             return self._input.command(pressed, source, view)
-        if card is not None:
-            card.wait()
+        self._cards.wait()
         return self._input.handle(event, source, view)
 
-    def _note_keys(self, event: pygame.Event) -> None:
-        """Follow which keys are held."""
-        if event.type == pygame.KEYDOWN:
-            self._keys_down.add(event.key)
-        elif event.type == pygame.KEYUP:
-            self._keys_down.discard(event.key)
-        elif event.type == pygame.WINDOWFOCUSLOST:
-            self._keys_down.clear()
-
-    def _chats_over(self, card: ShownCard) -> bool:
-        """Whether the line of chat that was open when a card came by itself still is: it has the
-        keys."""
-        return card.by_itself and self._input.typing
+    def _card_came(self) -> None:
+        """The mouse and what is held are a card's now."""
+        self._drawn_last = None
+        self._input.hands.release()
+        if self._strip is not None:
+            self._strip.handle(pygame.Event(pygame.WINDOWFOCUSLOST), pygame.Rect(0, 0, 0, 0))
 
     def _obey(self, command: Command | None, view: View) -> None:
         """Do what is not the game's."""
@@ -283,49 +278,8 @@ class Window:
             self._save_screenshot()
         elif command is Command.SOUND and self._sounds is not None:
             self._input.tell(self._sounds.toggle())
-        elif command in (Command.CANCEL, Command.MENU) and self._cards is not None:
-            self._show(self._cards.leaving(view))
-
-    # Cards
-
-    def _wait_for_reader(self) -> None:
-        """Let a game stand still while its owner reads the help, where it is theirs alone."""
-        still = self._input.helping and self._card is None and not self._over
-        if self._cards is not None and still is not self._still:
-            self._still = still
-            if self._card is None:
-                self._cards.stand_still(still)
-
-    def _show_end(self, source: Source, view: View) -> None:
-        """The card of a game that is over, once."""
-        over = source.finished and bool(view.outcome or view.farewell)
-        if over and self._cards is not None and not self._over:
-            self._over = True
-            self._input.close()
-            card = self._cards.over(view)
-            if card is not None:
-                self._show(card, by_itself=True)
-
-    def _show(self, form: Form, *, by_itself: bool = False) -> None:
-        """Ask something; what was over before it was shown here has no keys of its own."""
-        at_once, held = self.frames == 0, self._keys_down
-        self._card = ShownCard(form, self._clock, by_itself=by_itself, at_once=at_once, held=held)
-        self._drawn_last = None
-        self._input.hands.release()
-        if self._strip is not None:  # The mouse and what is held are the card's now.
-            self._strip.handle(pygame.Event(pygame.WINDOWFOCUSLOST), pygame.Rect(0, 0, 0, 0))
-
-    def _ask(self, card: ShownCard, event: pygame.Event, pressed: Command | None) -> Command | None:
-        """Give the card what is done, and take its answer."""
-        command = card.handle(event, pressed, self._keys)
-        result = card.form.result
-        if result == Answer.STAY:
-            self._card = None
-            if self._cards is not None:
-                self._cards.stay()
-        elif result is not None:
-            self.answer, self.closed = result, True
-        return None if command in (Command.CANCEL, Command.MENU) else command
+        elif command in (Command.CANCEL, Command.MENU):
+            self._cards.leave(view, at_once=self.frames == 0)
 
     def _taken_by_strip(self, event: pygame.Event, view: View) -> bool:
         surface = self._display.surface
