@@ -99,12 +99,13 @@ class Seat:
         """Where a button of the card is."""
         card = self.window.card
         assert card is not None
-        places = {card.rows[index].label: area for area, index in card._list.places}
-        return places[label].center
+        place = card.place_of(next(row for row in card.rows if row.label == label))
+        assert place is not None, label
+        return place.center
 
     @property
     def overlay(self):  # type: ignore[no-untyped-def]
-        return self.window._input.overlay(self.source.view(), None)
+        return self.window.overlay(self.source.view())
 
 
 @pytest.fixture
@@ -248,13 +249,13 @@ def test_what_is_open_at_the_end_is_closed(seat: Seat) -> None:
 def test_nothing_of_the_kitchen_is_marked_after_a_card(seat: Seat) -> None:
     """The mouse was on a station, then on a button of the card, where it still is."""
     seat.click(at(seat.source.world, "board1"))
-    assert seat.window._input.hover(seat.source.view())
+    assert seat.overlay.tips
     without = len(seat.source.acted)
     seat.press(pygame.K_ESCAPE)
     assert seat.window.card is not None
     seat.click(seat.place("Go on"))
     assert seat.window.card is None
-    assert seat.window._input.hover(seat.source.view()) is None
+    assert not seat.overlay.tips
     assert len(seat.source.acted) == without
 
 

@@ -55,10 +55,11 @@ def test_all_that_it_offers_is_in_sight(place, size, seats: int, message: str) -
     form.message = message
     area, letters = place(size)
     form.draw(pygame.Surface(size), area, Typesetter(), letters)
-    shown = {index: found for found, index in form._list.places}
-    for index, row in enumerate(form.rows):
-        assert area.contains(shown[index]), row.label
-    assert not form._list.bar.width, "nothing has to be scrolled to"
+    for row in form.rows:
+        place = form.place_of(row)
+        assert place is not None, row.label
+        assert area.contains(place), row.label
+    assert not form.scroll_bar.width, "nothing has to be scrolled to"
 
 
 def test_in_a_tiny_window_a_mark_shows_that_there_is_more() -> None:
@@ -66,10 +67,11 @@ def test_in_a_tiny_window_a_mark_shows_that_there_is_more() -> None:
     area, letters = panel((320, 240))
     for _ in BUTTONS:
         form.draw(pygame.Surface((320, 240)), area, Typesetter(), letters)
-        assert form._list.bar.width
-        shown = {index: found for found, index in form._list.places}
+        assert form.scroll_bar.width
         assert form.focused is not None
-        assert area.contains(shown[form.rows.index(form.focused)])
+        place = form.place_of(form.focused)
+        assert place is not None
+        assert area.contains(place)
         form.command(Command.DOWN)
 
 

@@ -9,7 +9,7 @@ from tests.support.window_play import follow, post
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.text_field import TextField
-from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Slider, Words
+from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Row, Slider, Words
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
@@ -35,9 +35,10 @@ def drawn(form: Form, area: pygame.Rect = AREA) -> pygame.Surface:
     return surface
 
 
-def click(form: Form, row: object, share: float = 0.5) -> None:
+def click(form: Form, row: Row, share: float = 0.5) -> None:
     drawn(form)
-    area = next(area for area, index in form._list.places if form.rows[index] is row)
+    area = form.place_of(row)
+    assert area is not None
     pos = (area.x + round(area.width * share), area.centery)
     pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=1))
@@ -134,11 +135,12 @@ def test_a_key_is_asked_for_and_escape_keeps_the_old_one() -> None:
 def test_many_rows_are_scrolled_to() -> None:
     form = Form("Title", [Button(str(n), n) for n in range(40)])
     drawn(form)
-    assert form._list.places[0][1] == 0
+    assert form.place_of(form.rows[0])
+    assert not form.place_of(form.rows[30])
     for _ in range(30):
         form.command(Command.DOWN)
     drawn(form)
-    assert 30 in [index for _, index in form._list.places]
+    assert form.place_of(form.rows[30])
     wheel = pygame.Event(pygame.MOUSEWHEEL, y=1)
     form.handle(wheel, KEYS)
     assert form.focused is form.rows[29]

@@ -43,7 +43,7 @@ class Pad:
         self.window.frame(self.source)
 
     def overlay(self):  # type: ignore[no-untyped-def]
-        return self.window._input.overlay(self.source.view(), None)
+        return self.window.overlay(self.source.view())
 
 
 class Leave:

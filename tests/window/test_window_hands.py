@@ -42,7 +42,7 @@ class Table:
         click(self.window, self.source, station, button)
 
     def overlay(self):  # type: ignore[no-untyped-def]
-        return self.window._input.overlay(self.source.view(), None)
+        return self.window.overlay(self.source.view())
 
     def here(self) -> str | None:
         return scene(self.source.state)[self.source.me].at

@@ -57,7 +57,7 @@ def test_the_help_speaks_as_people_do(task: str) -> None:
     try:
         window.frame(source)
         press(window, source, pygame.K_h)
-        rows = window._input.overlay(source.view(), None).help
+        rows = window.overlay(source.view()).help
     finally:
         window.close()
     said = " ".join(words for _, words in rows)

@@ -127,7 +127,7 @@ def test_enter_is_for_the_chat_once_the_game_has_begun(tmp_path: Path) -> None:
             await asyncio.sleep(3.1)
             at.window.frame(at.source)
             await at.press(pygame.K_RETURN)
-            assert at.window._input.typing
+            assert at.window.overlay(at.source.view()).typing is not None
             assert at.one.running
 
     run(main())
@@ -247,7 +247,7 @@ def test_the_context_key_says_that_one_is_ready() -> None:
         for ready, words in ((False, "I am ready"), (True, "not ready yet")):
             window.frame(source)
             assert source.ready is ready
-            assert window._input.overlay(source.view(), None).hints == (("E", words),)
+            assert window.overlay(source.view()).hints == (("E", words),)
             pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_e, mod=0, unicode="e"))
             window.frame(source)
             pygame.event.post(pygame.Event(pygame.KEYUP, key=pygame.K_e, mod=0))

@@ -189,14 +189,12 @@ def test_a_kitchen_that_is_finished_offers_nothing(window: Window, source: Scrip
     pos = spot(source.world, "table11")
     pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
     window.frame(source)
-    before = window._input.overlay(source.view(), window._input.hover(source.view()))
+    before = window.overlay(source.view())
     assert before.choices
     assert before.tips
     source.interruption = {"outcome": "Out of steps after 300 steps"}
     window.frame(source)
-    view = source.view()
-    assert window._input.hover(view) is None
-    after = window._input.overlay(view, None)
+    after = window.overlay(source.view())
     assert (after.choices, after.tips, after.hints, after.queued) == (None, (), (), ())
 
 

@@ -224,11 +224,11 @@ def test_every_row_can_be_reached_and_is_inside(
             drawn(form, size, scale)
             row = form.focused
             assert row is not None
-            place = next(p for p, index in form._list.places if form.rows[index] is row)
+            place = form.place_of(row)
+            assert place is not None, (name, row.label)
             assert inside.contains(place), (name, row.label)
             look_height = row_height(row, place.width, size, scale)
             assert place.height == look_height, (name, row.label, "is cut off")
-            assert form._list.places, name
             form.command(Command.DOWN)
         assert form.focused is rows[0] or name in ("menu", "tasks"), "round and round"
 
@@ -240,7 +240,7 @@ def row_height(row: Row, width: int, size: tuple[int, int], scale: float) -> int
 def test_a_long_list_has_a_mark_that_can_be_dragged(display: Display) -> None:
     form = Form("Title", [Button(str(n), n) for n in range(40)], pinned=1)
     drawn(form, (400, 300))
-    bar = form._list.bar
+    bar = form.scroll_bar
     assert bar.width
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=bar.midbottom, button=1))
     pos = (bar.centerx, bar.bottom - 1)
@@ -253,7 +253,7 @@ def test_a_long_list_has_a_mark_that_can_be_dragged(display: Display) -> None:
     assert form.focused is form.rows[0]
     few = Form("Title", [Button("1", 1)])
     drawn(few, (400, 300))
-    assert not few._list.bar.width
+    assert not few.scroll_bar.width
 
 
 def test_a_slider_is_only_its_track(display: Display) -> None:

@@ -76,5 +76,5 @@ def test_a_key_turns_the_sound_off(tmp_path: Path) -> None:
     assert sounds.on
     press(window, script, pygame.K_m)
     assert not sounds.on
-    assert window._input.overlay(script.view(), None).prompt == "Sound is off"
+    assert window.overlay(script.view()).prompt == "Sound is off"
     window.close()

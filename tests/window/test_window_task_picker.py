@@ -134,11 +134,13 @@ def test_families_by_the_sides_pages_ends_and_the_wheel(display: Display) -> Non
 def test_a_task_by_mouse(display: Display) -> None:
     form = TaskPicker(Settings(), "training/01_synchronous").form
     drawn(form, (800, 600))
-    place, index = form._list.places[2]
+    row = form.rows[2]
+    place = form.place_of(row)
+    assert place is not None
     pos = place.center
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=1))
     follow(form)
-    assert form.result == form.rows[index].answer
+    assert form.result == row.answer
 
 
 def test_pictures_and_lengths_come_when_nobody_types(

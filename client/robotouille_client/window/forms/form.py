@@ -90,6 +90,17 @@ class Form:
         else:
             self._focus_first()
 
+    def place_of(self, row: Row) -> pygame.Rect | None:
+        """Where a row was drawn last, as far as it is in sight; None where it is not."""
+        places = self._list.places
+        return next((place for place, index in places if self.rows[index] is row), None)
+
+    @property
+    def scroll_bar(self) -> pygame.Rect:
+        """Where the mark of how far it is scrolled was drawn last; empty where all rows have
+        room."""
+        return self._list.bar
+
     def width(self, size: int) -> int:
         """How wide it would like to be, with letters of a size."""
         return (WIDTH + (PICTURE if self.picture else 0)) * size
