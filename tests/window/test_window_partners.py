@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -150,9 +149,8 @@ def test_a_process_that_thinks_is_ended_at_once() -> None:
     world = World("multi_agent/10@4")
     partners = PartnerProcess(world.initial, BotKind.PLANNER, 0, world.players[1:])
     partners.ask(world.players[1], world.initial)
-    began = time.monotonic()
     partners.close()
-    assert time.monotonic() - began < 2.0
+    assert not partners.answers(), "nobody waited for what it thought"
     with pytest.raises(ProcessLookupError):
         os.kill(partners.pid, 0)
 
