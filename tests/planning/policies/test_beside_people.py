@@ -15,9 +15,15 @@ from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.beam.planner import BeamPlanner, Solution
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.script import Did
-from robotouille.planning.policies.standing import is_out_of_the_way, standing_at, walk_to
+from robotouille.planning.policies.standing import (
+    is_out_of_the_way,
+    standing_at,
+    walk_to,
+    walks_aside,
+)
 from robotouille.planning.policies.team_plan import Reliance, TeamPlanner
 from robotouille.planning.policies.team_search import EXPANSIONS, MAX_BRIEF, TeamSearch
+from robotouille.planning.policies.team_talk import INSIST
 from robotouille.planning.search.unsolvable import CutOff
 from robotouille_client.bots.partner_worker import replies
 from tests.support.samples import first_quickly
@@ -108,6 +114,20 @@ def test_so_it_does_where_every_search_is_in_vain(
     made = planner.make(world.initial, team, hurried=True)
     assert made.relies_on is not Reliance.TEAM
     assert 0 < work.expansions <= MAX_BRIEF + LAYER
+
+
+def test_what_is_needed_is_asked_for_again_as_long_as_somebody_stands_there() -> None:
+    """They stand at the only place of something, long after all that can be done is done."""
+    world = World("multi_agent/01@3")
+    bot = PlannerPolicy(world, "robot2", start=world.initial)
+    bot.meet({"robot1": "human", "robot2": "bot", "robot3": "bot"}, "realtime")
+    bot.act(world.initial)
+    asked = []
+    away = walks_aside(world.initial, "robot1")[0]
+    for step in range(4 * INSIST):
+        asked += [step for text in bot.speak() if text.startswith("I need")]
+        bot.observe([("robot1", away, True)] if step == 2 * INSIST + 1 else [])
+    assert asked == [0, INSIST, 2 * INSIST]
 
 
 class Holder(Idle):

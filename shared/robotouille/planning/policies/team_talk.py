@@ -29,8 +29,8 @@ MAX_SAID = 500
 """Characters of a chat message."""
 
 ASK_AGAIN, INSIST = 20, 150
-"""Steps between two requests to make way, and until the same one is repeated that was in vain:
-half a minute in real time."""
+"""Steps between two requests to make way, and until the same one is repeated that was in vain,
+as long as it is so: half a minute at five steps a second."""
 
 TELL_AGAIN, TELL_AGAIN_HURRIED = 6, 25
 """Steps between two intentions that are told: more where steps pass by themselves."""
@@ -131,7 +131,7 @@ class Talk:
         return not self._silent and step - self._asked >= ASK_AGAIN
 
     def ask(self, text: str, step: int) -> None:
-        """Ask somebody for something. A wish that was not met is seldom repeated."""
+        """Ask somebody for something; for the same thing again only after a while."""
         if self.may_ask(step) and (text != self._last_asked or step - self._asked >= INSIST):
             self._asked, self._last_asked = step, text
             self._said.append(text)
