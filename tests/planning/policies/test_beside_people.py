@@ -11,8 +11,8 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
-from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.beam.planner import BeamPlanner, Solution
+from robotouille.planning.anytime import EXPANSIONS_PER_STATE, AnytimePlanner
+from robotouille.planning.beam.planner import UNSOLVED_FACTOR, BeamPlanner, Solution
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.script import Did
 from robotouille.planning.policies.standing import (
@@ -25,6 +25,7 @@ from robotouille.planning.policies.team_plan import Reliance, TeamPlanner
 from robotouille.planning.policies.team_search import EXPANSIONS, MAX_BRIEF, TeamSearch
 from robotouille.planning.policies.team_talk import INSIST
 from robotouille.planning.search.unsolvable import CutOff
+from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille_client.bots.partner_worker import replies
 from tests.support.samples import first_quickly
 from tests.support.team_games import Chance, Idle, play_team
@@ -128,6 +129,26 @@ def test_what_is_needed_is_asked_for_again_as_long_as_somebody_stands_there() ->
         asked += [step for text in bot.speak() if text.startswith("I need")]
         bot.observe([("robot1", away, True)] if step == 2 * INSIST + 1 else [])
     assert asked == [0, INSIST, 2 * INSIST]
+
+
+def test_greedy_search_after_them_takes_bounded_work_too(
+    work: Work, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no plug-in knows the domain; a state takes longer than many expansions of the beam."""
+    states: list[int] = []
+
+    def in_vain(*_: object, limits: Limits, **__: object) -> SearchResult:
+        states.append(limits.states or 0)
+        return SearchResult(None, 0, Proof.NONE, "", 0)
+
+    monkeypatch.setattr(CutOff, "__call__", lambda *_: False)
+    monkeypatch.setattr("robotouille.planning.anytime.greedy_search", in_vain)
+    world = World("workshop/02")
+    anytime = AnytimePlanner(world)
+    planner = TeamPlanner(anytime, TeamSearch(anytime, 0, EXPANSIONS), alone=False)
+    planner.make(world.initial, world.players[:1], hurried=True)
+    assert 0 < work.expansions <= MAX_BRIEF + LAYER
+    assert 0 < sum(states) <= MAX_BRIEF // (UNSOLVED_FACTOR * EXPANSIONS_PER_STATE)
 
 
 class Holder(Idle):
