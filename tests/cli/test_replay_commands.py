@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
-from robotouille.replay.container import compress, frame_ends
+from robotouille.replay.container import MAGIC, compress, frame_ends, pack_frame, read_frames
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
@@ -177,3 +177,17 @@ def test_a_closed_file_without_an_end_does_not_verify(tmp_path: Path, version: i
     done = CliRunner().invoke(app, ["replay", "verify", str(path)])
     assert done.exit_code == 1
     assert "closed without an end" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["info", "export", "verify"])
+def test_moves_of_nobody_are_told_in_a_line(eventful: Path, command: str) -> None:
+    frames = list(read_frames(eventful.read_bytes()))
+    step = next(frame for frame in frames if frame["kind"] == "step")
+    action = TASK.initial.actions("robot1")[0]
+    row = [action.name, *action.arguments]
+    step["moves"] = [{"player": "robot9", "action": row, "seq": 1, "ms": 0}]
+    eventful.write_bytes(MAGIC + b"".join(map(pack_frame, frames)))
+    done = CliRunner().invoke(app, ["replay", command, str(eventful)])
+    assert done.exit_code == 1
+    assert "is no move of 'robot9'" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -39,6 +39,19 @@ def test_every_frame_of_a_game_is_one() -> None:
         ({"kind": "notes", "notes": [{"note": "started"}]}, "notes.0.started.t: Field required"),
         ({"kind": "notes", "notes": [{"note": "quota", "t": "1", "player": ""}]}, "quota.t: Input"),
         ({"kind": "step", "step": 0, "t": 1, "moves": []}, "step: Input should be greater"),
+        (
+            {"kind": "notes", "notes": [{"note": "countdown", "t": 1, "ms": None}]},
+            "notes.0.countdown.ms: Input should be a valid integer",
+        ),
+        (
+            {
+                "kind": "step",
+                "step": 1,
+                "t": 1,
+                "moves": [{"player": "r", "action": ["a"], "seq": 1, "ms": 1, "basis": None}],
+            },
+            "moves.0.basis: Input should be a valid integer",
+        ),
     ],
 )
 def test_the_field_at_fault_is_named(frame: dict[str, object], fault: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -152,6 +153,24 @@ def test_the_first_step_and_fact_that_differ_are_named() -> None:
     assert not result.ok
     assert result.fault.startswith("step 17: ")
     assert next(iter(name)) in result.fault
+
+
+@pytest.mark.parametrize("player", ["robot9", "another"])
+def test_a_move_is_its_players_own(player: str) -> None:
+    """What somebody is counted as having done is what they did."""
+    frames = list(read_frames(GAME))
+    step = next(f for f in frames if f["kind"] == "step" and f["moves"])
+    move = step["moves"][0]
+    others = [each for each in Recording(GAME).world.players if each != move["player"]]
+    move["player"] = others[0] if player == "another" else player
+    changed = Recording(MAGIC + b"".join(pack_frame(frame) for frame in frames))
+    result = changed.verify()
+    assert not result.ok
+    fault = rf"step {step['step']}: .*\) is no move of '{move['player']}'"
+    assert re.search(fault, result.fault)
+    for read in (changed.measures, lambda: list(json_lines(changed))):
+        with pytest.raises(RecordingError, match=fault):
+            read()
 
 
 def test_a_missing_step_is_named() -> None:

@@ -30,6 +30,7 @@ from robotouille_client.console import (
     check_look,
     explain,
     fail,
+    failing,
     terminable,
 )
 
@@ -84,6 +85,7 @@ def _tell_damage(file: Path, recording: Recording) -> None:
 
 
 @replay.command()
+@failing
 def info(
     file: FileArgument,
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -156,6 +158,7 @@ def _no_end(file: Path) -> str:
 
 
 @replay.command()
+@failing
 def notes(file: FileArgument, damaged: DamagedOption = False) -> None:
     """List what happened between the steps: who came, went and returned, chat, pauses, rejections.
 
@@ -166,6 +169,7 @@ def notes(file: FileArgument, damaged: DamagedOption = False) -> None:
 
 
 @replay.command()
+@failing
 def said(
     file: FileArgument,
     player: Annotated[

@@ -50,6 +50,8 @@ ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 
 class Frame(BaseModel):
+    """Whatever has a default may be absent; nothing may be null instead."""
+
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
@@ -89,7 +91,7 @@ class Header(Frame):
     owner: str = ""
     labels: dict[str, str] = {}
     treatments: dict[str, SeatTreatment] = {}
-    open_until: int | None = None
+    open_until: int = 0
 
 
 class StateFrame(Frame):
@@ -106,7 +108,7 @@ class RecordedMove(Frame):
     action: Annotated[list[str], Field(min_length=1)]
     seq: int
     ms: int
-    basis: Index | None = None
+    basis: Index = 0
     reasoning: str = ""
 
 
@@ -149,7 +151,7 @@ class RejectedNote(Frame):
     why: list[RecordedWhy] = []
     code: Annotated[str, Field(pattern=CODE)] = "action/invalid"
     text: str = ""
-    basis: Index | None = None
+    basis: Index = 0
     reasoning: str = ""
     heard: bool = True
 
@@ -180,14 +182,14 @@ class NotedNote(Frame):
 class CountdownNote(Frame):
     note: Literal["countdown"]
     t: int
-    ms: int | None = None
-    utc_ms: int | None = None
+    ms: int = 0
+    utc_ms: int = 0
 
 
 class StartedNote(Frame):
     note: Literal["started"]
     t: int
-    utc_ms: int | None = None
+    utc_ms: int = 0
 
 
 class AnnouncedNote(Frame):
@@ -214,13 +216,13 @@ class PausedNote(Frame):
 class ResumedNote(Frame):
     note: Literal["resumed"]
     t: int
-    utc_ms: int | None = None
+    utc_ms: int = 0
 
 
 class RestartedNote(Frame):
     note: Literal["restarted"]
     t: int
-    utc_ms: int | None = None
+    utc_ms: int = 0
 
 
 class RoundTripNote(Frame):

@@ -211,13 +211,18 @@ class Recording:
         """The joint action of a step's frame, in the order in which it applied.
 
         Raises:
-            RecordingError: It has an action that the task has not.
+            RecordingError: It has an action that the task has not, or one of another player's.
         """
+        where = f"{self.source}: step {frame.get('step')}"
         try:
-            return [self.world.action(*move["action"]) for move in frame["moves"]]
+            actions = [self.world.action(*move["action"]) for move in frame["moves"]]
         except (KeyError, TypeError) as error:
-            step = frame.get("step")
-            raise RecordingError(f"{self.source}: step {step}: {error}") from None
+            raise RecordingError(f"{where}: {error}") from None
+        for move, action in zip(frame["moves"], actions, strict=True):
+            mover = move["player"]
+            if mover not in self.world.players or action.player not in (mover, None):
+                raise RecordingError(f"{where}: {action} is no move of {mover!r}")
+        return actions
 
     def take(self, state: State, frame: dict[str, Any]) -> Step:
         """Take a recorded step in a state: its actions, then what chance undid.

@@ -79,7 +79,11 @@ class Measures:
 
 
 def measures(recording: FrameSource) -> Measures:
-    """The measures of an episode, which may still be going on."""
+    """The measures of an episode, which may still be going on.
+
+    Raises:
+        RecordingError: A step has an action that the task has not, or one of another player's.
+    """
     world = recording.world
     tallies: dict[str, Counter[str]] = {player: Counter() for player in world.players}
     people = dict.fromkeys(world.players, ("", ""))
@@ -89,6 +93,7 @@ def measures(recording: FrameSource) -> Measures:
             clock = frame["rules"]["clock"]
         elif frame["kind"] == "step":
             steps, milliseconds = frame["step"], frame["t"]
+            recording.actions(frame)  # Only those of the seats are counted.
             _count(frame, tallies)
         elif frame["kind"] == "notes":
             _note(frame["notes"], tallies, people)
