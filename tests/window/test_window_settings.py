@@ -76,8 +76,8 @@ def test_settings_that_are_a_pipe(tmp_path: Path) -> None:
     settings, words = load_settings(path)
     assert settings == Settings()
     assert "no file" in words
-    assert not save_settings(Settings(name="ada"), path)
-    assert load_settings(path)[0].preferences.name == "ada"
+    assert "no file" in save_settings(Settings(name="ada"), path)
+    assert path.is_fifo()
 
 
 @pytest.mark.parametrize("key", ["\\ud800", "\\u202e", "", "a\\nb"])
@@ -95,6 +95,27 @@ def test_a_link_to_settings_stays_one(tmp_path: Path) -> None:
     assert not save_settings(Settings(name="ada"), path)
     assert path.is_symlink()
     assert load_settings(whole)[0].preferences.name == "ada"
+
+
+def test_of_a_link_to_a_broken_file_the_file_is_kept_beside(tmp_path: Path) -> None:
+    whole, path = tmp_path / "whole.json", tmp_path / "window.json"
+    whole.write_text("{")
+    path.symlink_to(whole)
+    _, words = load_settings(path)
+    assert words.endswith("The old file is whole.json.bak.")
+    assert (tmp_path / "whole.json.bak").read_text() == "{"
+    assert not save_settings(Settings(name="ada"), path)
+    assert path.is_symlink()
+    assert load_settings(whole)[0].preferences.name == "ada"
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path: Path) -> None:
+    pipe, path = tmp_path / "pipe", tmp_path / "window.json"
+    os.mkfifo(pipe)
+    path.symlink_to(pipe)
+    assert "no file" in save_settings(Settings(name="ada"), path)
+    assert pipe.is_fifo()
+    assert path.is_symlink()
 
 
 def test_two_windows_do_not_write_into_one_draft(

@@ -123,10 +123,12 @@ def _sound(raw: dict[str, Any], path: Path) -> tuple[Settings, str]:
 def save_settings(settings: Settings, path: Path) -> str:
     """Write the settings; words where that fails, which is no reason to stop.
 
-    A link to a file stays one. Of two windows the last one counts, and neither writes into the
-    other's draft.
+    A link to a file stays one, and what is no file stays what it is. Of two windows the last one
+    counts, and neither writes into the other's draft.
     """
     whole = Path(os.path.realpath(path))
+    if whole.exists() and not whole.is_file():
+        return "The settings cannot be saved: their place is taken by what is no file."
     draft = whole.with_name(f"{whole.name}.{os.getpid()}.part")
     try:
         whole.parent.mkdir(parents=True, exist_ok=True)
@@ -142,9 +144,11 @@ def save_settings(settings: Settings, path: Path) -> str:
 
 
 def _set_aside(path: Path, what: str, instead: str = "these are the defaults") -> str:
-    beside = path.with_name(f"{path.name}.bak")
+    """Keep the file, or what a link leads to, beside."""
+    whole = Path(os.path.realpath(path))
+    beside = whole.with_name(f"{whole.name}.bak")
     try:
-        path.replace(beside)
+        whole.replace(beside)
     except OSError:
         return f"The settings {what}: {instead}."
     return f"The settings {what}: {instead}. The old file is {beside.name}."
