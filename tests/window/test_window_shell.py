@@ -33,6 +33,7 @@ from robotouille_client.window.shell.screens.saving_form import SavingForm
 from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
 from robotouille_client.window.shell.settings import (
     Settings,
+    SettingsFile,
     load_settings,
     save_settings,
     settings_path,
@@ -237,6 +238,12 @@ def test_the_best_game_of_a_task_is_remembered(evening: Evening) -> None:
         source = SimpleNamespace(outcome={"reason": reason, "steps": steps})
         evening.shell.local._note_best(SimpleNamespace(world=world, source=source))  # type: ignore[arg-type]
     assert best == {"synchronous/01_cheese_sandwich@1": 30}
+    assert remembered(evening).best == best
+
+
+def remembered(evening: Evening) -> Settings:
+    """What would be known if the process were killed now."""
+    return load_settings(evening.folder / "window.json")[0]
 
 
 async def test_settings_are_kept_and_followed(evening: Evening) -> None:
@@ -247,6 +254,7 @@ async def test_settings_are_kept_and_followed(evening: Evening) -> None:
             post(pygame.K_BACKSPACE)
         post("Ada e")
         yield
+        assert remembered(evening).preferences.name == "Ada e"
         yield from evening.choose("Keys")
         post(pygame.K_UP, pygame.K_DOWN, pygame.K_DOWN, pygame.K_DOWN, pygame.K_DOWN, pygame.K_DOWN)
         yield
@@ -275,6 +283,7 @@ async def test_the_tutorial_ends_with_its_task(evening: Evening) -> None:
         yield from wait(10)
         yield from keys_of(TUTORIAL)
         assert evening.titles[-1] == "Done!"
+        assert remembered(evening).learned
         yield from wait(60)
         yield from evening.choose("Menu")
         yield from evening.choose("Quit")
@@ -504,7 +513,7 @@ def test_a_size_that_is_asked_for_comes_before_a_window_that_fills_the_screen(
     shell = open_shell(size="640x480")
     try:
         assert (shell.ui.display.size, shell.ui.display.fullscreen) == ((640, 480), False)
-        shell._remember()
+        shell.ui.remember()
         assert load_settings(settings_path())[0].preferences.fullscreen
     finally:
         shell.ui.close()
@@ -512,7 +521,8 @@ def test_a_size_that_is_asked_for_comes_before_a_window_that_fills_the_screen(
 
 async def test_settings_that_cannot_be_saved_are_no_reason_to_stop(evening: Evening) -> None:
     (evening.folder / "file").write_text("")
-    evening.shell._path = evening.folder / "file" / "window.json"
+    path = evening.folder / "file" / "window.json"
+    evening.shell.ui.file = SettingsFile(path, evening.shell.settings)
     await asyncio.wait_for(evening.go(lambda: wait(2)), 30)
     assert "cannot be saved" in evening.shell.ui.message
 

@@ -16,6 +16,7 @@ from tests.support.window_play import post
 
 from robotouille.protocol.messages import Create
 from robotouille_client import connect
+from robotouille_client.window.shell.settings import Settings, load_settings
 from robotouille_server import Server
 
 
@@ -55,6 +56,11 @@ def labels(evening: Evening) -> list[str]:
     return [row.label for row in evening.form.rows if row.focusable]
 
 
+def remembered(evening: Evening) -> Settings:
+    """What would be known if the process were killed now."""
+    return load_settings(evening.folder / "window.json")[0]
+
+
 def lose(evening: Evening) -> Iterator[None]:
     """Wait until the steps run out, and for the card to listen."""
     while evening.window is None:
@@ -76,6 +82,7 @@ def test_again_replay_video_and_quit(evening: Evening) -> None:
             "Play again", "Watch the replay", "Save a video", "Menu", "Quit",
         ]  # fmt: skip
         played = evening.window
+        assert remembered(evening).code == "", "a code that is over is not offered"
         yield from evening.choose("Watch the replay")
         assert evening.window is not played
         yield from wait(200)
@@ -91,13 +98,15 @@ def test_again_replay_video_and_quit(evening: Evening) -> None:
         assert video.stat().st_size > 1000
         reviewed = evening.window
         settings = evening.shell.settings
-        assert settings.code == "", "a code that is over is not offered"
+        assert settings.code == ""
         yield from evening.choose("Play again")
         while evening.window is reviewed:
             yield
         codes = [room.code for room in server.lobby.rooms.values()]
         assert len(set(codes)) == 2
         assert settings.code == codes[-1]
+        assert remembered(evening).code == codes[-1]
+        assert remembered(evening).preferences.server == server.url
         yield from lose(evening)
         yield from evening.choose("Quit")
         yield from wait(100)

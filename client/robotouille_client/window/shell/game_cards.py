@@ -23,7 +23,8 @@ class GameCards:
 
     `stand_still` is told whether the game's owner is being asked whether to leave it, or reads the
     help. Without a `menu` to go to, whoever leaves a game closes the window. `news` are told on the
-    card, as soon as there are any.
+    card, as soon as there are any. `ended` is called when the game is over, before its card
+    is shown.
     """
 
     def __init__(
@@ -34,17 +35,20 @@ class GameCards:
         *,
         menu: bool = True,
         news: Callable[[], str] = lambda: "",
+        ended: Callable[[], None] = lambda: None,
     ) -> None:
         self._outcome = outcome
         self._buttons = buttons
         self._menu = menu
         self._news = news
+        self._ended = ended
         self._stand_still = stand_still
         self._message = ""
         self._chosen: object = None
 
     def over(self, view: View) -> Form:
         """What one sees, and may do, when a game is over."""
+        self._ended()
         form = end_card(view, self._outcome(), self._buttons())
         form.message = self._message
         row = next((row for row in form.rows if row.answer == self._chosen), None)

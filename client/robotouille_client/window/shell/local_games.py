@@ -63,6 +63,11 @@ class LocalGames:
         self._ui.splash("Loading …")
         game = self._game(TUTORIAL, None)
         source = TutorialSource(game.source, self._ui.keys)
+
+        def note_learned() -> None:
+            self._ui.settings.learned = self._ui.settings.learned or source.finished
+            self._ui.remember()
+
         cards = GameCards(
             lambda: game.source.outcome,
             lambda: [
@@ -70,13 +75,13 @@ class LocalGames:
                 ("The tutorial again", Answer.TUTORIAL),
                 ("Menu", Answer.MENU),
             ],
+            ended=note_learned,
         )
         try:
-            answer = await self._ui.show(source, cards, caption="Tutorial")
+            return await self._ui.show(source, cards, caption="Tutorial")
         finally:
             game.finish(over=False)
-        self._ui.settings.learned = self._ui.settings.learned or source.finished
-        return answer
+            note_learned()
 
     def _game(self, setup: GameSetup, recordings: Path | None) -> LocalGame:
         ui = self._ui
@@ -96,7 +101,12 @@ class LocalGames:
                 *LEAVE_BUTTONS,
             ]
 
-        cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
+        cards = GameCards(
+            lambda: source.outcome,
+            buttons,
+            source.stand_still,
+            ended=partial(self._note_best, game),
+        )
         show = partial(self._ui.show, source, cards, caption=task_title(setup.task))
         try:
             answer = await show()
@@ -111,13 +121,14 @@ class LocalGames:
         return await self._replays.review(answer, cards, watch, save, show)
 
     def _note_best(self, game: LocalGame) -> None:
-        """Remember in how few steps a task was done, in the timing that people play in."""
+        """Write down in how few steps a task was done, in the timing that people play in."""
         task, outcome = game.world.task, game.source.outcome
         if outcome is None or outcome["reason"] != "goal" or task.timing is not Timing.PEOPLE:
             return
         best, name = self._ui.settings.best, f"{task.name}@{task.seats}"
         if task.name in task_names():
             best[name] = min(best.get(name, outcome["steps"]), outcome["steps"])
+            self._ui.remember()
 
 
 def _following(task: str) -> str:

@@ -165,15 +165,17 @@ class RemoteGames:
             lambda: self._buttons(game, history),
             menu=self._menu,
             news=lambda: PLAY_AGAIN if self._menu and game.rematch_code else "",
+            ended=partial(self._forget, game),
         )
         caption = f"Robotouille {game.code}"
         self._ui.settings.code = game.code
+        self._ui.settings.prefer(server=entered.url)
+        self._ui.remember("server")
         show = partial(self._ui.show, source, cards, caption=caption, look=look, strip=strip)
         try:
             answer = await show()
         finally:
-            if game.over:  # Its code leads nowhere any more.
-                self._ui.settings.code = ""
+            self._forget(game)
         watch = partial(self._replays.watch_seen, history, look, self._stem(game))
         save = partial(self._save, game, history, look)
         while True:
@@ -187,6 +189,12 @@ class RemoteGames:
             except (RobotouilleError, OSError, ValueError) as error:
                 cards.came_back(explain(error), answer)
             answer = await show()
+
+    def _forget(self, game: Game) -> None:
+        """The code of a game that is over leads nowhere any more."""
+        if game.over and self._ui.settings.code == game.code:
+            self._ui.settings.code = ""
+            self._ui.remember()
 
     def _buttons(self, game: Game, history: LiveHistory) -> Sequence[tuple[str, object]]:
         """What comes next; a study's window can only be closed."""

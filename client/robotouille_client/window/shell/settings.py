@@ -20,11 +20,13 @@ from pydantic import (
 
 from robotouille_client.window.preferences import Preferences, Word
 
-__all__ = ["Settings", "load_settings", "save_settings", "settings_path"]
+__all__ = ["Settings", "SettingsFile", "load_settings", "save_settings", "settings_path"]
 
 VERSION = 1
 MAX_BYTES = 100_000
 """Of the file: nobody has so many settings."""
+TRIES = 3
+"""How often another window may write meanwhile, before this one writes nevertheless."""
 
 
 class Settings(BaseModel):
@@ -143,6 +145,62 @@ def save_settings(settings: Settings, path: Path) -> str:
     return ""
 
 
+class SettingsFile:
+    """What this window changes is laid over what stands in the file by then: the windows of one
+    person share it, and none takes back what another one has remembered.
+
+    Args:
+        settings: As they are now.
+        kept: As they stand in the file, where they differ: what was said for this time only is not
+            written, unless it is changed. It is what a file that is gone is written from.
+    """
+
+    def __init__(self, path: Path, settings: Settings, kept: Settings | None = None) -> None:
+        self._path = path
+        self._known = settings.model_dump()
+        self._kept = (kept or settings).model_dump()
+
+    def save(self, settings: Settings, *always: str) -> str:
+        """Write what has changed since the last time, and the settings named `always`; words where
+        that fails, which is no reason to stop."""
+        now = settings.model_dump()
+        changes = {
+            name: value
+            for name, value in now.items()
+            if name in always or value != self._known[name]
+        }
+        if not changes and self._path.exists():
+            return ""
+        told = self._lay_over(changes)
+        if not told:
+            self._known |= changes
+            self._kept |= changes
+        return told
+
+    def _lay_over(self, changes: dict[str, Any]) -> str:
+        for _ in range(TRIES):
+            before = self._stamp()
+            merged = Settings.model_validate(_merged(self._standing(), changes))
+            if self._stamp() == before:
+                break
+        return save_settings(merged, self._path)
+
+    def _standing(self) -> dict[str, Any]:
+        """What stands in the file; of one that is gone or cannot be read, what it had."""
+        if not self._path.exists():
+            return self._kept
+        found, told = load_settings(self._path)
+        return self._kept if told and found == Settings() else found.model_dump()
+
+    def _stamp(self) -> tuple[int, int] | None:
+        """What is another after each writing, which replaces the file."""
+        try:
+            found = self._path.stat()
+        except OSError:
+            return None
+        return found.st_ino, found.st_mtime_ns
+
+
 def _set_aside(path: Path, what: str, instead: str = "these are the defaults") -> str:
     """Keep the file, or what a link leads to, beside."""
     whole = Path(os.path.realpath(path))
@@ -152,3 +210,12 @@ def _set_aside(path: Path, what: str, instead: str = "these are the defaults") -
     except OSError:
         return f"The settings {what}: {instead}."
     return f"The settings {what}: {instead}. The old file is {beside.name}."
+
+
+def _merged(standing: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Of the best games of both, the better ones."""
+    merged = {**standing, **changes}
+    best = dict(standing["best"])
+    for task, steps in changes.get("best", {}).items():
+        best[task] = min(best.get(task, steps), steps)
+    return {**merged, "best": best}

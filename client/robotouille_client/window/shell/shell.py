@@ -24,7 +24,7 @@ from robotouille_client.window.shell.remote_games import RemoteGames
 from robotouille_client.window.shell.replays import Replays
 from robotouille_client.window.shell.screens.main_menu import menu, quit_form
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
-from robotouille_client.window.shell.settings import Settings, save_settings
+from robotouille_client.window.shell.settings import Settings, SettingsFile
 from robotouille_client.window.shell.user_interface import UserInterface
 
 __all__ = ["Shell"]
@@ -61,13 +61,13 @@ class Shell:
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.settings = settings
-        self.ui = UserInterface(settings, display, clock=clock, sleep=sleep)
+        before = settings.model_copy()
+        before.preferences = remembered or settings.preferences
+        file = SettingsFile(path, settings, before) if path is not None else None
+        self.ui = UserInterface(settings, display, file=file, clock=clock, sleep=sleep)
         self.replays = Replays(self.ui, recordings, tasks)
         self.local = LocalGames(self.ui, self.replays, recordings, make_partners)
         self.remote = RemoteGames(self.ui, self.replays, recordings, token=token, menu=menu)
-        self._path = path
-        self._remembered = remembered or settings.preferences
-        self._at_start = settings.preferences
         self._menu = menu
         self._places: dict[object, Callable[[], Awaitable[object]]] = {
             Answer.PLAY: self.local.choose,
@@ -96,7 +96,7 @@ class Shell:
         except ClosedByOwnerError:
             return  # So it ends from everywhere.
         finally:
-            self._remember()
+            self.ui.remember()
             self.ui.close()
 
     async def _go(self, where: object) -> object:
@@ -107,23 +107,18 @@ class Shell:
             self.ui.message = explain(error)
             return None
 
-    # What is remembered
-
     async def _set(self) -> object:
         self.settings.prefer(fullscreen=self.ui.display.fullscreen)
         answer: object = Answer.SETTINGS
-        try:
-            while answer != "back":
-                asked = SettingsMenu(self.settings, self._follow)
-                faults = self.ui.look_fault or self.ui.words_fault
-                asked.form.message = faults or asked.form.message
-                if answer == "keys":
-                    asked.form.focus(asked.keys)
-                answer = await self.ui.ask(asked.form)
-                if answer == "keys":
-                    await self.ui.ask(KeysMenu(self.ui.keys, self._set_keys).form)
-        finally:
-            self._remember()
+        while answer != "back":
+            asked = SettingsMenu(self.settings, self._follow)
+            faults = self.ui.look_fault or self.ui.words_fault
+            asked.form.message = faults or asked.form.message
+            if answer == "keys":
+                asked.form.focus(asked.keys)
+            answer = await self.ui.ask(asked.form)
+            if answer == "keys":
+                await self.ui.ask(KeysMenu(self.ui.keys, self._set_keys).form)
         return None
 
     def _follow(self, field: str) -> str:
@@ -132,23 +127,10 @@ class Shell:
         if field == "fullscreen" and full != self.ui.display.fullscreen:
             self.ui.display.toggle_fullscreen()
         self.ui.follow_settings()
+        self.ui.remember()
         return self.ui.look_fault if field == "rendering" else self.ui.words_fault
 
     def _set_keys(self, keys: KeyMap) -> None:
         self.settings.prefer(keys=keys.changed)
         self.ui.follow_settings()
-
-    def _remember(self) -> None:
-        display = self.ui.display
-        self.settings.prefer(size=display.size, fullscreen=display.fullscreen)
-        if self._path is not None:
-            saved = self.settings.model_copy()
-            saved.prefer(**self._as_before())
-            self.ui.message = save_settings(saved, self._path) or self.ui.message
-
-    def _as_before(self) -> dict[str, object]:
-        """What was said for this time only, and has not been changed since, as it was."""
-        now, at_start, before = self.settings.preferences, self._at_start, self._remembered
-        return {
-            name: getattr(before, name) for name, value in now if value == getattr(at_start, name)
-        }
+        self.ui.remember()

@@ -19,7 +19,7 @@ from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.sounds import Sounds
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.shell.settings import Settings
+from robotouille_client.window.shell.settings import Settings, SettingsFile
 from robotouille_client.window.view import Source
 from robotouille_client.window.window import Window
 
@@ -32,9 +32,11 @@ class UserInterface:
     """A display with its gamepads and sounds, on which forms are asked and games are shown.
 
     `message` is told by the next form that has room for it; `settings` are followed by what comes
-    next.
+    next. What changes in them is written to their `file` before anything else is shown: a process
+    that is killed has forgotten nothing.
 
     Args:
+        file: Where they are remembered, None to remember nothing.
         clock, sleep: Injected for tests.
     """
 
@@ -43,6 +45,7 @@ class UserInterface:
         settings: Settings,
         display: Display,
         *,
+        file: SettingsFile | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -50,6 +53,8 @@ class UserInterface:
         self.display = display
         self.clock = clock
         self.message = ""
+        self.file = file
+        self._file_fault = ""
         self._sleep = sleep
         self._gamepads = Gamepads()
         self.words = NO_WORDS
@@ -94,6 +99,16 @@ class UserInterface:
         if preferences.rendering != self._look:
             self._check_look(preferences.rendering)
 
+    def remember(self, *always: str) -> None:
+        """Write what has changed in the settings, and those named `always` even where they were
+        said for this time only; the next form says if that fails."""
+        self.settings.prefer(size=self.display.size, fullscreen=self.display.fullscreen)
+        if self.file is None:
+            return
+        fault = self.file.save(self.settings, *always)
+        if fault != self._file_fault:
+            self._file_fault, self.message = fault, fault or self.message
+
     def _check_look(self, look: str) -> None:
         """See that a look can be drawn; `look_fault` says what is missing in it. One that cannot
         be used at all is not taken."""
@@ -131,11 +146,13 @@ class UserInterface:
 
     async def ask(self, form: Form) -> object:
         """Show a form until it has a result; ClosedByOwnerError where the window is closed."""
+        self.remember()
         return await self._screen.ask(form)
 
     async def wait(self, work: Awaitable[T], form: Form) -> T | None:
         """Something that takes a while, behind a form; None where its owner gave it up."""
         task = asyncio.ensure_future(work)
+        self.remember()
         try:
             await self._screen.ask(form, until=task)
             return task.result() if task.done() else None
@@ -164,6 +181,7 @@ class UserInterface:
 
     async def run_window(self, window: Window, source: Source) -> object:
         """Run a window until something was chosen in it."""
+        self.remember()
         await window.run(source, linger=None)
         if self._sounds is not None:
             self.settings.prefer(sound=self._sounds.on)

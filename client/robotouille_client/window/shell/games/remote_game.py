@@ -92,7 +92,7 @@ class RemoteGame:
         self.client = client
         self.game = game
         self.look = look
-        self._url = url
+        self.url = url
         self._name = name
         self._kept: KeptSeat | None = None
         self._keeping = ExitStack()
@@ -112,7 +112,7 @@ class RemoteGame:
         self.game = game = await self.client.rematch(ready=False)
         self.close()
         self.keep(
-            self._keeping.enter_context(kept_seat(state_folder(), self._url, game.code, self._name))
+            self._keeping.enter_context(kept_seat(state_folder(), self.url, game.code, self._name))
         )
         _tell_entered(game, self._name)
         return game
