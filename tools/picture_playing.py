@@ -26,7 +26,7 @@ from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
 from robotouille_client.window.shell.games.local_game import GameSetup
-from robotouille_client.window.shell.screens.server_menus import lobby_menu
+from robotouille_client.window.shell.screens.server_menus import LobbyMenu
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
 from robotouille_client.window.view import (
@@ -162,7 +162,7 @@ def kitchens() -> Form:
         )
         for code, task, phase, seats in rows
     ]  # fmt: skip
-    return lobby_menu(episodes, "ws://127.0.0.1:8765")
+    return LobbyMenu(episodes, Settings()).form
 
 
 async def served() -> None:

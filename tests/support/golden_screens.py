@@ -31,7 +31,7 @@ from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.screens.main_menu import menu, quit_form
 from robotouille_client.window.shell.screens.play_menu import PlayMenu
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu
-from robotouille_client.window.shell.screens.server_menus import JoinMenu, OpenMenu, lobby_menu
+from robotouille_client.window.shell.screens.server_menus import JoinMenu, LobbyMenu, OpenMenu
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.screens.task_picker import TaskPicker
 from robotouille_client.window.shell.settings import Settings
@@ -84,7 +84,7 @@ def _kitchens() -> Form:
         episode="KQXZB-MHTWA", code="KQXZB-MHTWA", task=BURGER, clock=Clock.REALTIME,
         phase=Phase.WAITING, step=0, max_steps=300, seats=seats,
     )  # fmt: skip
-    return lobby_menu([info], "ws://127.0.0.1:8765")
+    return LobbyMenu([info], _settings()).form
 
 
 SCREENS: dict[str, Callable[[], Form]] = {

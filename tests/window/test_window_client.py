@@ -12,6 +12,8 @@ from tests.support.servers import serving
 from tests.support.virtual_time import run
 from typer.testing import CliRunner
 
+from robotouille.errors import RobotouilleError
+from robotouille_client import connect
 from robotouille_client.bots import cli as bots
 from robotouille_client.window import cli
 from robotouille_client.window.preferences import Preferences
@@ -112,6 +114,17 @@ def test_a_code_may_be_typed_with_or_without_dash_and_in_any_case(tmp_path: Path
             assert [member.name for member in room.members] == ["ada"]
             room.abort("enough")
             await window
+
+    run(main())
+
+
+def test_who_finds_no_free_seat_is_told_of_watching(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="bob") as bob:
+            made = await bob.create("synchronous/01")
+            await bob.join(made.code)
+            with pytest.raises(RobotouilleError, match="taken: --watch shows the game"):
+                await look_in(server, None, made.code)
 
     run(main())
 

@@ -6,13 +6,15 @@ import pygame
 import pytest
 
 from robotouille import World, load_task
+from robotouille.certification import step_limit
+from robotouille.domain.task import Task
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import text_size
 from robotouille_client.window.hands.commands import Command
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import BAD
-from robotouille_client.window.shell.end_card import end_card
+from robotouille_client.window.shell.end_card import best_words, end_card
 from robotouille_client.window.shell.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS
 from robotouille_client.window.view import SeatView, View
 
@@ -60,6 +62,20 @@ def test_all_that_it_offers_is_in_sight(place, size, seats: int, message: str) -
         assert place is not None, row.label
         assert area.contains(place), row.label
     assert not form.scroll_bar.width, "nothing has to be scrolled to"
+
+
+@pytest.mark.parametrize("timing", ["people", "benchmark"])
+def test_how_many_steps_it_takes_is_told_of_a_task_that_a_server_has_sent(
+    monkeypatch: pytest.MonkeyPatch, timing: str
+) -> None:
+    """Which has no file of its own, nor has this process seen it before."""
+    task = load_task("synchronous/01", timing=timing)
+    sent = Task.from_json(task.to_json())
+    monkeypatch.setattr(step_limit, "_lengths", {})
+    words = best_words(sent)
+    assert words.startswith({"people": "A very good game", "benchmark": "Proven best"}[timing])
+    monkeypatch.setattr(step_limit, "_lengths", {})
+    assert words == best_words(task)
 
 
 def test_in_a_tiny_window_a_mark_shows_that_there_is_more() -> None:

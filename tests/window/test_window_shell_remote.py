@@ -156,6 +156,50 @@ def test_who_watched_may_see_it_again(evening: Evening) -> None:
     play(evening, script, watch=True)
 
 
+def test_who_watches_is_offered_to_watch_the_next_game(evening: Evening) -> None:
+    """The row comes while the card is shown, and nothing is said that the card does not offer."""
+    kept: list[asyncio.Task[None]] = []
+
+    def script(server: Server) -> Iterator[None]:
+        asked = asyncio.Event()
+
+        async def plays() -> None:
+            async with connect(server.url, name="bob", kind="human") as bob:
+                (room,) = server.lobby.rooms.values()
+                game = await bob.join(room.code)
+                while game.outcome is None:
+                    await game.next_event()
+                await asked.wait()
+                await bob.rematch()
+                await asyncio.sleep(100)
+
+        while evening.window is None:
+            yield
+        kept.append(asyncio.ensure_future(plays()))
+        (room,) = server.lobby.rooms.values()
+        yield from wait(100)
+        room.abort("enough")
+        yield from wait(100)
+        assert labels(evening) == ["Menu", "Quit"]
+        asked.set()
+        yield from wait(100)
+        assert labels(evening) == ["Watch again", "Menu", "Quit"]
+        assert evening.form is not None
+        assert evening.form.message == "They play again."
+        before = evening.window
+        yield from evening.choose("Watch again")
+        while evening.window is before:
+            yield
+        yield from wait(50)
+        again = list(server.lobby.rooms.values())[-1]
+        assert again is not room
+        assert {member.name for member in again.members} == {"bob", "watcher"}
+        assert [seat.name for seat in again.episode.seats.values()] == ["bob"]
+        kept[0].cancel()
+
+    play(evening, script, watch=True)
+
+
 def test_a_team_meets_again(evening: Evening) -> None:
     """The other one asks first: it is told on the card, and Play again leads to the same kitchen,
     where one's own seat is taken by somebody else."""

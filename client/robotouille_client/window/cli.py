@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robotouille.absence import Absence
-from robotouille.errors import RobotouilleError
+from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.program import VersionOption
 from robotouille_client.console import (
     SERVER_HOST,
@@ -25,6 +25,7 @@ from robotouille_client.console import (
     TokenOption,
     UrlOption,
     check_look,
+    explain,
     failing,
     interruptible,
     server_url,
@@ -119,7 +120,9 @@ async def _run(entry: Entry, name: str, shown: Unattended) -> None:
     opened = remote_game(
         entry.url, code, name, seat=entry.seat, watch=entry.watch, token=entry.token
     )
-    async with opened as entered:
+    async with contextlib.AsyncExitStack() as stack:
+        with _pointing_at_watch():
+            entered = await stack.enter_async_context(opened)
         await _show(entered, shown)
 
 
@@ -246,8 +249,9 @@ def command(
     from robotouille_client.window.shell.starting import open_shell
 
     shell = open_shell(
-        size=size, name=name, token=token, menu=menu, rendering=rendering, tasks=tasks
-    )
+        size=size, name=name, server=None if url is None and here else entry.url, token=token,
+        menu=menu, rendering=rendering, tasks=tasks,
+    )  # fmt: skip
     _run_until_stopped(shell.run(_enter(shell.remote, entry) if asked else None))
 
 
@@ -258,9 +262,23 @@ async def _enter(games: RemoteGames, entry: Entry) -> object:
         code = await games.ask_server(lambda client: _find_code(client, entry.opening), entry.url)
     if not code:
         return None
-    return await games.join(
-        code, watch=entry.watch, seat=entry.seat, url=entry.url, ready=entry.ready
-    )
+    with _pointing_at_watch():
+        return await games.join(
+            code, watch=entry.watch, seat=entry.seat, url=entry.url, ready=entry.ready
+        )
+
+
+@contextlib.contextmanager
+def _pointing_at_watch() -> Iterator[None]:
+    """Who finds no free seat is told what can be done without one."""
+    try:
+        yield
+    except ProtocolError as error:
+        from robotouille.protocol.error_codes import ErrorCode
+
+        if error.code != ErrorCode.EPISODE_FULL:
+            raise
+        raise RobotouilleError(f"{explain(error)}: --watch shows the game") from error
 
 
 def _run_until_stopped(work: Coroutine[Any, Any, None]) -> None:

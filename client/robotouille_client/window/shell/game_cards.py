@@ -45,6 +45,7 @@ class GameCards:
         self._stand_still = stand_still
         self._message = ""
         self._chosen: object = None
+        self._card: Form | None = None
 
     def over(self, view: View) -> Form:
         """What one sees, and may do, when a game is over."""
@@ -54,6 +55,7 @@ class GameCards:
         row = next((row for row in form.rows if row.answer == self._chosen), None)
         if row is not None and self._chosen is not None:
             form.focus(row)
+        self._card = form
         return form
 
     def came_back(self, message: str, chosen: object) -> None:
@@ -79,5 +81,16 @@ class GameCards:
         self._stand_still(still)
 
     def news(self) -> str:
-        """What has happened since a card is shown."""
+        """What has happened since a card is shown, which offers what can be done about it."""
+        if self._card is not None:
+            _offer(self._card, self._buttons())
         return self._news()
+
+
+def _offer(card: Form, buttons: Sequence[tuple[str, object]]) -> None:
+    """Give a card other buttons; those that it has already stay, and the focus with them."""
+    shown = {row.answer: row for row in card.rows if row.answer is not None}
+    if list(shown) == [answer for _, answer in buttons]:
+        return
+    told = [row for row in card.rows if row.answer is None]
+    card.set_rows([*told, *(shown.get(a) or Button(label, a) for label, a in buttons)])

@@ -26,8 +26,8 @@ from robotouille_client.window.shell.games.remote_game import RemoteGame, remote
 from robotouille_client.window.shell.replays import Replays
 from robotouille_client.window.shell.screens.server_menus import (
     JoinMenu,
+    LobbyMenu,
     OpenMenu,
-    lobby_menu,
     waiting_form,
 )
 from robotouille_client.window.shell.user_interface import UserInterface
@@ -38,6 +38,7 @@ T = TypeVar("T")
 
 WATCHER = "watcher"
 PLAY_AGAIN = "The others play again: so can you."
+WATCH_AGAIN = "They play again."
 
 
 class RemoteGames:
@@ -96,19 +97,29 @@ class RemoteGames:
                 message = explain(error)
 
     async def choose_kitchen(self) -> object:
-        """Ask for one of a server's kitchens, and play there if there is a free seat."""
+        """Ask for one of a server's kitchens, and play there if there is a free seat; where there
+        is no way in any more, they are read anew."""
+        settings, message = self._ui.settings, ""
         while True:
-            episodes = await self.ask_server(lambda client: client.episodes())
+            try:
+                episodes = await self.ask_server(lambda client: client.episodes())
+            except (RobotouilleError, OSError, ValueError) as error:
+                episodes, message = [], explain(error)
             if episodes is None:
                 return None
             own = {one.code for one in episodes if self._has_kept_seat(one)}
-            form = lobby_menu(episodes, self._ui.preferences.server, own)
-            answer = await self._ui.ask(form)
+            asked = LobbyMenu(episodes, settings, message, own)
+            answer = await self._ui.ask(asked.form)
+            asked.remember(settings)
+            message = ""
             if answer == "back":
                 return None
             if isinstance(answer, EpisodeInfo):
                 full = all(seat.name for seat in answer.seats)
-                return await self.join(answer.code, watch=full and answer.code not in own)
+                try:
+                    return await self.join(answer.code, watch=full and answer.code not in own)
+                except (RobotouilleError, OSError, ValueError) as error:
+                    message = explain(error)
 
     def _has_kept_seat(self, episode: EpisodeInfo) -> bool:
         """Whether a seat is kept there for a window of this name whose process stopped."""
@@ -164,7 +175,7 @@ class RemoteGames:
             lambda: game.outcome,
             lambda: self._buttons(game, history),
             menu=self._menu,
-            news=lambda: PLAY_AGAIN if self._menu and game.rematch_code else "",
+            news=lambda: self._news(game),
             ended=partial(self._forget, game),
         )
         caption = f"Robotouille {game.code}"
@@ -196,11 +207,18 @@ class RemoteGames:
             self._ui.settings.code = ""
             self._ui.remember()
 
+    def _news(self, game: Game) -> str:
+        if not (self._menu and game.rematch_code):
+            return ""
+        return PLAY_AGAIN if game.own_seats else WATCH_AGAIN
+
     def _buttons(self, game: Game, history: LiveHistory) -> Sequence[tuple[str, object]]:
         """What comes next; a study's window can only be closed."""
         if not self._menu:
             return [("Close", Answer.QUIT)]
         again = [("Play again", Answer.AGAIN)] if game.outcome and game.own_seats else []
+        if game.rematch_code and not game.own_seats:
+            again = [("Watch again", Answer.AGAIN)]
         of_it = REVIEW_BUTTONS if history.length > history.first else ()
         return [*again, *of_it, *LEAVE_BUTTONS]
 

@@ -17,6 +17,7 @@ def open_shell(
     *,
     size: str | None = None,
     name: str | None = None,
+    server: str | None = None,
     token: str | None = None,
     menu: bool = True,
     rendering: str = "",
@@ -53,6 +54,8 @@ def open_shell(
         for_now["rendering"] = rendering
     if name:
         for_now["name"] = name
+    if server:
+        for_now["server"] = server
     remembered = settings.preferences
     settings.prefer(**for_now)
     preferences = settings.preferences

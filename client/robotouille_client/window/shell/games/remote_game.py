@@ -104,16 +104,22 @@ class RemoteGame:
         self._keeping.callback(task.cancel)
 
     async def play_again(self) -> Game:
-        """Enter the game in which the team meets once this one is over.
+        """Enter the game in which the team meets once this one is over; who has only watched
+        watches that, as soon as it has a `rematch_code`.
 
         Raises:
             RobotouilleError: There is no way in.
         """
-        self.game = game = await self.client.rematch(ready=False)
+        if plays := bool(self.game.own_seats):
+            game = await self.client.rematch(ready=False)
+        else:
+            code = self.game.rematch_code
+            await self.client.leave()
+            game = await self.client.join(code, role="spectator")
+        self.game = game
         self.close()
-        self.keep(
-            self._keeping.enter_context(kept_seat(state_folder(), self.url, game.code, self._name))
-        )
+        seat = kept_seat(state_folder(), self.url, game.code, self._name)
+        self.keep(self._keeping.enter_context(seat) if plays else None)
         _tell_entered(game, self._name)
         return game
 

@@ -13,7 +13,7 @@ from robotouille_client.window.shell.screens.play_menu import Ask, TaskChoice, p
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.sources.task_titles import task_title
 
-__all__ = ["JoinMenu", "OpenMenu", "episode_words", "lobby_menu", "waiting_form"]
+__all__ = ["JoinMenu", "LobbyMenu", "OpenMenu", "episode_words", "waiting_form"]
 
 
 class JoinMenu:
@@ -95,17 +95,38 @@ class OpenMenu:
         return (start, *self._task.rows, self._rate, self._server, back)
 
 
-def lobby_menu(episodes: Iterable[EpisodeInfo], server: str, own: Collection[str] = ()) -> Form:
-    """The kitchens of a server; the result is one of them, or `again`. `own` are the codes of those
-    in which one's seat is kept, which come first."""
-    ordered = sorted(episodes, key=lambda one: one.code not in own)
-    rows: list[Row] = [Button(episode_words(one, one.code in own), one) for one in ordered]
-    if not rows:
-        rows.append(Words("No kitchen is open. Open one, or ask for a code."))
-    ends = (Button("Look again", "again"), Button("Back", "back"))
-    form = Form("Kitchens", [*rows, *ends], pinned=len(ends))
-    form.message = f"On {server}"
-    return form
+class LobbyMenu:
+    """The kitchens of a server, which can be another one; the result is one of them, or `again`.
+
+    `own` are the codes of those in which one's seat is kept, which come first.
+    """
+
+    def __init__(
+        self,
+        episodes: Iterable[EpisodeInfo],
+        settings: Settings,
+        message: str = "",
+        own: Collection[str] = (),
+    ) -> None:
+        ordered = sorted(episodes, key=lambda one: one.code not in own)
+        rows: list[Row] = [Button(episode_words(one, one.code in own), one) for one in ordered]
+        if not (rows or message):
+            rows.append(Words("No kitchen is open. Open one, or ask for a code."))
+        self._server = TextField("Server", settings.preferences.server, 200, changed=self._changed)
+        again = Button("Look again", "again")
+        self._ends = (again, self._server, Button("Back", "back"))
+        self.form = Form("Kitchens", [*rows, *self._ends], pinned=len(self._ends), main=again)
+        self.form.message = message
+
+    def remember(self, settings: Settings) -> None:
+        """Keep the server for the next time."""
+        if server := self._server.text.strip():
+            settings.prefer(server=server)
+
+    def _changed(self, text: str) -> None:
+        """What was told, and the kitchens, are another server's."""
+        self.form.message = ""
+        self.form.set_rows(self._ends)
 
 
 def episode_words(episode: EpisodeInfo, own: bool = False) -> str:
