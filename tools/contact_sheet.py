@@ -124,7 +124,9 @@ def seen_by(surface: pygame.Surface, kind: str) -> pygame.Surface:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the sheets."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--task", default="asynchronous/10", help="whose domain and rendering")
     parser.add_argument("--rendering", default="", help="in place of the domain's own")
     parser.add_argument("--out", type=Path, default=Path("out/contact_sheet"))

@@ -10,9 +10,10 @@ named.
 
 from __future__ import annotations
 
+import argparse
 import re
-import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
@@ -104,15 +105,20 @@ def _hex(colour: Rgb) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Draw them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME.svg")
+    named = parser.parse_args(arguments).names
     chalk = ASSETS / "chalk"
     chalk.mkdir(exist_ok=True)
     there = {path.name for path in chalk.glob("*.svg")}
     drawings = {
         path.name: path for folder in reversed(FOLDERS) for path in (ASSETS / folder).glob("*.svg")
     }
-    for name in sys.argv[1:] or sorted(drawings.keys() - there):
+    for name in named or sorted(drawings.keys() - there):
         drawn = Chalk(drawings[name].read_text(encoding="utf-8")).drawn()
         (chalk / name).write_text(drawn, encoding="utf-8")
         print(f"chalk/{name}")

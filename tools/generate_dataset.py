@@ -10,7 +10,8 @@ Their certificates are written by `robotouille certify problems/generated`.
 
 from __future__ import annotations
 
-import sys
+import argparse
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -30,9 +31,15 @@ def write(task: str, folder: Path) -> None:
         path.write_text(instance.text, encoding="utf-8")
 
 
-def main() -> None:
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    tasks = sys.argv[2:] or paper_tasks()
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path, nargs="?", default=FOLDER, metavar="FOLDER")
+    parser.add_argument("tasks", nargs="*", metavar="TASK")
+    options = parser.parse_args(arguments)
+    folder, tasks = options.folder, options.tasks or paper_tasks()
     if strange := sorted({*tasks} - {*paper_tasks()}):
         raise SystemExit(f"no tasks of the paper: {', '.join(strange)}")
     with ProcessPoolExecutor() as pool:

@@ -11,11 +11,12 @@ of plan lengths from the shipped certificates. In pages, the generated part lies
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -394,25 +395,28 @@ def outputs() -> Iterator[tuple[Path, str]]:
         yield DOCS / "schemas" / f"{name}.json", as_json(file_schema(name, model))
 
 
-def main(arguments: list[str]) -> int:
-    if arguments not in ([], ["--check"]):
-        print(__doc__)
-        return 2
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write what is out of date, or say so; the exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--check", action="store_true", help="write nothing")
+    check = parser.parse_args(arguments).check
     stale = []
     for path, text in outputs():
         current = path.read_text(encoding="utf-8") if path.is_file() else None
         if current == text:
             continue
         stale.append(path.relative_to(ROOT))
-        if not arguments:
+        if not check:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     for path in stale:
-        print(f"{path}: {'out of date' if arguments else 'written'}")
-    if arguments and stale:
+        print(f"{path}: {'out of date' if check else 'written'}")
+    if check and stale:
         print("run: python tools/generate_docs.py")
-    return 1 if arguments and stale else 0
+    return 1 if check and stale else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -10,11 +10,11 @@ here reads a clock, so that the same software makes the same data.
 
 from __future__ import annotations
 
+import argparse
 import random
 import shutil
-import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -165,9 +165,15 @@ def make(folder: Path) -> None:
     shutil.copy(ROOT / "LICENSE", folder / "LICENSE")
 
 
-def main() -> None:
-    if len(sys.argv) > 1:
-        make(Path(sys.argv[1]))
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path, nargs="?", metavar="FOLDER")
+    folder = parser.parse_args(arguments).folder
+    if folder is not None:
+        make(folder)
         return
     shutil.rmtree(FOLDER, ignore_errors=True)
     make(FOLDER)

@@ -9,9 +9,10 @@ it. Nothing here reads a clock or draws lots without a seed, so that it is the s
 
 from __future__ import annotations
 
+import argparse
 import os
 import random
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -70,9 +71,13 @@ def record() -> bytes:
     return stream
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and write the film."""
-    output = Path(sys.argv[1]) if len(sys.argv) > 1 else FILM
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("output", type=Path, nargs="?", default=FILM, metavar="OUT.gif")
+    output = parser.parse_args(arguments).output
     history = RecordedHistory(recording_of(record(), "film"))
     frames = film(history, output, SPEED, SIZE)
     print(f"{output}: {history.length} steps, {frames} frames, {output.stat().st_size:,} bytes")

@@ -1,14 +1,15 @@
 """Make the window's sounds: a few soft tones, from sines alone.
 
-python tools/make_sounds.py
+python tools/make_sounds.py [--out FOLDER]
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import struct
 import wave
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,12 +67,17 @@ def _wave(tone: Tone) -> Iterator[float]:
         yield LOUDEST * tone.loud * swell * (math.sin(turn) + 0.2 * math.sin(2 * turn))
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Write them all."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=FOLDER, help="in place of assets/sounds")
+    out = parser.parse_args(arguments).out
+    out.mkdir(parents=True, exist_ok=True)
     for name, tones in SOUNDS.items():
         values = samples(tones)
-        with wave.open(str(FOLDER / f"{name}.wav"), "wb") as file:
+        with wave.open(str(out / f"{name}.wav"), "wb") as file:
             file.setnchannels(1)
             file.setsampwidth(2)
             file.setframerate(RATE)

@@ -8,10 +8,11 @@ CHECKOUT is a checkout of the published repository, PROBLEMS folders with more o
 
 from __future__ import annotations
 
+import argparse
 import re
 import shutil
-import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,14 +47,17 @@ def page(text: str, checkout: Path, *more: Path) -> str:
     return PART.sub(lambda match: f"{match[1]}{new}{match[2]}", text)
 
 
-def main(arguments: list[str]) -> int:
-    if not arguments:
-        print(__doc__)
-        return 2
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("checkout", type=Path, metavar="CHECKOUT")
+    parser.add_argument("problems", type=Path, nargs="*", metavar="PROBLEMS")
+    options = parser.parse_args(arguments)
     text = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(page(text, *map(Path, arguments)), encoding="utf-8")
-    return 0
+    PAGE.write_text(page(text, options.checkout, *options.problems), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -1,15 +1,17 @@
 """Draw docs/images/operator.png: the operator's page over a study that goes on.
 
-python tools/picture_operator.py
+python tools/picture_operator.py [--out OUT.png]
 
 Needs the extra `operator`, playwright and Debian's chromium; takes about a minute.
 """
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import shutil
 import tempfile
+from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -38,7 +40,7 @@ PAIRS = (
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"]
 
 
-async def draw(folder: Path) -> None:
+async def draw(folder: Path, out: Path) -> None:
     """Let bots play under people's names, and take the picture."""
     settings = ServerSettings(port=0, recordings=folder, mode=Clock.REALTIME)
     async with AsyncExitStack() as stack:
@@ -67,13 +69,23 @@ async def draw(folder: Path) -> None:
             await page.goto(view.url)
             await page.locator("article", has_text="p2").get_by_text("Watch").click()
             await page.wait_for_timeout(4_000)
-            await page.screenshot(path=IMAGE)
+            await page.screenshot(path=out)
             await browser.close()
         for task in playing:
             task.cancel()
 
 
-if __name__ == "__main__":
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=IMAGE, help="in place of docs/images")
+    out = parser.parse_args(arguments).out
     with tempfile.TemporaryDirectory() as name:
-        asyncio.run(draw(Path(name)))
-    print(IMAGE)
+        asyncio.run(draw(Path(name), out))
+    print(out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,14 +1,15 @@
 """Draw the pictures of docs/playing.md: menus, games, end cards, and what happens in between.
 
-python tools/picture_playing.py
+python tools/picture_playing.py [--out FOLDER]
 """
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import dataclasses
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.games.local_game import GameSetup
 from robotouille_client.window.shell.screens.server_menus import LobbyMenu
 from robotouille_client.window.shell.settings import Settings
@@ -43,19 +45,24 @@ IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SIZE = (1120, 630)
 COURSE = "up e left left down e right up e left e e e e e down e right e left e"
 """The keys that make the sandwich of training/01."""
+Script = Callable[[Display, Path], Iterator[str]]
+"""Keys, and pictures of a display that it saves in a folder."""
 
 
 class Playing:
     """A shell whose time stands still, but for what a script of keys lets pass; with `seconds`
     that pass indeed between two of them, for a server."""
 
-    def __init__(self, script: Callable[[Display], Iterator[str]], seconds: float = 0.0) -> None:
+    def __init__(self, script: Script, out: Path, seconds: float = 0.0) -> None:
         self.now = 0.0
         self._seconds = seconds
         folder = Path(tempfile.mkdtemp())
         self.display = Display(SIZE, headless=True)
         best = {"multi_agent/02_lettuce_tomato_burger@2": 61}
-        settings = Settings(name="ada", learned=True, task="multi_agent/01", seats=2, best=best)
+        settings = Settings(
+            preferences=Preferences(name="ada"), learned=True, task="multi_agent/01", seats=2,
+            best=best,
+        )  # fmt: skip
         self.shell = Shell(
             settings,
             self.display,
@@ -64,7 +71,7 @@ class Playing:
             clock=lambda: self.now,
             sleep=self._sleep,
         )
-        self._keys = script(self.display)
+        self._keys = script(self.display, out)
 
     async def ask(self, form: Form) -> object:
         """Show a form as the shell does."""
@@ -87,21 +94,21 @@ def pause(frames: int) -> Iterator[str]:
     yield from [""] * frames
 
 
-def menus(display: Display) -> Iterator[str]:
+def menus(display: Display, out: Path) -> Iterator[str]:
     """The menu of games that are played here."""
     yield from ("", "return")
     yield from pause(12)
-    display.save(IMAGES / "menu.png")
+    display.save(out / "menu.png")
 
 
-def tasks(display: Display) -> Iterator[str]:
+def tasks(display: Display, out: Path) -> Iterator[str]:
     """The list of tasks."""
     yield from ("", "return", "", "down", "return")
     yield from pause(150)
-    display.save(IMAGES / "tasks.png")
+    display.save(out / "tasks.png")
 
 
-def game(display: Display) -> Iterator[str]:
+def game(display: Display, out: Path) -> Iterator[str]:
     """A game with a partner and the list of actions."""
     yield from pause(30)
     for key in ("right", "e"):
@@ -109,42 +116,42 @@ def game(display: Display) -> Iterator[str]:
         yield from pause(90)
     yield "tab"
     yield from pause(3)
-    display.save(IMAGES / "hands.png")
+    display.save(out / "hands.png")
 
 
-def end(display: Display) -> Iterator[str]:
+def end(display: Display, out: Path) -> Iterator[str]:
     """The end of a game that was won."""
     for key in COURSE.split():
         yield key
         yield from pause(2)
     yield from pause(60)
-    display.save(IMAGES / "end.png")
+    display.save(out / "end.png")
 
 
-def settings(display: Display) -> Iterator[str]:
+def settings(display: Display, out: Path) -> Iterator[str]:
     """The settings."""
     yield from ("", "up", "up", "return", "", "")
-    display.save(IMAGES / "settings.png")
+    display.save(out / "settings.png")
 
 
-def tutorial(display: Display) -> Iterator[str]:
+def tutorial(display: Display, out: Path) -> Iterator[str]:
     """The second lesson of the tutorial."""
     yield from pause(30)
     yield "up"
     yield from pause(60)
-    display.save(IMAGES / "tutorial.png")
+    display.save(out / "tutorial.png")
 
 
-def lost(display: Display) -> Iterator[str]:
+def lost(display: Display, out: Path) -> Iterator[str]:
     """The end of a game whose steps ran out."""
     yield from pause(300)
-    display.save(IMAGES / "lost.png")
+    display.save(out / "lost.png")
 
 
-def lobby(display: Display) -> Iterator[str]:
+def lobby(display: Display, out: Path) -> Iterator[str]:
     """The kitchens of a server."""
     yield from pause(3)
-    display.save(IMAGES / "lobby.png")
+    display.save(out / "lobby.png")
 
 
 def kitchens() -> Form:
@@ -165,25 +172,25 @@ def kitchens() -> Form:
     return LobbyMenu(episodes, Settings()).form
 
 
-async def served() -> None:
+async def served(out: Path) -> None:
     """The end of a game on a server."""
     settings = ServerSettings(port=0, recordings=Path(tempfile.mkdtemp()), countdown=0.0)
     async with serve(settings) as server:
         room = server.lobby.create(Create(task="training/01", clock=Clock.TURN))
 
-        def script(display: Display) -> Iterator[str]:
+        def script(display: Display, out: Path) -> Iterator[str]:
             yield from pause(30)
             for key in ("return", *COURSE.split()):
                 yield key
                 yield from pause(6)
             yield from pause(60)
-            display.save(IMAGES / "end_server.png")
+            display.save(out / "end_server.png")
 
-        playing = Playing(script, 0.01)
+        playing = Playing(script, out, 0.01)
         await playing.shell.run(playing.shell.remote.join(room.code, url=server.url))
 
 
-def moment(name: str, rendering: str = "", task: str = "multi_agent/01@2", **seen: Any) -> None:
+def moment(path: Path, rendering: str = "", task: str = "multi_agent/01@2", **seen: Any) -> None:
     """A kitchen of two as its window shows it."""
     world = World(load_task(task, timing="people"))
     first, second = world.players
@@ -194,10 +201,10 @@ def moment(name: str, rendering: str = "", task: str = "multi_agent/01@2", **see
     )  # fmt: skip
     surface = pygame.Surface(SIZE)
     Painter(rendering).paint(surface, dataclasses.replace(view, **seen))
-    pygame.image.save(surface, IMAGES / f"{name}.png")
+    pygame.image.save(surface, path)
 
 
-def cooking(name: str, task: str, steps: int, size: tuple[int, int] = SIZE) -> None:
+def cooking(path: Path, task: str, steps: int, size: tuple[int, int] = SIZE) -> None:
     """A kitchen after some steps of the plan beside its task."""
     loaded = load_task(task)
     world = World(loaded)
@@ -215,44 +222,52 @@ def cooking(name: str, task: str, steps: int, size: tuple[int, int] = SIZE) -> N
     )  # fmt: skip
     surface = pygame.Surface(size)
     Painter().paint(surface, view)
-    pygame.image.save(surface, IMAGES / f"{name}.png")
+    pygame.image.save(surface, path)
 
 
-def moments() -> None:
+def moments(out: Path) -> None:
     """What happens to a game, and other looks."""
-    cooking("kitchen", "multi_agent/10@3", 18)
-    cooking("pancakes", "examples/pancakes", 16, (800, 450))
+    cooking(out / "kitchen.png", "multi_agent/10@3", 18)
+    cooking(out / "pancakes.png", "examples/pancakes", 16, (800, 450))
     rows = (LobbyRow("ada (you)", "here"), LobbyRow("ben", "ready"))
-    moment("ready", step=0, lobby=LobbyView(rows, False, "KQXZB-MHTWA"), status="Are you ready?")
-    moment("countdown", step=0, starts_in=2.4, status="The game begins")
+    lobby = LobbyView(rows, False, "KQXZB-MHTWA")
+    moment(out / "ready.png", step=0, lobby=lobby, status="Are you ready?")
+    moment(out / "countdown.png", step=0, starts_in=2.4, status="The game begins")
     away = SeatView("robot2", "ben", connected=False, actions=3)
     seats = (SeatView("robot1", "ada", actions=4), away)
     detail = "The game goes on when ben is back."
-    moment("paused", seats=seats, pause=PauseView("ben's connection is lost", detail, 22.4, 0.7))
-    moment("offline", offline=7.0)
-    moment("refusal", bubbles=(Bubble("robot1", "The board is not free."),))
-    moment("blocked", blocked=(("robot2", "stove1", "robot1"),))
-    moment("chalk", rendering="chalk")
-    moment("workshop", task="workshop/02")
+    lost = PauseView("ben's connection is lost", detail, 22.4, 0.7)
+    moment(out / "paused.png", seats=seats, pause=lost)
+    moment(out / "offline.png", offline=7.0)
+    moment(out / "refusal.png", bubbles=(Bubble("robot1", "The board is not free."),))
+    moment(out / "blocked.png", blocked=(("robot2", "stove1", "robot1"),))
+    moment(out / "chalk.png", rendering="chalk")
+    moment(out / "workshop.png", task="workshop/02")
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Draw all of them."""
-    moments()
-    asyncio.run(Playing(menus).shell.run())
-    asyncio.run(Playing(tasks).shell.run())
-    asyncio.run(Playing(settings).shell.run())
-    playing = Playing(lobby)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=IMAGES, help="in place of docs/images")
+    out = parser.parse_args(arguments).out
+    out.mkdir(parents=True, exist_ok=True)
+    moments(out)
+    asyncio.run(Playing(menus, out).shell.run())
+    asyncio.run(Playing(tasks, out).shell.run())
+    asyncio.run(Playing(settings, out).shell.run())
+    playing = Playing(lobby, out)
     asyncio.run(playing.shell.run(playing.ask(kitchens())))
-    playing = Playing(tutorial)
+    playing = Playing(tutorial, out)
     asyncio.run(playing.shell.run(playing.shell.local.learn()))
-    playing = Playing(game)
+    playing = Playing(game, out)
     asyncio.run(playing.shell.run(playing.shell.local.play(GameSetup("multi_agent/01", seats=2))))
-    playing = Playing(end)
+    playing = Playing(end, out)
     turns = GameSetup("training/01", clock=Clock.TURN, max_steps=200)
     asyncio.run(playing.shell.run(playing.shell.local.play(turns)))
-    playing = Playing(lost)
-    asyncio.run(served())
+    playing = Playing(lost, out)
+    asyncio.run(served(out))
     short = GameSetup("training/01", max_steps=10, countdown=0.0)
     asyncio.run(playing.shell.run(playing.shell.local.play(short)))
 

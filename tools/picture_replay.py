@@ -7,10 +7,11 @@ The game is played here, and draws no lots without a seed: the picture is the sa
 
 from __future__ import annotations
 
+import argparse
 import os
 import random
-import sys
 import tempfile
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -94,8 +95,13 @@ def _happens(episode: Episode, step: int, now: float) -> None:
         episode.submit(player, step, wrong, now)
 
 
-def main(output: Path = PICTURE) -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Draw the picture."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("output", type=Path, nargs="?", default=PICTURE, metavar="OUT.png")
+    output = parser.parse_args(arguments).output
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "game.rbt"
         path.write_bytes(compress(record()))
@@ -122,4 +128,4 @@ def _point_at(viewer: Viewer, step: int) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    main()

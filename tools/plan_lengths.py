@@ -9,11 +9,11 @@ are not shipped. It takes a few minutes with the extra `fast`.
 
 from __future__ import annotations
 
+import argparse
 import re
 import statistics
-import sys
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from robotouille import load_task
@@ -140,13 +140,17 @@ def published(folder: Path) -> Iterator[str]:
     yield from plans
 
 
-def main(arguments: list[str]) -> int:
-    if len(arguments) != 1 or not Path(arguments[0]).is_dir():
-        print(__doc__)
-        return 2
-    print("\n".join(published(Path(arguments[0]))))
-    return 0
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    folder = parser.parse_args(arguments).folder
+    if not folder.is_dir():
+        parser.error(f"{folder} is no folder")
+    print("\n".join(published(folder)))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()
