@@ -157,3 +157,43 @@ def test_chat_goes_to_everybody_in_their_encoding(room: Room) -> None:
     room.broadcaster.publish_said(Said("Ada", PLAYER, "grüß dich", 0.0, 1))
     assert [peer.got[0]["text"] for peer in peers] == 2 * ["grüß dich"]
     assert {peer.codec for peer in peers} == {MSGPACK, JSON}
+
+
+class TestWhatCannotBeWritten:
+    """A recording begins to fail: all know that the game stands still, and nothing more."""
+
+    def test_is_told_with_what_was_told_last(self, room: Room) -> None:
+        peer = room.member("Ada")
+        room.broadcaster.publish_roster()
+        room.step()
+        room.episode.set_present((PLAYER,), False, 0.0)
+        room.episode.abort(0.0, "nobody")
+        room.broadcaster.publish_unwritable()
+        before, _, told = peer.got
+        assert (told["phase"], told["pause"]) == ("paused", {"reason": "storage"})
+        assert told["seats"] == before["seats"]
+
+    def test_is_not_told_to_those_who_know_nothing_yet(self, room: Room) -> None:
+        peer = room.member("Ada")
+        room.broadcaster.publish_unwritable()
+        assert peer.got == []
+
+    def test_tells_whose_turn_it_was(self) -> None:
+        world = World("multi_agent/01")
+        episode = Episode(world, Rules(clock=Clock.TURN), 0.0)
+        for player in world.players:
+            episode.join(player, player, "human", 0.0)
+        episode.events()
+        room = Room()
+        room.episode = episode
+        room.broadcaster = Broadcaster(
+            "e-1", "AAAAA-BBBBB", episode, StateWriter(world), Metrics(), lambda: 0.0
+        )
+        peer = room.member("eve")
+        room.broadcaster.publish_roster()
+        episode.submit(world.players[0], 1, None, 0.0)
+        (stepped,) = [event for event in episode.events() if isinstance(event, Stepped)]
+        room.broadcaster.publish_step(stepped)
+        episode.submit(world.players[1], 1, None, 0.0)
+        room.broadcaster.publish_unwritable()
+        assert [message["turn"] for message in peer.got] == ["robot1", "robot2", "robot2"]
