@@ -235,6 +235,15 @@ def test_a_roster_names_some_of_those_who_watch(game: GameReplica) -> None:
     assert (game.spectators, game.spectator_names) == (1, ()), "an older server names nobody"
 
 
+def test_of_those_who_watch_the_first_few_are_kept(server: ScriptedServer) -> None:
+    names = [f"eva {number}" for number in range(1000)]
+    game = GameReplica(server.joined())
+    game.receive(server.snapshot().model_copy(update={"spectator_names": names}), 0.0)
+    assert game.spectator_names == tuple(names[:8])
+    game.receive(messages.Roster(phase="running", seats=[], spectator_names=names[9:]), 0.0)
+    assert game.spectator_names == tuple(names[9:17])
+
+
 def test_a_text_view_is_answered_by_observations(server: ScriptedServer) -> None:
     game = GameReplica(server.joined())
     game.receive(server.observation(), 0.0)
@@ -375,6 +384,15 @@ def test_a_step_that_no_game_has(server: ScriptedServer, step: int) -> None:
     """Who shows a game remembers each of its steps: a number alone would take all memory."""
     with pytest.raises(ProtocolError, match="no game has"):
         GameReplica(server.joined()).receive(server.snapshot(step=step), 0.0)
+
+
+@pytest.mark.parametrize("rate", [5e-324, -1.0, 1e308])
+def test_a_rate_that_no_clock_has(server: ScriptedServer, rate: float) -> None:
+    """Whoever shows a step for so long, or so short, runs out of numbers."""
+    clock = messages.RulesRow(clock="realtime", step_rate=rate)
+    snapshot = server.snapshot().model_copy(update={"clock": clock})
+    with pytest.raises(ProtocolError, match="no clock takes"):
+        GameReplica(server.joined()).receive(snapshot, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -55,12 +55,26 @@ def test_who_waits() -> None:
     "told",
     [
         {"did": [[9, MOVE.name, *MOVE.arguments]], "seq": [1]},
+        {"did": [[-1, MOVE.name, *MOVE.arguments]], "seq": [1]},
+        {"did": [[0, MOVE.name, *MOVE.arguments]] * 3, "seq": [1, 2, 3]},
+        {"waits": [-1]},
+        {"waits": [0] * 3},
         {"did": [["robot1", MOVE.name]], "seq": [1]},
         {"did": [[0, "fly", "robot1"]], "seq": [1]},
         {"did": [[0, MOVE.name, *MOVE.arguments]], "seq": []},
         {"waits": [2]},
     ],
-    ids=["player", "no number", "action", "numbers", "waits"],
+    ids=[
+        "player",
+        "below zero",
+        "too many",
+        "waits below zero",
+        "too many wait",
+        "no number",
+        "action",
+        "numbers",
+        "waits",
+    ],
 )
 def test_what_makes_no_sense_is_an_error(told: dict[str, Any]) -> None:
     with pytest.raises(RobotouilleError):

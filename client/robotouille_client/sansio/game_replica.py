@@ -35,7 +35,7 @@ from robotouille_client.sansio.game_events import (
 from robotouille_client.sansio.sent_actions import ActionRequest, SentActions, wire_action
 from robotouille_client.sansio.taken_step import TakenStep, told_unmet
 
-__all__ = ["PRESENT", "GameReplica"]
+__all__ = ["MAX_RATE", "MIN_RATE", "PRESENT", "GameReplica"]
 
 NOT_SAID = frozenset({
     ErrorCode.CHAT_OFF, ErrorCode.CHAT_PHRASE, ErrorCode.SEAT_MUTED, ErrorCode.RATE_WORDS,
@@ -48,6 +48,10 @@ PRESENT = -1
 MAX_EVENTS = 10_000
 MAX_STEP = 1_000_000
 """The rules allow no more: who remembers each step cannot remember any number."""
+MIN_RATE, MAX_RATE = 1e-4, 1e4
+"""Steps a second: the rules allow no such extremes, and nobody can show them."""
+MAX_NAMED = 8
+"""Of those who watch: more are not told."""
 
 
 class GameReplica:
@@ -330,7 +334,7 @@ class GameReplica:
                 self.turn, self.pause = message.turn, message.pause
                 self.waits_for = tuple(message.waits_for)
                 self.spectators = message.spectators
-                self.spectator_names = tuple(message.spectator_names)
+                self.spectator_names = tuple(message.spectator_names[:MAX_NAMED])
                 self.rematch_code = message.rematch
                 self._count_down(message.starts_in, now)
                 self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
@@ -372,6 +376,9 @@ class GameReplica:
             return
         if not 0 <= message.step <= MAX_STEP:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "no game has so many steps")
+        rate = message.clock.get("step_rate", 0.0)
+        if rate and not MIN_RATE <= rate <= MAX_RATE:
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, f"no clock takes {rate:g} steps a second")
         if message.task is not None:
             world = shared_world(Task.from_json(message.task, "the server's task"))
         elif self._reader is not None:
@@ -388,7 +395,7 @@ class GameReplica:
         self.seats, self.clock = tuple(message.seats), message.clock
         self.left, self.step_time = message.left, now
         self.pause, self.spectators = message.pause, message.spectators
-        self.spectator_names = tuple(message.spectator_names)
+        self.spectator_names = tuple(message.spectator_names[:MAX_NAMED])
         self._count_down(message.starts_in, now)
         self._sent.seq = max(self._sent.seq, message.seq)
         self._told(self.seat, message.last_seq, message.last_step, message.last_reasons)

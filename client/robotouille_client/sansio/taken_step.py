@@ -36,14 +36,16 @@ class TakenStep:
     def of(cls, delta: messages.Delta, world: World) -> TakenStep:
         """Read a delta; RobotouilleError if what it says makes no sense in a world."""
         did, decided = [], {}
+        if max(len(delta.did), len(delta.waits)) > len(world.players):
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "a step by more than there are")
         try:
             for i, (row, seq) in enumerate(zip(delta.did, delta.seq, strict=True)):
-                player, place = world.players[int(row[0])], str(i)
+                player, place = _player(world, int(row[0])), str(i)
                 action = world.action(str(row[1]), *map(str, row[2:]))
                 did.append((player, action, place not in delta.unmet))
                 unmet = told_unmet(delta.unmet.get(place, ()), delta.why.get(place, ()))
                 decided[player] = (seq, unmet)
-            waits = tuple(world.players[number] for number in delta.waits)
+            waits = tuple(_player(world, number) for number in delta.waits)
         except (ValueError, IndexError) as error:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "a step by nobody") from error
         return cls(tuple(did), decided, waits)
@@ -61,6 +63,13 @@ class TakenStep:
             else seat
             for seat in seats
         )
+
+
+def _player(world: World, number: int) -> str:
+    """The player of a seat's number; IndexError for one that is none."""
+    if number < 0:
+        raise IndexError(number)
+    return world.players[number]
 
 
 def told_unmet(words: Sequence[str], why: Sequence[messages.Why]) -> tuple[Unmet, ...]:

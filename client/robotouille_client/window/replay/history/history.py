@@ -14,6 +14,7 @@ from robotouille.episode import Clock
 from robotouille.episode.tallies import Activity
 from robotouille.replay.timeline import Interlude
 from robotouille.world.world import State, World
+from robotouille_client.sansio.game_replica import MAX_RATE, MIN_RATE
 from robotouille_client.window.view import SeatView
 
 __all__ = [
@@ -175,4 +176,6 @@ class History(ABC):
 def recorded_rate(rules: Mapping[str, Any]) -> float:
     """The steps a second of a game with some rules: those of its clock, where that has any."""
     rate = rules.get("step_rate") if rules.get("clock") == Clock.REALTIME else None
-    return float(rate) if isinstance(rate, int | float) and rate > 0 else DEFAULT_RATE
+    if isinstance(rate, int | float) and MIN_RATE <= rate <= MAX_RATE:
+        return float(rate)
+    return DEFAULT_RATE
