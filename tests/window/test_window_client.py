@@ -12,11 +12,12 @@ from tests.support.servers import serving
 from tests.support.virtual_time import run
 from typer.testing import CliRunner
 
-from robotouille.errors import RobotouilleError
+from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_client import connect
 from robotouille_client.bots import cli as bots
-from robotouille_client.window import cli
+from robotouille_client.window import cli, parse_size
 from robotouille_client.window.preferences import Preferences
+from robotouille_client.window.shell.games.remote_game import RemoteGame
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 
@@ -75,6 +76,66 @@ async def look_in(server: Server, token: str | None, code: str | None, **opening
     entry = cli.Entry(server.url, code, asked, None, watch=False, token=token, ready=False)
     shown = cli.Unattended((320, 240), Preferences(), True, 0.5, None, None)
     await cli._run(entry, "ada", shown)
+
+
+@pytest.mark.parametrize("option", ["nan", "inf", "1e309", "-1"])
+def test_a_window_lingers_for_a_number_of_seconds(option: str) -> None:
+    done = runner.invoke(client_app, ["ABCDE-FGHJK", "--headless", "--linger", option])
+    assert done.exit_code == 2
+    assert "--linger" in done.output
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--temperature", "nan"],
+        ["--temperature", "-1"],
+        ["--timeout", "1e309"],
+        ["--timeout", "nan"],
+    ],
+)
+def test_a_model_is_asked_with_numbers(options: list[str]) -> None:
+    done = runner.invoke(bot_app, ["llm", *options])
+    assert done.exit_code == 2
+    assert options[0] in done.output
+
+
+@pytest.mark.parametrize(
+    ("app", "words"),
+    [
+        (client_app, ["--name", "a\udcff"]),
+        (client_app, ["a\udcff"]),
+        (bot_app, ["random", "--name", "a\udcff"]),
+        (bot_app, ["random", "--episode", "a\udcff"]),
+    ],
+)
+def test_names_and_codes_can_be_sent(app: typer.Typer, words: list[str]) -> None:
+    done = runner.invoke(app, words)
+    assert done.exit_code == 2
+    assert "is no UTF-8" in done.output
+
+
+@pytest.mark.parametrize("size", ["\u00b2x\u00b2", f"{'9' * 5000}x1", "1280", "1280x", "99x99"])
+def test_a_size_is_two_numbers(size: str) -> None:
+    with pytest.raises(RobotouilleError, match="a size is"):
+        parse_size(size)
+
+
+def test_whoever_is_out_before_the_end_is_told_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def main() -> None:
+        async def show(entered: RemoteGame, shown: cli.Unattended) -> None:
+            entered.client.protocol.fail(
+                ProtocolError("message/invalid-field", "waits_for: no list")
+            )
+
+        monkeypatch.setattr(cli, "_show", show)
+        async with serving(tmp_path) as server:
+            with pytest.raises(RobotouilleError, match=r"cannot be read: .*waits_for: no list"):
+                await look_in(server, None, None, create="multi_agent/02")
+
+    run(main())
 
 
 async def until_joined(server: Server, window: asyncio.Task[None]) -> None:

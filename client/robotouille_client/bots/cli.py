@@ -27,6 +27,7 @@ from robotouille_client.console import (
     failing,
     interruptible,
     server_url,
+    unicode,
 )
 
 if TYPE_CHECKING:
@@ -296,7 +297,8 @@ def command(
         ),
     ],
     episode: Annotated[
-        str | None, typer.Option(help="Id or code; the first that waits if left out.")
+        str | None,
+        typer.Option(callback=unicode, help="Id or code; the first that waits if left out."),
     ] = None,
     host: HostOption = SERVER_HOST,
     port: PortOption = SERVER_PORT,
@@ -305,7 +307,10 @@ def command(
     seats: llm.Seats = None,
     control: llm.Control = None,
     name: Annotated[
-        str | None, typer.Option(help="The bot's name; else a given name, or that of its class.")
+        str | None,
+        typer.Option(
+            callback=unicode, help="The bot's name; else a given name, or that of its class."
+        ),
     ] = None,
     token: TokenOption = None,
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,

@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from robotouille_client.console import finite
+
 __all__ = [
     "Attempts",
     "BaseUrl",
@@ -42,12 +44,15 @@ BaseUrl = Annotated[
     str, typer.Option(help="llm: an OpenAI-compatible endpoint; OpenAI's if left out.")
 ]
 Strategy = Annotated[str, typer.Option(help="llm: how it is asked (docs/benchmark.md).")]
-Temperature = Annotated[float | None, typer.Option(help="llm: sent with each request.")]
+Temperature = Annotated[
+    float | None, typer.Option(min=0, callback=finite, help="llm: sent with each request.")
+]
 Price = Annotated[
     str, typer.Option(help="llm: of a million tokens sent and received, e.g. 0.40/1.20.")
 ]
 Timeout = Annotated[
-    float | None, typer.Option(min=0.1, help="llm: seconds for an attempt; 120 if left out.")
+    float | None,
+    typer.Option(min=0.1, callback=finite, help="llm: seconds for an attempt; 120 if left out."),
 ]
 Attempts = Annotated[
     int | None, typer.Option(min=1, help="llm: how often it is asked at most; 6 if left out.")

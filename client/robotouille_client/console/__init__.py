@@ -4,6 +4,7 @@ on the terminal, and a seat that outlives them, are modules beside this."""
 from __future__ import annotations
 
 import functools
+import math
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,10 +32,12 @@ __all__ = [
     "explain",
     "fail",
     "failing",
+    "finite",
     "interruptible",
     "name_and_value",
     "server_url",
     "terminable",
+    "unicode",
 ]
 
 P = ParamSpec("P")
@@ -99,6 +102,22 @@ def explain(error: Exception) -> str:
     first = error.errors()[0]
     field = ".".join(str(part) for part in first["loc"])
     return f"{field}: {first['msg']}, found {first['input']!r}"
+
+
+def finite(value: float | None) -> float | None:
+    """An option's number, which is no infinity and no NaN: bounds do not keep out the latter."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is no finite number")
+    return value
+
+
+def unicode(value: str | None) -> str | None:
+    """An option's words, which can be sent: bytes of a command line need not be UTF-8."""
+    try:
+        (value or "").encode()
+    except UnicodeEncodeError:
+        raise typer.BadParameter(f"{value!r} is no UTF-8") from None
+    return value
 
 
 def fail(message: str, status: int = 1) -> NoReturn:

@@ -67,7 +67,10 @@ def command(
         int, typer.Option(help="Of them in one episode; the server has a limit, too.")
     ] = 200,
     pid: Annotated[
-        int | None, typer.Option(help="The server's process, where it is not found by its port.")
+        int | None,
+        typer.Option(
+            min=1, max=2**31 - 1, help="The server's process, where it is not found by its port."
+        ),
     ] = None,
     metrics: Annotated[
         str | None,
@@ -116,7 +119,8 @@ def _told_by_option() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        fail("--" + explain(error).replace("_", "-", 1), 2)
+        option, told, why = explain(error).partition(": ")
+        fail(f"--{option.replace('_', '-')}{told}{why}", 2)
     except OSError as error:
         fail(f"{error.filename or ''}: {error.strerror or error}".removeprefix(": "))
 

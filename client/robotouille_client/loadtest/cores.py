@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 import os
+import re
 
 from robotouille.errors import RobotouilleError
 
 __all__ = ["keep_to_cores", "parse_cores"]
 
+_NUMBER = re.compile("[0-9]{1,18}")
+
 
 def parse_cores(text: str | None) -> tuple[int, ...]:
     """`1,3` or `2-5` as numbers; RobotouilleError says what is wrong with it."""
     cores: list[int] = []
+    present = os.cpu_count() or 1
     for part in (text or "").split(","):
         first, _, last = part.strip().partition("-")
         if not part.strip():
             continue
-        if not (first.isdecimal() and (last or first).isdecimal()):
-            raise RobotouilleError(f"--cpus: {part!r} is no core; name them like 1,3 or 2-5")
-        cores += range(int(first), int(last or first) + 1)
-    present = set(range(os.cpu_count() or 1))
-    if unknown := sorted(set(cores) - present):
-        raise RobotouilleError(
-            f"--cpus: there is no core {unknown[0]}; they are numbered 0 to {max(present)}"
-        )
+        bounds = _NUMBER.fullmatch(first), _NUMBER.fullmatch(last or first)
+        if None in bounds or int(last or first) < int(first):
+            raise RobotouilleError(f"--cpus: {part[:40]!r} is no core; name them like 1,3 or 2-5")
+        wanted = range(int(first), int(last or first) + 1)
+        if wanted.stop > present:
+            unknown = max(wanted.start, present)
+            raise RobotouilleError(
+                f"--cpus: there is no core {unknown}; they are numbered 0 to {present - 1}"
+            )
+        cores += wanted
     return tuple(sorted(set(cores)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -92,9 +93,11 @@ def parse_mix(text: str) -> dict[Clock, int]:
         name, _, weight = part.strip().partition(":")
         if name not in list(Clock):
             known = ", ".join(Clock)
-            raise RobotouilleError(f"--mix: no clock is called {name!r}; there are {known}")
-        if not (weight or "1").isdecimal():
-            raise RobotouilleError(f"--mix: the weight of {name} is a whole number, not {weight!r}")
+            raise RobotouilleError(f"--mix: no clock is called {name[:40]!r}; there are {known}")
+        if not re.fullmatch("[0-9]{0,9}", weight):
+            raise RobotouilleError(
+                f"--mix: the weight of {name} is a whole number, not {weight[:40]!r}"
+            )
         weights[Clock(name)] = weights.get(Clock(name), 0) + int(weight or "1")
     if not sum(weights.values()):
         raise RobotouilleError("--mix: at least one clock needs a weight above 0")

@@ -17,6 +17,7 @@ from robotouille_client.console import (
     failing,
     interruptible,
     server_url,
+    unicode,
 )
 
 __all__ = ["command", "main"]
@@ -25,11 +26,14 @@ __all__ = ["command", "main"]
 @interruptible
 @failing
 def command(
-    episode: Annotated[str, typer.Argument(help="The episode's code or id.", show_default=False)],
+    episode: Annotated[
+        str,
+        typer.Argument(callback=unicode, help="The episode's code or id.", show_default=False),
+    ],
     url: UrlOption = None,
     host: HostOption = SERVER_HOST,
     port: PortOption = SERVER_PORT,
-    name: Annotated[str, typer.Option(help="The spectator's name.")] = "lsl",
+    name: Annotated[str, typer.Option(callback=unicode, help="The spectator's name.")] = "lsl",
     token: TokenOption = None,
     version: VersionOption = False,
 ) -> None:

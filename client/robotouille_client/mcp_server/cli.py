@@ -10,7 +10,7 @@ import typer
 
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.program import VersionOption, tell
-from robotouille_client.console import TokenOption, explain, fail, server_url
+from robotouille_client.console import TokenOption, explain, fail, server_url, unicode
 
 if TYPE_CHECKING:
     from robotouille_client.mcp_server.open_games import OpenGames
@@ -25,7 +25,10 @@ def command(
     token: TokenOption = None,
     name: Annotated[
         str | None,
-        typer.Option(help="What the others call the players; the client's name if left out."),
+        typer.Option(
+            callback=unicode,
+            help="What the others call the players; the client's name if left out.",
+        ),
     ] = None,
     listen: Annotated[
         str | None,

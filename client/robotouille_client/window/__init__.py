@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import sys
 
 from robotouille.errors import MissingExtraError, RobotouilleError
@@ -32,9 +33,10 @@ def require_screen() -> None:
 
 def parse_size(size: str) -> tuple[int, int]:
     """`1280x720` as two numbers; RobotouilleError if it is anything else."""
-    width, _, height = size.lower().partition("x")
-    if not (width.isdigit() and height.isdigit()):
-        raise RobotouilleError(f"a size is WIDTHxHEIGHT, e.g. 1280x720; found {size!r}")
-    if not (160 <= int(width) <= 4096 and 120 <= int(height) <= 4096):
-        raise RobotouilleError(f"a size is between 160x120 and 4096x4096; found {size!r}")
-    return int(width), int(height)
+    found = re.fullmatch("([0-9]{1,9})x([0-9]{1,9})", size, re.IGNORECASE)
+    if found is None:
+        raise RobotouilleError(f"a size is WIDTHxHEIGHT, e.g. 1280x720; found {size[:40]!r}")
+    width, height = map(int, found.groups())
+    if not (160 <= width <= 4096 and 120 <= height <= 4096):
+        raise RobotouilleError(f"a size is between 160x120 and 4096x4096; found {size[:40]!r}")
+    return width, height

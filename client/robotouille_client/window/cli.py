@@ -27,8 +27,10 @@ from robotouille_client.console import (
     check_look,
     explain,
     failing,
+    finite,
     interruptible,
     server_url,
+    unicode,
 )
 
 if TYPE_CHECKING:
@@ -109,7 +111,11 @@ async def _find_code(client: Client, opening: Opening | None) -> str:
 
 
 async def _run(entry: Entry, name: str, shown: Unattended) -> None:
-    """Enter an episode, and show it until the window closes."""
+    """Enter an episode, and show it until the window closes.
+
+    Raises:
+        RobotouilleError: There is no way in, or one was out of it before its end.
+    """
     from robotouille_client.client import connect
     from robotouille_client.window.shell.games.remote_game import remote_game
 
@@ -124,6 +130,9 @@ async def _run(entry: Entry, name: str, shown: Unattended) -> None:
         with _pointing_at_watch():
             entered = await stack.enter_async_context(opened)
         await _show(entered, shown)
+        game = entered.game
+        if game.ended and game.outcome is None:
+            raise RobotouilleError(game.farewell or "the connection was lost for good")
 
 
 async def _show(entered: RemoteGame, shown: Unattended) -> None:
@@ -163,12 +172,17 @@ async def _show(entered: RemoteGame, shown: Unattended) -> None:
 @interruptible
 @failing
 def command(
-    code: Annotated[str | None, typer.Argument(help="Code or id of the episode to join.")] = None,
+    code: Annotated[
+        str | None, typer.Argument(callback=unicode, help="Code or id of the episode to join.")
+    ] = None,
     host: HostOption = SERVER_HOST,
     port: PortOption = SERVER_PORT,
     url: UrlOption = None,
     name: Annotated[
-        str | None, typer.Option(help="Your name, as others see it; else that of the settings.")
+        str | None,
+        typer.Option(
+            callback=unicode, help="Your name, as others see it; else that of the settings."
+        ),
     ] = None,
     seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None,
     watch: Annotated[bool, typer.Option(help="Watch instead of play.")] = False,
@@ -214,7 +228,11 @@ def command(
     ] = None,
     linger: Annotated[
         float | None,
-        typer.Option(help="Close so many seconds after the end; else when you close it."),
+        typer.Option(
+            min=0,
+            callback=finite,
+            help="Close so many seconds after the end; else when you close it.",
+        ),
     ] = None,
     version: VersionOption = False,
 ) -> None:
