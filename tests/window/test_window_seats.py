@@ -205,6 +205,16 @@ def test_the_panel_shows_who_watches() -> None:
     assert pictures[0] != pictures[1]
 
 
+def test_no_more_names_are_read_than_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, asked = World("multi_agent/01"), list[str]()
+    reads = Typesetter.reads
+    monkeypatch.setattr(Typesetter, "reads", lambda *a: (asked.append(a[1]), reads(*a))[1])
+    names = ("\ue000", "Ada", "Ben", "Cleo", "Dan", "Eve", "Fay", "Gil")
+    view = View(world, world.initial, watching=8, spectator_names=names)
+    Painter().paint(pygame.Surface((640, 480)), view)
+    assert [name for name in asked if name in names] == list(names[:4])
+
+
 @pytest.mark.parametrize("size", [(640, 480), (1280, 720), (2560, 1440)])
 def test_an_order_of_two_dishes_leaves_room_for_all_seats(
     size: tuple[int, int], monkeypatch: pytest.MonkeyPatch

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import pygame
 
 from robotouille_client.window.drawing.window_layout import Layout
@@ -77,11 +79,12 @@ class SeatCards:
     ) -> int:
         """Who watches, on two lines at most; where that ends."""
         small = max(10, layout.text - 3)
-        readable = [name for name in view.spectator_names if self._text.reads(name)]
-        names = [self._text.fit(name, small, area.width // 2) for name in readable[:_MAX_NAMED]]
+        readable = (name for name in view.spectator_names if self._text.reads(name))
+        named = islice(readable, _MAX_NAMED)  # Whether one can be read is slow to find out.
+        names = [self._text.fit(name, small, area.width // 2) for name in named]
         lines: tuple[str, ...] = ()
-        for named in range(len(names), -1, -1):
-            words = watching_words(names[:named], view.watching)
+        for count in range(len(names), -1, -1):
+            words = watching_words(names[:count], view.watching)
             lines = self._text.wrap(words, small, area.width)
             if len(lines) <= (1 if layout.compact else 2):
                 break
