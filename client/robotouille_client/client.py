@@ -171,6 +171,15 @@ class Client:
                 return list(found.values())
             request = request.model_copy(update={"skip": skip})
 
+    async def waiting_episode(self) -> messages.EpisodeInfo | None:
+        """The first episode that waits for players, if there is one.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: The server refuses; `code` says why.
+        """
+        return next((each for each in await self.episodes() if each.phase == "waiting"), None)
+
     async def create(self, task: str | None = None, **options: Any) -> messages.Created:
         """Open an episode, without entering it: `join` takes the id or code in the answer.
 

@@ -197,3 +197,23 @@ def test_connecting_can_be_cancelled() -> None:
             assert {t for t in tasks() if "robotouille" in t.get_name()} == set()
 
     run(main())
+
+
+@pytest.mark.parametrize(("phases", "found"), [(["over", "waiting", "waiting"], "K1"), ([], None)])
+def test_the_first_episode_that_waits_is_found(phases: list[str], found: str | None) -> None:
+    row = {"task": "t", "clock": "turn", "step": 0, "max_steps": 9, "seats": []}
+    rows = [
+        {"episode": f"e{number}", "code": f"K{number}", "phase": phase, **row}
+        for number, phase in enumerate(phases)
+    ]
+    listed = {"type": "episodes", "episodes": rows, "total": len(rows)}
+
+    async def main() -> None:
+        async with (
+            listening(answering(list=listed)) as url,
+            connect(url, name="ada", encoding="json") as client,
+        ):
+            waiting = await client.waiting_episode()
+            assert (waiting and waiting.code) == found
+
+    run(main())

@@ -86,10 +86,10 @@ async def _waiting(entry: Entry, kind: Kind) -> str:
     from robotouille_client.client import connect
 
     async with connect(entry.url, name=entry.names[0], kind=kind, token=entry.token) as client:
-        waiting = [e for e in await client.episodes() if e.phase == "waiting"]
-    if not waiting:
+        waiting = await client.waiting_episode()
+    if waiting is None:
         raise RobotouilleError("no episode waits for players; name one with --episode CODE")
-    return waiting[0].code
+    return waiting.code
 
 
 async def _run(entry: Entry, bot: MakePolicy | TextBot) -> Any:

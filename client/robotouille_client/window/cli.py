@@ -102,12 +102,12 @@ async def _find_code(client: Client, opening: Opening | None) -> str:
     """A new episode's code, or that of the first one which waits for players."""
     if opening is not None:
         return (await client.create(opening.task, **opening.rules)).code
-    for info in await client.episodes():
-        if info.phase == "waiting":
-            return info.code
-    raise RobotouilleError(
-        "no episode waits for players; open one with --create TASK, or watch one by its code"
-    )
+    waiting = await client.waiting_episode()
+    if waiting is None:
+        raise RobotouilleError(
+            "no episode waits for players; open one with --create TASK, or watch one by its code"
+        )
+    return waiting.code
 
 
 async def _run(entry: Entry, name: str, shown: Unattended) -> None:
