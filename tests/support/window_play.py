@@ -27,12 +27,15 @@ ARROWS = {
 
 
 class Timer:
-    """A clock that only moves when something sleeps, or by hand."""
+    """A clock that only moves when something sleeps, or by hand; or by `pace` seconds each time
+    that it is looked at."""
 
     def __init__(self) -> None:
         self.now = 100.0
+        self.pace = 0.0
 
     def __call__(self) -> float:
+        self.now += self.pace
         return self.now
 
     async def sleep(self, seconds: float) -> None:

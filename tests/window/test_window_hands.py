@@ -10,7 +10,7 @@ import pygame
 import pytest
 from tests.support.window_play import ARROWS, SIZE, Script, Timer, click, goes_to, press, way
 
-from robotouille import Timing, World, load_task, task_names
+from robotouille import GroundAction, Timing, World, load_task, task_names
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import rendering_of
@@ -18,6 +18,7 @@ from robotouille.domain.schema import InputFile
 from robotouille.world.scene import scene
 from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap, key_words
 from robotouille_client.window.hands.controls import Controls
+from robotouille_client.window.hands.possible import possible
 from robotouille_client.window.hands.walking import towards
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.preferences import Preferences
@@ -43,6 +44,10 @@ class Table:
 
     def overlay(self):  # type: ignore[no-untyped-def]
         return self.window.overlay(self.source.view())
+
+    def possible(self) -> tuple[GroundAction, ...]:
+        """What the list has, in its order."""
+        return possible(self.source.state, self.source.me)
 
     def here(self) -> str | None:
         return scene(self.source.state)[self.source.me].at
@@ -170,7 +175,7 @@ def test_what_cooks_by_itself_is_not_taken_by_the_same_key() -> None:
 
 def test_the_list_has_all_actions_and_digits_pick(table: Table) -> None:
     table.press(pygame.K_TAB)
-    choices = table.window._input.hands.choices
+    choices = table.possible()
     assert set(choices) == set(table.source.state.actions("robot1"))
     assert len(table.overlay().choices) == len(choices)
     rows = table.overlay().choices
@@ -185,7 +190,7 @@ def test_the_list_has_all_actions_and_digits_pick(table: Table) -> None:
 
 def test_the_list_by_arrows_and_enter(table: Table) -> None:
     table.press(pygame.K_TAB, pygame.K_DOWN, pygame.K_DOWN, pygame.K_UP)
-    wanted = table.window._input.hands.choices[1]
+    wanted = table.possible()[1]
     assert table.overlay().chosen == 1
     assert table.overlay().mark.station == goes_to(wanted), "where it leads is seen"
     table.press(pygame.K_RETURN)
@@ -206,7 +211,7 @@ def test_the_strip_and_the_list_can_be_clicked(table: Table) -> None:
     click("E")
     assert [a.name for a in table.source.acted[walked:]] == ["pick-up-item"]
     click("Tab")
-    wanted = table.window._input.hands.choices[1]
+    wanted = table.possible()[1]
     click("2")
     assert table.source.acted[-1] == wanted
     click("H")
@@ -360,14 +365,7 @@ def test_a_mark_may_end_while_a_picture_is_made(slow: Table) -> None:
     slow.press(pygame.K_LEFT)
     slow.step()
 
-    class Hurried(Timer):
-        def __call__(self) -> float:
-            self.now += 0.03
-            return self.now
-
-    hurried = Hurried()
-    hurried.now = slow.timer.now
-    slow.window._input.hands.queue._clock = hurried
+    slow.timer.pace = 0.03
     marks = [slow.overlay().mark for _ in range(60)]
     assert marks[0] is not None
     assert marks[-1] is None
