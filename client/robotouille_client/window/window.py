@@ -289,16 +289,10 @@ class Window:
         return self._strip.handle(event, area)
 
     def _target(self, pointer: tuple[int, int], view: View) -> str | None:
-        """The station under a point, else the uppermost thing there."""
         surface = self._display.surface
-        if surface is None:
-            return None
-        tile = self._painter.layout(surface.get_size(), view.world).tile_at(pointer)
-        stage = self._painter.stage(view.state)
-        there = [name for name, placed in stage.placed.items() if placed.tile == tile]
-        if tile is None or not there:
-            return None
-        return min(there, key=lambda name: (name not in stage.stations, stage.placed[name].level))
+        return (
+            None if surface is None else self._painter.thing_at(pointer, surface.get_size(), view)
+        )
 
     def _save_screenshot(self) -> None:
         stamp = time.strftime("%Y%m%d-%H%M%S")

@@ -211,6 +211,14 @@ class Painter:
         self._stages = [(state, stage), *self._stages[:3]]
         return stage
 
+    def thing_at(self, pos: tuple[int, int], size: tuple[int, int], view: View) -> str | None:
+        """The station at a point of a surface of a size, else the uppermost thing there."""
+        tile, stage = self.layout(size, view.world).tile_at(pos), self.stage(view.state)
+        there = [name for name, placed in stage.placed.items() if placed.tile == tile]
+        if tile is None or not there:
+            return None
+        return min(there, key=lambda name: (name not in stage.stations, stage.placed[name].level))
+
     def preload(self, size: tuple[int, int], seconds: float) -> None:
         """Draw pictures that the task of the last view may show on a surface of a size, for about
         so long."""
