@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 
 import pygame
@@ -30,6 +31,12 @@ from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.sources.task_titles import dish_title, task_title
 
 BURGER = "multi_agent/01_lettuce_burger"
+
+
+@pytest.fixture(autouse=True)
+def no_kitchen_is_drawn_yet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of kitchens are kept as long as a process lasts, for other tests, too."""
+    monkeypatch.setattr(thumbnails, "_kitchens", OrderedDict())
 
 
 def test_a_task_is_found_by_typing_and_taken_by_enter(display: Display) -> None:

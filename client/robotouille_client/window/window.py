@@ -290,9 +290,9 @@ class Window:
 
     def _target(self, pointer: tuple[int, int], view: View) -> str | None:
         surface = self._display.surface
-        return (
-            None if surface is None else self._painter.thing_at(pointer, surface.get_size(), view)
-        )
+        if surface is None:
+            return None
+        return self._painter.thing_at(pointer, surface.get_size(), view)
 
     def _save_screenshot(self) -> None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
