@@ -271,11 +271,21 @@ def test_pictures(window: Window, source: Script, tmp_path) -> None:
 
 
 def test_a_picture_that_cannot_be_saved_is_no_error(window, source, tmp_path) -> None:
-    window.screenshots = tmp_path / "missing"
+    (tmp_path / "file").write_text("")
+    window.screenshots = tmp_path / "file" / "folder"
     window.frame(source)
     press(pygame.K_F12)
     window.frame(source)
     assert not window.closed
+
+
+def test_the_folder_for_pictures_is_made_when_there_is_one(window, source, tmp_path) -> None:
+    window.screenshots = tmp_path / "of" / "pictures"
+    window.frame(source)
+    assert not window.screenshots.exists()
+    press(pygame.K_F12)
+    window.frame(source)
+    assert len(list(window.screenshots.iterdir())) == 1
 
 
 async def test_closing_ends_the_run(window: Window, source: Script) -> None:

@@ -60,7 +60,9 @@ def test_recordings_are_told_by_their_task_and_result(
     title, detail = told[whole]
     assert title == "Synchronous 01: cheese sandwich"
     assert "won in 8 steps" in detail
-    assert "With robot1-bot." in next(e for e in menu.form.entries if e.answer == whole).about()
+    assert (
+        "Played by robot1-bot." in next(e for e in menu.form.entries if e.answer == whole).about()
+    )
     assert "damaged" in told[tmp_path / "cut.rbt"].detail
     assert "not a recording" in told[tmp_path / "text.rbt"].detail
     assert "format version 99" in told[tmp_path / "version.rbt"].detail

@@ -28,7 +28,7 @@ from robotouille_client.window.forms.widgets import Choice
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.shell.games.local_game import GameSetup
-from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
+from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource, kind_of
 from robotouille_client.window.shell.screens.saving_form import SavingForm
 from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
 from robotouille_client.window.shell.settings import (
@@ -312,6 +312,25 @@ def test_the_tutorial_waits_until_each_thing_is_done() -> None:
         "Some places are for work",
         "Now the whole task",
     ]
+
+
+def test_to_put_a_thing_back_where_it_was_is_not_to_carry_it_somewhere_else() -> None:
+    script = Script(World("training/01"))
+    source = TutorialSource(script, KeyMap())
+    kinds = []
+    for line in load_certificate("training/01").plan or ():
+        action = script.world.parse(script.state, script.me, line)
+        taken = kind_of(script.state, action) == "take"
+        source.act(action)
+        kinds.append(source.lesson and source.lesson.kind)
+        if taken:
+            break
+    assert kinds[-1] == "put"
+    for kind in ("put", "take"):
+        back = [a for a in script.state.actions(script.me) if kind_of(script.state, a) == kind]
+        source.act(back[0])
+        assert source.lesson is not None
+        assert source.lesson.kind == "put", "it lies where it was"
 
 
 def test_work_is_learned_when_it_is_done_and_the_lesson_says_what_to_bring() -> None:

@@ -138,6 +138,7 @@ async def _run(entry: Entry, name: str, shown: Unattended) -> None:
 async def _show(entered: RemoteGame, shown: Unattended) -> None:
     import asyncio
 
+    from robotouille_client.window.shell.games.local_game import recordings_folder
     from robotouille_client.window.shell.games.remote_game import views_of
     from robotouille_client.window.window import Window
 
@@ -150,6 +151,7 @@ async def _show(entered: RemoteGame, shown: Unattended) -> None:
         headless=shown.headless,
         look=entered.look,
         preferences=shown.preferences,
+        screenshots=recordings_folder(),
         strip=strip,
         clock=loop.time,
     )

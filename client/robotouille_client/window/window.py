@@ -24,6 +24,7 @@ from robotouille_client.window.hands.play_input import PlayInput
 from robotouille_client.window.hands.sounds import Sounds
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.preferences import Preferences
+from robotouille_client.window.sources.texts import path_words
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
 
@@ -298,11 +299,12 @@ class Window:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         path = self.screenshots / f"robotouille-{stamp}-{self.frames}.png"
         try:
+            self.screenshots.mkdir(parents=True, exist_ok=True)
             self.screenshot(path)
         except (pygame.error, OSError) as error:
             self._input.tell(f"The screenshot cannot be saved: {error}")
         else:
-            self._input.tell(f"Saved {path}")
+            self._input.tell(f"Saved {path_words(path)}")
 
 
 def _set_aside_what_stays() -> None:

@@ -7,11 +7,13 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from tests.support.games import recorded_game
+from tests.support.games import record, recorded_game
 
+from robotouille import World
 from robotouille.domain.rendering import Language
-from robotouille.episode import Clock
+from robotouille.episode import Clock, Episode, Event, Rules
 from robotouille.episode.tallies import Activity
+from robotouille.planning.policies.team_talk import announcement
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
 from robotouille_client.window.replay.history.history import EntryKind, History
@@ -108,6 +110,21 @@ def test_the_log_is_in_the_words_of_the_windows_owner(path: Path, recording: Rec
         assert log(viewer.histories[0]) == own
     finally:
         viewer.close()
+
+
+def test_what_bots_only_say_to_one_another_is_not_shown() -> None:
+    world = World("synchronous/01")
+    episode = Episode(world, Rules(clock=Clock.TURN, max_steps=2))
+    events: list[Event] = []
+    episode.join("robot1", "ada", "human", 0.0)
+    for text in ("hello", announcement()):
+        episode.say("ada", "robot1", text, 0.0)
+    events += episode.events()
+    history = RecordedHistory(Recording(record(episode, events)))
+    said = [entry.words for entry in history.entries(0) if entry.kind is EntryKind.SAID]
+    assert said == ["hello"]
+    assert [text for _, text in history.chat(0, 6)] == ["hello"]
+    assert sum(mark.kind is EntryKind.SAID for mark in history.marks) == 1
 
 
 def test_pauses_and_announcements_are_told_at_their_step_for_a_while(

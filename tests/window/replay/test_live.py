@@ -10,10 +10,11 @@ import pytest
 from robotouille import World
 from robotouille.domain.rendering import Language
 from robotouille.episode.tallies import Activity
+from robotouille.planning.policies.team_talk import announcement
 from robotouille.protocol.message_parts import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
-from robotouille_client.sansio.game_events import Announced, Changed, Refused
+from robotouille_client.sansio.game_events import Announced, Changed, Heard, Refused
 from robotouille_client.window.replay.history import live
 from robotouille_client.window.replay.history.history import EntryKind
 from robotouille_client.window.replay.history.live import LiveHistory
@@ -92,6 +93,13 @@ def test_what_was_refused_to_oneself_is_kept_with_why(history: LiveHistory) -> N
     assert entry.player == player
     assert entry.reasons == ("the table is not free",)
     assert history.marks[-1].kind is EntryKind.REJECTED
+
+
+def test_what_bots_only_say_to_one_another_is_not_shown(history: LiveHistory) -> None:
+    marks = len(history.marks)
+    history.observe(Heard("bob", "robot2", announcement()))
+    assert len(history.marks) == marks
+    assert history.chat(history.length, 6) == ()
 
 
 def test_what_the_operator_says_is_told_again(history: LiveHistory) -> None:

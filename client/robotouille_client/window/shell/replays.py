@@ -17,6 +17,7 @@ from robotouille_client.window.shell.game_cards import GameCards
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu, recent_recordings
 from robotouille_client.window.shell.screens.saving_form import SavingForm
 from robotouille_client.window.shell.user_interface import UserInterface
+from robotouille_client.window.sources.texts import path_words
 
 if TYPE_CHECKING:
     from robotouille_client.window.replay.history.history import History
@@ -155,13 +156,5 @@ class Replays:
             return True
 
         saved = await self._ui.wait(write(), form)
-        words = f"The video is saved: {_shown(output)}" if saved else "No video was saved."
+        words = f"The video is saved: {path_words(output)}" if saved else "No video was saved."
         self._ui.message = words
-
-
-def _shown(path: Path) -> str:
-    """A path as its owner knows it: what is in their own folder begins with `~`."""
-    try:
-        return str(Path("~") / path.absolute().relative_to(Path.home()))
-    except (ValueError, RuntimeError):
-        return str(path)

@@ -35,7 +35,7 @@ class Shell:
 
     Args:
         settings: What is remembered; `path` is where, None to remember nothing.
-        recordings: Where games that are played here are kept, None to keep none.
+        recordings: Where games that are played here, and pictures, are kept; None to keep none.
         tasks: A folder of own kitchens: recordings of them are shown with its pictures.
         token: A signed role token, where servers ask for one.
         remembered: The preferences on disk, where these differ: what was said for this time only
@@ -64,7 +64,9 @@ class Shell:
         before = settings.model_copy()
         before.preferences = remembered or settings.preferences
         file = SettingsFile(path, settings, before) if path is not None else None
-        self.ui = UserInterface(settings, display, file=file, clock=clock, sleep=sleep)
+        self.ui = UserInterface(
+            settings, display, file=file, pictures=recordings, clock=clock, sleep=sleep
+        )
         self.replays = Replays(self.ui, recordings, tasks)
         self.local = LocalGames(self.ui, self.replays, recordings, make_partners)
         self.remote = RemoteGames(self.ui, self.replays, recordings, token=token, menu=menu)

@@ -37,6 +37,7 @@ class UserInterface:
 
     Args:
         file: Where they are remembered, None to remember nothing.
+        pictures: Where pictures that are saved go, None for the current folder.
         clock, sleep: Injected for tests.
     """
 
@@ -46,6 +47,7 @@ class UserInterface:
         display: Display,
         *,
         file: SettingsFile | None = None,
+        pictures: Path | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -55,6 +57,7 @@ class UserInterface:
         self.message = ""
         self.file = file
         self._file_fault = ""
+        self._pictures = pictures
         self._sleep = sleep
         self._gamepads = Gamepads()
         self.words = NO_WORDS
@@ -174,6 +177,7 @@ class UserInterface:
             sounds=self._sounds,
             preferences=self.preferences,
             words=self.words,
+            screenshots=self._pictures,
             clock=self.clock,
             sleep=self._sleep,
             **options,

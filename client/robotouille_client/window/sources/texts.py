@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from math import ceil
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from robotouille.episode import Reason
 from robotouille.world.people.templates import capitalised
@@ -19,7 +20,9 @@ __all__ = [
     "farewell",
     "joined_names",
     "outcome_words",
+    "path_words",
     "pause_words",
+    "rate_words",
     "readiness",
     "speaker",
     "waiting_words",
@@ -88,12 +91,25 @@ def won(outcome: Mapping[str, object] | None) -> bool:
     return outcome is not None and outcome.get("reason") == Reason.GOAL
 
 
-def clock_words(clock: str, rules: Mapping[str, object]) -> str:
+def clock_words(clock: str, rules: Mapping[str, Any]) -> str:
     """`real time, 5 steps a second`."""
     if clock == "realtime" and "step_rate" in rules:
-        return f"real time, {rules['step_rate']:g} steps a second"
+        return f"real time, {rate_words(rules['step_rate'])}"
     budget = rules.get("move_budget")
     return f"{clock}, {budget:g} s a move" if budget else clock
+
+
+def rate_words(rate: float) -> str:
+    """`5 steps a second`."""
+    return f"{rate:g} step{'' if rate == 1 else 's'} a second"
+
+
+def path_words(path: Path) -> str:
+    """A path as its owner knows it: what is in their own folder begins with `~`."""
+    try:
+        return str(Path("~") / path.absolute().relative_to(Path.home()))
+    except (ValueError, RuntimeError):
+        return str(path)
 
 
 def farewell(code: str, reason: str) -> FarewellView:

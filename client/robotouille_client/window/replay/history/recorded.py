@@ -13,6 +13,7 @@ from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import Controller, RejectionKind
 from robotouille.episode.tallies import Activity
 from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.planning.policies.team_talk import announced_version
 from robotouille.replay.analysis.activities import activities
 from robotouille.replay.container import MAGIC, frame_ends, frame_value
 from robotouille.replay.controllers import Seating, seating_after
@@ -197,6 +198,8 @@ class RecordedHistory(History):
 
     def _add_note(self, note: dict[str, Any]) -> None:
         kind, step = note["note"], note["step"]
+        if kind == "said" and announced_version(note["text"]) is not None:
+            return  # What bots only have for one another.
         if kind == "roster" and note["player"] in self._seatings:
             self._seatings = {**self._seatings, note["player"]: seating_after(note)}
         if kind == "rejected" and note["player"] in self._rejected:

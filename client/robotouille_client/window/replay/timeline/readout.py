@@ -10,7 +10,7 @@ from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.playhead import Playhead
 from robotouille_client.window.replay.timeline.words import name_of, time_words
 from robotouille_client.window.replay.viewer_state import ViewerState
-from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.sources.texts import outcome_words, rate_words
 
 __all__ = ["draw_readout", "readout_parts"]
 
@@ -20,7 +20,7 @@ _HINT = "H: keys and colours · Esc: leave"
 def readout_parts(history: History, playhead: Playhead, state: ViewerState) -> tuple[str, ...]:
     """`Step 12 of 345`, `2.4 s`, `1×, 5 steps a second`: the most important first."""
     step = min(playhead.step, history.length)
-    speed = f"{playhead.speed:g}×, {playhead.rate * playhead.speed:g} steps a second"
+    speed = f"{playhead.speed:g}×, {rate_words(playhead.rate * playhead.speed)}"
     if playhead.follows:
         how = "live" if history.outcome is None else "over"
     elif playhead.playing:

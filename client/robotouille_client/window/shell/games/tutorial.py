@@ -59,6 +59,7 @@ class TutorialSource:
         self._source = source
         self._lessons = list(lessons(keys, source.view().world))
         self._worked: tuple[State, GroundAction] | None = None
+        self._taken_from: State | None = None
         self._goal_key = keys.words(Command.LIST)
 
     @property
@@ -72,15 +73,28 @@ class TutorialSource:
         return dataclasses.replace(view, lesson=self._words(view))
 
     def act(self, action: GroundAction) -> None:
-        """Act; a valid action of the lesson's kind is the lesson done."""
+        """Act; a valid action of the lesson's kind is the lesson done, but for one that puts a
+        thing back where it was."""
         state, lesson = self._source.view().state, self.lesson
         valid = action.player is not None and action in state.actions(action.player)
-        if lesson is not None and valid and kind_of(state, action) == lesson.kind:
+        kind = kind_of(state, action) if valid else None
+        if kind == "take":
+            self._taken_from = state
+        if lesson is not None and kind == lesson.kind and not self._undoes(state, action):
             if lesson.kind == "work":
                 self._worked = state, action
             else:
                 self._lessons.pop(0)
         self._source.act(action)
+
+    def _undoes(self, state: State, action: GroundAction) -> bool:
+        """Whether an action puts what is in hand back to where it was taken from."""
+        if self._taken_from is None:
+            return False
+        after = state.world.successor(state, action)
+        before, put = scene(self._taken_from), scene(after)
+        freed = _held(state, action.player) - _held(after, action.player)
+        return any(name in before and before[name].tile == put[name].tile for name in freed)
 
     def _finish_work(self, state: State) -> None:
         """Work is done when nothing of it is in progress any more."""

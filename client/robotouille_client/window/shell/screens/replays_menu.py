@@ -101,7 +101,7 @@ class ReplaysMenu:
         found = self._summaries.get(path)
         if found is None:
             return ""
-        people = f"With {', '.join(found.people)}." if found.people else ""
+        people = f"Played by {', '.join(found.people)}." if found.people else ""
         result = found.result
         return "\n".join(
             each
