@@ -386,13 +386,13 @@ def test_a_step_that_no_game_has(server: ScriptedServer, step: int) -> None:
         GameReplica(server.joined()).receive(server.snapshot(step=step), 0.0)
 
 
-@pytest.mark.parametrize("rate", [5e-324, -1.0, 1e308])
-def test_a_rate_that_no_clock_has(server: ScriptedServer, rate: float) -> None:
-    """Whoever shows a step for so long, or so short, runs out of numbers."""
-    clock = messages.RulesRow(clock="realtime", step_rate=rate)
-    snapshot = server.snapshot().model_copy(update={"clock": clock})
-    with pytest.raises(ProtocolError, match="no clock takes"):
-        GameReplica(server.joined()).receive(snapshot, 0.0)
+def test_there_are_no_more_seats_than_players(server: ScriptedServer, game: GameReplica) -> None:
+    seats = [messages.SeatInfo(player=f"robot{number}") for number in range(1000)]
+    with pytest.raises(ProtocolError, match="more seats than players"):
+        game.receive(messages.Roster(phase="running", seats=seats), 0.0)
+    snapshot = server.snapshot().model_copy(update={"seats": seats})
+    with pytest.raises(ProtocolError, match="more seats than players"):
+        game.receive(snapshot, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -478,6 +478,8 @@ class TestAnotherServer:
         {"clock": {"clock": "realtime"}},
         {"clock": {"clock": "realtime", "step_rate": 0.0}},
         {"clock": {"clock": "realtime", "step_rate": -1.0, "max_steps": 10**400}},
+        {"clock": {"clock": "realtime", "step_rate": 5e-324}},
+        {"clock": {"clock": "realtime", "step_rate": 1e308}},
         {"outcome": {}},
         {"outcome": {"reason": "goal"}},
         {"outcome": {"steps": -4, "seats": [{}]}},

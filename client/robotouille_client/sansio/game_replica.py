@@ -35,7 +35,7 @@ from robotouille_client.sansio.game_events import (
 from robotouille_client.sansio.sent_actions import ActionRequest, SentActions, wire_action
 from robotouille_client.sansio.taken_step import TakenStep, told_unmet
 
-__all__ = ["MAX_RATE", "MIN_RATE", "PRESENT", "GameReplica"]
+__all__ = ["PRESENT", "GameReplica"]
 
 NOT_SAID = frozenset({
     ErrorCode.CHAT_OFF, ErrorCode.CHAT_PHRASE, ErrorCode.SEAT_MUTED, ErrorCode.RATE_WORDS,
@@ -48,8 +48,6 @@ PRESENT = -1
 MAX_EVENTS = 10_000
 MAX_STEP = 1_000_000
 """The rules allow no more: who remembers each step cannot remember any number."""
-MIN_RATE, MAX_RATE = 1e-4, 1e4
-"""Steps a second: the rules allow no such extremes, and nobody can show them."""
 MAX_NAMED = 8
 """Of those who watch: more are not told."""
 
@@ -330,7 +328,7 @@ class GameReplica:
             case messages.Notice():
                 self._emit(Announced(message.text))
             case messages.Roster():
-                self.phase, self.seats = message.phase, tuple(message.seats)
+                self.phase, self.seats = message.phase, self._all_seats(message.seats)
                 self.turn, self.pause = message.turn, message.pause
                 self.waits_for = tuple(message.waits_for)
                 self.spectators = message.spectators
@@ -376,9 +374,6 @@ class GameReplica:
             return
         if not 0 <= message.step <= MAX_STEP:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "no game has so many steps")
-        rate = message.clock.get("step_rate", 0.0)
-        if rate and not MIN_RATE <= rate <= MAX_RATE:
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, f"no clock takes {rate:g} steps a second")
         if message.task is not None:
             world = shared_world(Task.from_json(message.task, "the server's task"))
         elif self._reader is not None:
@@ -392,7 +387,7 @@ class GameReplica:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "the snapshot's state has another hash")
         self._resyncing = False
         self.step, self.phase, self.turn = message.step, message.phase, message.turn
-        self.seats, self.clock = tuple(message.seats), message.clock
+        self.seats, self.clock = self._all_seats(message.seats), message.clock
         self.left, self.step_time = message.left, now
         self.pause, self.spectators = message.pause, message.spectators
         self.spectator_names = tuple(message.spectator_names[:MAX_NAMED])
@@ -405,6 +400,12 @@ class GameReplica:
         self._caught_up(now)
         if message.outcome is not None:
             self._finish(message.outcome)
+
+    def _all_seats(self, told: Sequence[messages.SeatInfo]) -> tuple[messages.SeatInfo, ...]:
+        """The seats, of which there are no more than players, where those are known."""
+        if self._reader is not None and len(told) > len(self.world.players):
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "there are more seats than players")
+        return tuple(told)
 
     def _count_down(self, starts_in: float | None, now: float) -> None:
         self.starts_at = None if starts_in is None else now + starts_in

@@ -7,11 +7,14 @@ is caught up with. What is shown never goes back, and skips nothing but a long s
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from robotouille.episode import Clock
 from robotouille.world.world import State
 
-__all__ = ["MAX_DELAY", "MAX_RATE", "Playout", "ShownStep"]
+__all__ = ["MAX_DELAY", "MAX_RATE", "Playout", "ShownStep", "real_time_rate"]
 
 MAX_DELAY = 0.25
 """Seconds for which a step is held back at most, so that others may come later than it did."""
@@ -27,6 +30,8 @@ SETTLING = 0.3
 """Seconds in which most of a difference to where the picture ought to be is made up."""
 MIN_RATE, MAX_RATE = 0.5, 2.0
 """Of steps that are shown to steps that are taken."""
+SLOWEST, FASTEST = 1e-4, 1e4
+"""Steps a second of a clock that can be shown; the rules allow fewer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,3 +110,12 @@ class Playout:
         offsets = sorted(self._offsets)
         most = offsets[min(len(offsets) - 1, round(IN_TIME * len(offsets)))]
         return offsets[0] + min(MAX_DELAY, most - offsets[0])
+
+
+def real_time_rate(rules: Mapping[str, Any]) -> float | None:
+    """The steps a second of a game with some rules; None where its steps wait for decisions, or
+    where nobody could show so many or so few."""
+    rate = rules.get("step_rate") if rules.get("clock") == Clock.REALTIME else None
+    if isinstance(rate, int | float) and SLOWEST <= rate <= FASTEST:
+        return float(rate)
+    return None

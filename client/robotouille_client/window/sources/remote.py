@@ -26,7 +26,7 @@ from robotouille_client.sansio.game_events import (
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.feedback import Feedback
-from robotouille_client.window.sources.playout import Playout, ShownStep
+from robotouille_client.window.sources.playout import Playout, ShownStep, real_time_rate
 from robotouille_client.window.sources.texts import (
     clock_words,
     comings_and_goings,
@@ -246,9 +246,8 @@ class RemoteSource:
 
     def _period(self) -> float | None:
         """The seconds of a step, if a clock says so."""
-        clock = self._game.clock
-        rate = clock.get("step_rate", 0.0) if clock.get("clock") == "realtime" else 0.0
-        return 1 / rate if rate > 0 else None
+        rate = real_time_rate(self._game.clock)
+        return None if rate is None else 1 / rate
 
     def _status(self) -> str:
         game = self._game

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from robotouille.episode import Clock
 from robotouille.episode.tallies import Activity
 from robotouille.replay.timeline import Interlude
 from robotouille.world.world import State, World
-from robotouille_client.sansio.game_replica import MAX_RATE, MIN_RATE
+from robotouille_client.window.sources.playout import real_time_rate
 from robotouille_client.window.view import SeatView
 
 __all__ = [
@@ -175,7 +174,4 @@ class History(ABC):
 
 def recorded_rate(rules: Mapping[str, Any]) -> float:
     """The steps a second of a game with some rules: those of its clock, where that has any."""
-    rate = rules.get("step_rate") if rules.get("clock") == Clock.REALTIME else None
-    if isinstance(rate, int | float) and MIN_RATE <= rate <= MAX_RATE:
-        return float(rate)
-    return DEFAULT_RATE
+    return real_time_rate(rules) or DEFAULT_RATE
