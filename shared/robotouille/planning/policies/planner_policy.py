@@ -17,7 +17,7 @@ from __future__ import annotations
 import logging
 import random
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
@@ -26,6 +26,7 @@ from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.making_way import missing_deed, station_in_the_way
 from robotouille.planning.policies.past_step import PastStep
+from robotouille.planning.policies.plan_watch import Company, PlanBase, PlanWatch, facts_about
 from robotouille.planning.policies.script import Did, Script
 from robotouille.planning.policies.standing import (
     leads_to,
@@ -33,7 +34,7 @@ from robotouille.planning.policies.standing import (
     walks_aside,
     walks_out_of_the_way,
 )
-from robotouille.planning.policies.team_plan import WAYS, Reliance, TeamPlanner
+from robotouille.planning.policies.team_plan import Reliance, TeamPlanner
 from robotouille.planning.policies.team_search import EXPANSIONS, NEAR, TeamSearch
 from robotouille.planning.policies.team_talk import (
     TOLD,
@@ -57,12 +58,6 @@ logger = logging.getLogger(__name__)
 
 RECONSIDER = 4
 """Steps after which a team whose plan may be too long looks for a shorter one."""
-
-PATIENCE = 2
-"""Steps for each seat in which nothing goes on, before a team plans anew."""
-
-SLOW = 10
-"""How much more of them a team waits in real time for one of it that thinks."""
 
 MAX_CATCHING_UP = 3
 """Plans that are made for one decision, because what was done meanwhile was something else."""
@@ -109,7 +104,6 @@ class PlannerPolicy:
         self._punctual = world.task.timing is Timing.BENCHMARK
         self._hurried = not self._punctual
         self._lockstep = False
-        self._patience = PATIENCE * len(world.players)
         self._anytime = anytime or AnytimePlanner(World(world.task))
         shared_seed = seed if alone or self._only else 0
         self._search = TeamSearch(self._anytime, shared_seed, expansions)
@@ -120,10 +114,10 @@ class PlannerPolicy:
         self._state = start
         self._talk = Talk(silent=self._silent)
         self.anticipating = False
-        self._relies_on = Reliance.TEAM
-        self._cut_off = self._walks_matter = False
+        self._watch: PlanWatch | None = None
+        self._needed: PlanBase | None = None
         self._steps_left = 0
-        self._may_improve = self._meddled = False
+        self._may_improve = False
         self._in_vain: dict[State, int] = {}
         self._retry = RETRY
         self._unheeded: deque[PastStep] = deque()
@@ -136,7 +130,7 @@ class PlannerPolicy:
     def has_plan(self) -> bool:
         """Whether the last search found a plan. Without one the seat does what would be right if
         others made way; if there is no plan even then, it comes as near to the goal as it can."""
-        return self._relies_on is Reliance.TEAM
+        return self._watch is None or self._watch.relies_on is Reliance.TEAM
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         """Who moves each player now: `bot`, `human`, `model` and the like; and the clock. Only
@@ -178,22 +172,25 @@ class PlannerPolicy:
         if self._state is not None:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
             self._unheeded.append(PastStep(self._step, self._state, own))
-            self._heed()
+            self._catch_up()
 
-    def _heed(self) -> None:
+    def _catch_up(self) -> None:
         """Go through what has happened since the plan was found to be needed, as those have that
         had it at once."""
-        while self._script is not None and self._unheeded:
+        while self._unheeded:
+            watch = self._followed
+            if watch is None:
+                return
             past = self._unheeded.popleft()
             self._steps_left -= 1
-            self._meddled = self._meddled or past.is_meddling(self._team)
-            self._script.observe(past.did, self._may_walk)
-            if self._heed_astray(past):
-                continue
-            if self.has_plan:
-                self._heed_delay(past)
-            else:
-                self._heed_standstill(past)
+            verdict = watch.heed(past, self._company)
+            if verdict.way_is_free:
+                self._talk.met()
+            if self.player in verdict.without:
+                self._talk.announce()
+            self._team -= verdict.without - {self.player}
+            if not verdict.keeps:
+                self._drop_plan(past)
 
     def speak(self) -> list[str]:
         """What there is to be said since this was last asked; what is asked of others, as it is
@@ -206,51 +203,22 @@ class PlannerPolicy:
 
     def _wish(self) -> str:
         """What this seat asks of others for the team, in the present state."""
-        state, script = self._state, self._script
-        if state is None or script is None or state.goal_reached or self.player != min(self._team):
+        state, watch = self._state, self._followed
+        if state is None or watch is None or state.goal_reached or self.player != min(self._team):
             return ""
         others = self._outsiders
         deed = None
-        if self._relies_on is Reliance.EVERYBODY and self._stuck > self._patience:
-            deed = missing_deed(script, state, others, self._rules)
-        elif self._relies_on is not Reliance.OTHERS_ASIDE:
+        if watch.relies_on is Reliance.EVERYBODY and watch.is_stuck:
+            deed = missing_deed(watch.script, state, others, self._rules)
+        elif watch.relies_on is not Reliance.OTHERS_ASIDE:
             return ""
         if deed is not None:
             return appeal(self._own(deed), state, self._wording)
-        station = station_in_the_way(script.rest(self._team), state, others)
+        station = station_in_the_way(watch.script.rest(self._team), state, others)
         return "" if station is None else request(station, state, self._wording)
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
-
-    def _may_see_a_way(self, state: State, script: Script) -> bool:
-        """Whether what has changed may have opened a way, or closed the one that was hoped for."""
-        if self._relies_on is Reliance.EVERYBODY:  # Who does their part does what is hoped for.
-            meddled = not script.astray <= self._team
-        else:
-            meddled = self._meddled
-        walked = self._walked_elsewhere(state, script)
-        done = script.is_finished(self._team) and state != self._base
-        return meddled or walked or (done and not self._cut_off)
-
-    def _walked_elsewhere(self, state: State, script: Script) -> bool:
-        """Whether others have walked from where they were in the way to where they are, as well; or
-        where it is not known that they are, to where they are not."""
-        others = self._outsiders
-        if self._relies_on is Reliance.OTHERS_ASIDE and self._base is not None:
-            station = station_in_the_way(script.rest(self._team), state, others)
-            return station not in {None, *(standing_at(self._base, player) for player in others)}
-        if self._about_others(state) == self._others:
-            return False
-        opened = self._cut_off and not self._anytime.is_cut_off(state, self._team)
-        return opened or self._walks_matter
-
-    def _about_others(self, state: State) -> int:
-        """The facts about players who are not of the team."""
-        facts = 0
-        for player in self._outsiders:
-            facts |= state.facts & self._world.table.mentions(player)
-        return facts
 
     def _own(self, action: GroundAction) -> GroundAction:
         """An action of another copy of the world."""
@@ -259,80 +227,32 @@ class PlannerPolicy:
         self._world.admit(action.arguments)
         return self._world.action(action.name, *action.arguments)
 
+    @property
+    def _followed(self) -> PlanWatch | None:
+        """The plan that is followed; None where another one is needed."""
+        return self._watch if self._needed is None else None
+
+    @property
+    def _script(self) -> Script | None:
+        """This seat's part of it."""
+        return None if self._followed is None else self._followed.script
+
     def _drop_plan(self, past: PastStep | None = None) -> None:
         """Follow the plan no more. Once an action is asked for, another one is made: from here, or
         from a step that has passed."""
-        self._script: Script | None = None
         if past is None:
             self._unheeded.clear()
-        self._planned = self._step if past is None else past.step
-        self._base = self._state if past is None else past.state
-        self._others = 0 if self._base is None else self._about_others(self._base)
-        self._meddled = False
-        self._stuck = self._blocked = self._waited = 0
+        step, state = (self._step, self._state) if past is None else (past.step, past.state)
+        if state is not None:
+            self._needed = PlanBase(step, state, facts_about(self._outsiders, state))
+        self._waited = 0
 
-    def _leave_out(self, players: set[str], past: PastStep | None = None) -> None:
+    def _leave_out(self, players: set[str]) -> None:
         """Do not count on some players any more."""
         players = players & self._team - {self.player}
         if players:
             self._team -= players
-            self._drop_plan(past)
-
-    def _heed_astray(self, past: PastStep) -> bool:
-        """Plan anew where somebody of the team does what the plan does not say."""
-        astray = self._script.astray & self._team if self._script is not None else set()
-        if not astray:
-            return False
-        self._team -= astray - {self.player}
-        if self.player in astray:
-            self._talk.announce()
-        self._drop_plan(past)
-        return True
-
-    def _heed_delay(self, past: PastStep) -> None:
-        """Plan anew where others are in the way, or somebody of the team does nothing."""
-        script, state = self._script, past.state
-        if script is None or state.goal_reached:
-            return
-        due = {p: script.due(p, state) for p in self._team if not state.busy_steps(p)}
-        blocked = {p for p, a in due.items() if a and not state.world.applicable(state, a)}
-        busy = past.has_acted(self._team) or past.is_running(self._team)
-        taken = {standing_at(state, player) for player in self._outsiders}
-        in_the_way = any(a and leads_to(a, taken) for a in due.values())
-        running = past.is_running(self._team)
-        self._blocked = self._blocked + 1 if in_the_way or (blocked and not running) else 0
-        self._stuck = 0 if busy else self._stuck + 1
-        if (blocked and past.is_meddling(self._team)) or self._blocked > self._patience:
-            self._drop_plan(past)
-        elif self._stuck > self._patience:
-            late = {p for p, a in due.items() if a and p not in blocked} - {self.player}
-            if not late:
-                self._drop_plan(past)
-            elif not self._hurried or self._stuck > SLOW * self._patience:
-                self._leave_out(late, past)
-
-    def _heed_standstill(self, past: PastStep) -> None:
-        """Without a plan of one's own: plan anew where others may have opened a way, or where bots
-        wait for each other."""
-        script, state = self._script, past.state
-        if script is None:
-            return
-        busy = past.has_acted(self._team) or past.is_running(self._team)
-        self._stuck = 0 if busy else self._stuck + 1
-        among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in self._outsiders)
-        untried = among_bots and self._in_vain.get(state, 0) < len(WAYS)
-        due = past.step - self._planned >= self._retry
-        opened = due and self._may_see_a_way(state, script)
-        if opened or (untried and self._stuck > self._patience):
-            self._drop_plan(past)
-        elif self._relies_on is Reliance.OTHERS_ASIDE and not self._meddled:
-            self._heed_way(state, script)
-
-    def _heed_way(self, state: State, script: Script) -> None:
-        """Where nobody stands in the way any more, the plan is good as it is."""
-        if station_in_the_way(script.rest(self._team), state, self._outsiders) is None:
-            self._relies_on = Reliance.TEAM
-            self._talk.met()
+            self._drop_plan()
 
     # What the seat does
 
@@ -351,8 +271,9 @@ class PlannerPolicy:
         if self._yielding_until > self._step:
             return self._step_aside(state)
         for _ in range(MAX_CATCHING_UP):
-            if self._script is None:
-                self._make_plan(self._base or state)
+            if self._needed is not None:
+                self._make_plan(self._needed)
+                self._catch_up()  # What was done meanwhile may be against the plan.
         if self._script is None:
             return None
         if self._may_improve and self._only:
@@ -382,19 +303,18 @@ class PlannerPolicy:
         return script.waits(state) or (script.finished and not (self.has_plan or self._only))
 
     def _scripted(self, state: State) -> GroundAction | None:
-        if self._script is None:
+        watch = self._followed
+        if watch is None:
             return None
-        if not self._lockstep or self._relies_on is Reliance.EVERYBODY:
-            return self._script.act(state)
-        action, self.anticipating = self._script.joint(state).get(self.player, (None, False))
+        if not self._lockstep or watch.relies_on is Reliance.EVERYBODY:
+            return watch.script.act(state)
+        action, self.anticipating = watch.script.joint(state).get(self.player, (None, False))
         return action
 
-    def _make_plan(self, base: State) -> None:
-        """Make a plan from the state in which it was found to be needed."""
-        tried = self._in_vain.get(base, 0)
-        made = self._planner.make(base, self._team, hurried=self._hurried, tried=tried)
-        self._relies_on, self._cut_off = made.relies_on, made.cut_off
-        self._walks_matter = made.aside_untried
+    def _make_plan(self, base: PlanBase) -> None:
+        """Make a plan from where it was found to be needed, and follow it."""
+        tried = self._in_vain.get(base.state, 0)
+        made = self._planner.make(base.state, self._team, hurried=self._hurried, tried=tried)
         self._may_improve = False
         if made.relies_on is Reliance.TEAM:
             self._talk.met()
@@ -402,12 +322,20 @@ class PlannerPolicy:
             self._may_improve = self._punctual and self._is_worth_improving(made.found)
         else:
             logger.debug("%s finds no plan from here", self.player)
-            self._in_vain[base] = tried + 1
+            self._in_vain[base.state] = tried + 1
         helpless = made.relies_on is Reliance.NOTHING and not made.found.unsolvable
         self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
         if helpless and self._outsiders and self.player == min(self._team):
             self._talk.despair()
-        self._follow(made.plan, made.base)
+        self._watch = PlanWatch(
+            made,
+            self._part_of(made.plan, made.base),
+            base,
+            retry=self._retry,
+            in_vain=self._in_vain,
+            is_cut_off=self._anytime.is_cut_off,
+        )
+        self._needed = None
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
@@ -417,7 +345,7 @@ class PlannerPolicy:
         """
         for result in self._search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
-                self._follow(result.plan, state)
+                self._follow_instead(result.plan, state)
             self._may_improve = result.plan is None or self._steps_left > result.bound
 
     def _is_worth_improving(self, result: SearchResult) -> bool:
@@ -432,15 +360,19 @@ class PlannerPolicy:
         choices = self._planner.choices(team)
         found = self._search.once(state, team, choices=choices, after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
-            self._base = state
-            self._follow(found.plan, state)
+            self._follow_instead(found.plan, state)
         self._may_improve = self._steps_left > NEAR * found.bound
 
-    def _follow(self, plan: Plan, base: State) -> None:
+    def _follow_instead(self, plan: Plan, state: State) -> None:
+        """Follow a shorter plan for the rest."""
+        if self._followed is not None:
+            self._followed.script = self._part_of(plan, state)
+
+    def _part_of(self, plan: Plan, base: State) -> Script:
+        """This seat's part of a plan that is to be followed from now on."""
         direct = self._hurried and bool(self._outsiders)
-        self._script = Script(self.player, plan, self._anytime.in_model(base), direct=direct)
         self._steps_left = len(plan)
-        self._heed()
+        return Script(self.player, plan, self._anytime.in_model(base), direct=direct)
 
     # Others who are no planners
 
@@ -458,9 +390,10 @@ class PlannerPolicy:
         return [p for p in self._world.players if p not in self._team]
 
     @property
-    def _may_walk(self) -> Collection[str]:
-        """Who may walk where the plan does not say: all, if only to make way for others."""
-        return self._world.players if self._outsiders else ()
+    def _company(self) -> Company:
+        others = self._outsiders
+        among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in others)
+        return Company(self._team, others, among_bots=among_bots, hurried=self._hurried)
 
     def _is_idle(self, state: State) -> bool:
         """Whether the seat has nothing to do, and may be in the way of others."""
@@ -476,11 +409,12 @@ class PlannerPolicy:
     def _waits_for_others(self, state: State, action: GroundAction | None) -> bool:
         """Whether what the seat has left to do has to wait for somebody who is not of the team: for
         their part of the plan, or since they stand where it is about to go."""
-        script, others = self._script, self._outsiders
-        if script is None or not others or script.finished:
+        watch, others = self._followed, self._outsiders
+        if watch is None or not others or watch.script.finished:
             return False
+        script = watch.script
         at_work = action is not None and action.destination is None
-        if not at_work and self._relies_on is Reliance.EVERYBODY and script.waits_for(others):
+        if not at_work and watch.relies_on is Reliance.EVERYBODY and script.waits_for(others):
             return True
         due = script.due(self.player, state) if action is None else None
         return due is not None and leads_to(due, {standing_at(state, p) for p in others})
