@@ -11,7 +11,7 @@ from robotouille.planning.policies.standing import standing_at, walk_to
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
-__all__ = ["Did", "Script", "does_something"]
+__all__ = ["Did", "Script", "depend", "does_something", "running_effects"]
 
 Did = Sequence[tuple[str, GroundAction, bool]]
 """The actions of a step: player, action, and whether it was applied."""
@@ -55,10 +55,10 @@ class Script:
         self._rehearse(plan, start)
 
     def _rehearse(self, plan: Plan, state: State) -> None:
-        begun = _running(state)
+        begun = running_effects(state)
         at = {player: standing_at(state, player) for player in self._rows}
         for step, actions in enumerate(plan):
-            running = _running(state)
+            running = running_effects(state)
             self._finished.append(frozenset(begun - running))
             for place, action in enumerate(actions):
                 player = action.player or self.player
@@ -66,7 +66,7 @@ class Script:
                 self._rows[player].append(row)
                 at[player] = action.destination or at[player]
             state = state.step(list(actions)).state
-            begun |= _running(state)
+            begun |= running_effects(state)
 
     def _needs(self, player: str, action: GroundAction) -> dict[str, int]:
         needs = {}
@@ -74,7 +74,7 @@ class Script:
             if other == player:
                 continue
             for number in range(len(rows), 0, -1):
-                if _depend(rows[number - 1].action, action):
+                if depend(rows[number - 1].action, action):
                     needs[other] = number
                     break
         return needs
@@ -170,7 +170,7 @@ class Script:
         return walk_to(state, player, walks[-1].action.destination)
 
     def _is_time(self, row: _Row, state: State, chosen: Collection[str] = ()) -> bool:
-        if _running(state) & self._finished[row.step]:
+        if running_effects(state) & self._finished[row.step]:
             return False
         return all(self._done[p] + (p in chosen) >= count for p, count in row.needs.items())
 
@@ -200,7 +200,7 @@ class Script:
         """Whether the seat has something left to do that is not possible yet, and no effect that
         runs is the cause: somebody has to come first, or to make room."""
         row = self._next(self.player)
-        if row is None or _running(state) & self._finished[row.step]:
+        if row is None or running_effects(state) & self._finished[row.step]:
             return False
         return self.act(state) is None
 
@@ -228,10 +228,11 @@ def does_something(action: GroundAction) -> bool:
     return bool(action.touched or action.effects)
 
 
-def _depend(one: GroundAction, other: GroundAction) -> bool:
-    """Whether it matters which of two actions comes first."""
+def depend(one: GroundAction, other: GroundAction, *, but: int = 0) -> bool:
+    """Whether it matters which of two actions comes first, `but` for some facts."""
     reads, other_reads = one.tested | one.reads, other.tested | other.reads
-    return bool(one.touched & (other_reads | other.touched) or other.touched & reads)
+    shared = one.touched & (other_reads | other.touched) | other.touched & reads
+    return bool(shared & ~but)
 
 
 def _here(world: World, action: GroundAction) -> GroundAction | None:
@@ -241,5 +242,6 @@ def _here(world: World, action: GroundAction) -> GroundAction | None:
     return world.action(action.name, *action.arguments)
 
 
-def _running(state: State) -> set[str]:
+def running_effects(state: State) -> set[str]:
+    """The effects of delayed and repeated actions that are not over."""
     return {str(effect) for effect, _ in state.timers.entries}

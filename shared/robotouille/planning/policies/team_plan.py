@@ -13,6 +13,7 @@ from enum import Enum, auto
 
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
+from robotouille.planning.policies.deferral import defer_blocked
 from robotouille.planning.policies.making_way import with_others_aside
 from robotouille.planning.policies.team_search import TeamSearch
 from robotouille.planning.search_result import Proof, SearchResult
@@ -113,7 +114,9 @@ class TeamPlanner:
                 start = self._others_aside(base, team)
                 found = NOT_FOUND if start is None else self._find(start, team)
                 if start is not None and found.plan is not None:
-                    return TeamPlan(found.plan, start, Reliance.OTHERS_ASIDE, cut_off=cut_off)
+                    here = self._anytime.in_model(base)
+                    plan = defer_blocked(found.plan, start, here, team)
+                    return TeamPlan(plan, start, Reliance.OTHERS_ASIDE, cut_off=cut_off)
             elif team != self._players:
                 found = self._find(base, self._players)
                 if found.plan is not None:
