@@ -54,6 +54,7 @@ class Script:
         self.said: list[str] = []
         self.bubbles: tuple[Bubble, ...] = ()
         self.slow = slow
+        self.step_seconds: float | None = None
         self._asked: GroundAction | None = None
 
     @property
@@ -67,7 +68,15 @@ class Script:
     def view(self) -> View:
         before = self.states[-2] if len(self.states) > 1 else None
         step = len(self.states) - 1
-        return View(self.world, self.state, before, step, me=self.me, bubbles=self.bubbles)
+        return View(
+            self.world,
+            self.state,
+            before,
+            step,
+            me=self.me,
+            bubbles=self.bubbles,
+            step_seconds=self.step_seconds,
+        )
 
     def act(self, action: GroundAction) -> None:
         self.acted.append(action)

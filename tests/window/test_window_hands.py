@@ -169,8 +169,11 @@ def test_what_cooks_by_itself_is_not_taken_by_the_same_key() -> None:
         table.press(*[ARROWS[c] for c in way(table.source.state, me, station)], pygame.K_e)
     assert table.press(pygame.K_e)[-1] == "cook"
     done = len(table.source.acted)
+    table.source.step_seconds = 0.2
     assert len(table.press(pygame.K_e)) == done
     assert "wait until it is done" in table.overlay().prompt.lower()
+    table.source.step_seconds = None  # Nothing goes on before one has decided.
+    assert table.press(pygame.K_e)[-1] == "wait"
 
 
 def test_the_list_has_all_actions_and_digits_pick(table: Table) -> None:

@@ -175,7 +175,14 @@ def _pressed(controls: Controls, key: str, view: View) -> Meaning:
 
 
 def _used(controls: Controls, key: str, view: View) -> Meaning:
-    return use(controls, view.state, view.me or "", key)
+    """What the one key means; where a step waits for decisions, to wait is one."""
+    state, me = view.state, view.me or ""
+    meaning = use(controls, state, me, key)
+    if meaning.hint != WAIT or view.step_seconds is not None:
+        return meaning
+    idle = (action for action in possible(state, me) if not (action.touched or action.effects))
+    waits = next(idle, None)
+    return Meaning(waits, WAIT, waits is not None)
 
 
 def _walked(controls: Controls, direction: tuple[int, int], view: View) -> Meaning:
