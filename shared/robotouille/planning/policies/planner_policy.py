@@ -357,8 +357,7 @@ class PlannerPolicy:
     def _improve_together(self, state: State) -> None:
         """Look for a shorter plan for the rest: all of the team do, in the same step."""
         team = tuple(sorted(self._team))
-        choices = self._planner.choices(team)
-        found = self._search.once(state, team, choices=choices, after=self._step)
+        found = self._search.once(state, team, self._planner.effort(team), after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
             self._follow_instead(found.plan, state)
         self._may_improve = self._steps_left > NEAR * found.bound

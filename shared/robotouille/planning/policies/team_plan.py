@@ -15,7 +15,7 @@ from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.deferral import defer_blocked
 from robotouille.planning.policies.making_way import with_others_aside
-from robotouille.planning.policies.team_search import TeamSearch
+from robotouille.planning.policies.team_search import Effort, TeamSearch
 from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.world.world import State
 
@@ -73,9 +73,6 @@ class TeamPlanner:
         self._search = search
         self._alone = alone
         self._players = tuple(sorted(anytime.model.players))
-        self._hurried = self._brief = False
-        self._choices = 1
-        self._spent = 0
 
     def make(
         self, base: State, team: Collection[str], *, hurried: bool, tried: int = 0
@@ -87,37 +84,65 @@ class TeamPlanner:
             tried: How often plans from there have come to nothing: where the team finds none of its
                 own, it counts on others in another way each time.
         """
-        self._hurried, self._spent = hurried, 0
-        seats = tuple(sorted(team))
-        self._choices = self.choices(seats)
-        self._brief = hurried and self._choices > 1
-        cut_off = not self._alone and self._anytime.is_cut_off(base, seats)
-        found = NOT_FOUND if cut_off else self._find(base, seats)
+        seats, effort = tuple(sorted(team)), self.effort(team, hurried=hurried)
+        decision = _Decision(
+            self._anytime, self._search, base, seats, effort, tried=tried, alone=self._alone
+        )
+        return decision.plan()
+
+    def effort(self, team: Collection[str], *, hurried: bool = False) -> Effort:
+        """What a plan for a team may take; others may stand in the way of the first choice."""
+        all_ours = self._alone or len(team) == len(self._players)
+        return Effort(choices=1 if all_ours else CHOICES, hurried=hurried)
+
+
+class _Decision:
+    """One call for a plan: for whom, what it may cost, and what it has cost so far."""
+
+    def __init__(
+        self,
+        anytime: AnytimePlanner,
+        search: TeamSearch,
+        base: State,
+        team: tuple[str, ...],
+        effort: Effort,
+        *,
+        tried: int,
+        alone: bool,
+    ) -> None:
+        self._anytime = anytime
+        self._search = search
+        self._base = base
+        self._team = team
+        self._players = tuple(sorted(anytime.model.players))
+        self._alone = alone
+        self._effort = effort
+        self._tried = tried
+        self._cut_off = not alone and anytime.is_cut_off(base, team)
+        self._spent = 0
+
+    def plan(self) -> TeamPlan:
+        """The plan of the team's own, or else what there is instead."""
+        found = NOT_FOUND if self._cut_off else self._find(self._base, self._team)
         if found.plan is not None:
-            return TeamPlan(found.plan, base, Reliance.TEAM, found)
+            return TeamPlan(found.plan, self._base, Reliance.TEAM, found)
         if found.unsolvable:
-            return TeamPlan(Plan(()), base, Reliance.NOTHING, found)
-        way = self._way(base, seats, tried, cut_off=cut_off)
-        return way or self._nearer(base, seats, tried, cut_off=cut_off)
+            return TeamPlan(Plan(()), self._base, Reliance.NOTHING, found)
+        return self._way() or self._nearer()
 
-    def choices(self, team: Collection[str]) -> int:
-        """How many choices of objects are tried: others may stand in the way of the first."""
-        return 1 if self._alone or len(team) == len(self._players) else CHOICES
-
-    def _way(
-        self, base: State, team: tuple[str, ...], tried: int, *, cut_off: bool
-    ) -> TeamPlan | None:
+    def _way(self) -> TeamPlan | None:
         """A plan as if others made way or did their part; the other one first where that was in
         vain."""
+        base, tried, cut_off = self._base, self._tried, self._cut_off
         for number in range(tried, tried + len(WAYS)):
             if WAYS[number % len(WAYS)] is Reliance.OTHERS_ASIDE:
-                start = self._others_aside(base, team)
-                found = NOT_FOUND if start is None else self._find(start, team)
+                start = self._others_aside()
+                found = NOT_FOUND if start is None else self._find(start, self._team)
                 if start is not None and found.plan is not None:
                     here = self._anytime.in_model(base)
-                    plan = defer_blocked(found.plan, start, here, team)
+                    plan = defer_blocked(found.plan, start, here, self._team)
                     return TeamPlan(plan, start, Reliance.OTHERS_ASIDE, cut_off=cut_off)
-            elif team != self._players:
+            elif self._team != self._players:
                 found = self._find(base, self._players)
                 if found.plan is not None:
                     untried = number == tried and number % len(WAYS) > 0
@@ -130,27 +155,28 @@ class TeamPlanner:
                     )
         return None
 
-    def _nearer(self, base: State, team: tuple[str, ...], tried: int, *, cut_off: bool) -> TeamPlan:
+    def _nearer(self) -> TeamPlan:
         """A plan by a wider search, where there is time; without any, what leads nearer."""
-        if not (self._alone or self._hurried or tried):
+        base, team = self._base, self._team
+        if not (self._alone or self._effort.hurried or self._tried):
             found = self._search.wide(base, team)
             if found.plan is not None:
                 return TeamPlan(found.plan, base, Reliance.TEAM, found)
         plan = Plan(())
-        if not cut_off:
-            plan = self._search.towards(base, team, choices=self._choices, brief=self._brief)
-        return TeamPlan(plan, base, Reliance.NOTHING, cut_off=cut_off)
+        if not self._cut_off:
+            plan = self._search.towards(base, team, self._effort)
+        return TeamPlan(plan, base, Reliance.NOTHING, cut_off=self._cut_off)
 
-    def _others_aside(self, base: State, team: tuple[str, ...]) -> State | None:
+    def _others_aside(self) -> State | None:
         """The state in which others have made way; None if that does not help."""
-        here = self._anytime.in_model(base)
-        aside = with_others_aside(here, [p for p in self._players if p not in team])
-        return None if aside == here or self._anytime.is_cut_off(aside, team) else aside
+        here = self._anytime.in_model(self._base)
+        aside = with_others_aside(here, [p for p in self._players if p not in self._team])
+        return None if aside == here or self._anytime.is_cut_off(aside, self._team) else aside
 
     def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """A plan for some players; where people play on meanwhile, with little work."""
-        if not self._brief:
-            return self._search.best(state, team, in_a_hurry=self._hurried, choices=self._choices)
-        found = self._search.brief(state, team, choices=self._choices, spent=self._spent)
+        if not self._effort.brief:
+            return self._search.best(state, team, self._effort)
+        found = self._search.brief(state, team, self._effort, spent=self._spent)
         self._spent += found.expansions
         return found

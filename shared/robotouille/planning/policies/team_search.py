@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
@@ -10,7 +11,7 @@ from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.world.world import State
 
-__all__ = ["EXPANSIONS", "MAX_BRIEF", "NEAR", "TeamSearch"]
+__all__ = ["EXPANSIONS", "MAX_BRIEF", "NEAR", "Effort", "TeamSearch"]
 
 EXPANSIONS = 2_000
 """Of the beam search, for each plan of a team."""
@@ -45,6 +46,20 @@ NEAR = 1.11
 """By how much a plan may be longer than what is proven before a team makes another."""
 
 
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """What a plan for a team may take: `choices` of objects for the goal are tried; `hurried` says
+    that the game goes on meanwhile."""
+
+    choices: int = 1
+    hurried: bool = False
+
+    @property
+    def brief(self) -> bool:
+        """Whether all that is sought for one decision has a bound."""
+        return self.hurried and self.choices > 1
+
+
 class TeamSearch:
     """Searches for a team: from the same state, with the same seed, all of it find the same plan.
 
@@ -59,41 +74,33 @@ class TeamSearch:
         self._brief = min(expansions, BRIEF)
         self._one_seat = len(anytime.model.players) == 1
 
-    def best(
-        self, state: State, team: tuple[str, ...], *, in_a_hurry: bool, choices: int
-    ) -> SearchResult:
+    def best(self, state: State, team: tuple[str, ...], effort: Effort) -> SearchResult:
         """The best of some plans for a team; the first one, where its players are in a hurry."""
-        best = self.once(state, team, choices=choices, in_a_hurry=in_a_hurry)
+        best = self.once(state, team, effort)
         if self._one_seat and best.plan is None and not best.unsolvable:
             return self._anytime.first(state, STUBBORN, seed=self._seed)
-        attempts = 1 if len(team) == 1 or in_a_hurry else ATTEMPTS
+        attempts = 1 if len(team) == 1 or effort.hurried else ATTEMPTS
         for number in range(1, attempts):
             if best.unsolvable or (best.plan is not None and len(best.plan) <= NEAR * best.bound):
                 break
-            found = self.once(state, team, choices=choices, after=number)
+            found = self.once(state, team, effort, after=number)
             best = found if _is_shorter(found, best) else best
         return best
 
     def once(
-        self,
-        state: State,
-        team: tuple[str, ...],
-        *,
-        choices: int,
-        after: int = 0,
-        in_a_hurry: bool = False,
+        self, state: State, team: tuple[str, ...], effort: Effort, *, after: int = 0
     ) -> SearchResult:
         """One plan; another with each number `after`."""
-        together = HURRIED if in_a_hurry else TOGETHER
+        together = HURRIED if effort.hurried else TOGETHER
         limits = ALONE if len(team) == 1 else together
         seed = self._seed + after
         *_, found = self._anytime.search(
-            state, limits, team=team, seed=seed, beam=self._expansions, choices=choices
+            state, limits, team=team, seed=seed, beam=self._expansions, choices=effort.choices
         )
         return found
 
     def brief(
-        self, state: State, team: tuple[str, ...], *, choices: int, spent: int
+        self, state: State, team: tuple[str, ...], effort: Effort, *, spent: int
     ) -> SearchResult:
         """The first plan that is found with little work, of what a decision has left."""
         beam = min(self._brief, (MAX_BRIEF - spent) // UNSOLVED_FACTOR)
@@ -101,7 +108,13 @@ class TeamSearch:
             return SearchResult(None, 0, Proof.NONE, PLANNER, 0)
         return next(
             self._anytime.search(
-                state, HURRIED, team=team, seed=self._seed, beam=beam, choices=choices, brief=True
+                state,
+                HURRIED,
+                team=team,
+                seed=self._seed,
+                beam=beam,
+                choices=effort.choices,
+                brief=True,
             )
         )
 
@@ -115,12 +128,12 @@ class TeamSearch:
         """Better and better plans for one who is alone, as far as a decision leaves time."""
         return self._anytime.search(state, ALONE, beam=0)
 
-    def towards(self, state: State, team: tuple[str, ...], *, choices: int, brief: bool) -> Plan:
+    def towards(self, state: State, team: tuple[str, ...], effort: Effort) -> Plan:
         """As near to the goal as the team gets without a plan: as far as `brief` or `best` got."""
-        if not brief:
+        if not effort.brief:
             return self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
         return self._anytime.towards(
-            state, team=team, seed=self._seed, beam=self._brief, choices=choices, brief=True
+            state, team=team, seed=self._seed, beam=self._brief, choices=effort.choices, brief=True
         )
 
 
