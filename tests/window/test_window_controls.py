@@ -244,7 +244,7 @@ def test_who_is_busy_does_nothing(play) -> None:
     state = play(world, "move table2")[-1]
     found = Controls(world).click(state, "robot1", "table3")
     assert found.action is None
-    assert found.hint.startswith("busy for")
+    assert found.hint.startswith("you are busy for")
 
 
 def test_options_are_the_keys_that_do_something(play) -> None:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import pygame
 
 from robotouille_client.window.drawing.kitchen.motion import Pose
-from robotouille_client.window.drawing.kitchen.spots import HEAD
+from robotouille_client.window.drawing.kitchen.spots import HEAD, player_area
 from robotouille_client.window.drawing.placement import Label, Place, place_labels
+from robotouille_client.window.drawing.tips import Listing, Tip, Tips
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
-from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.badges import badge, seat_fill
 from robotouille_client.window.pictures.shapes import box, pill, speech
 from robotouille_client.window.pictures.sprites import Sprites
@@ -24,20 +24,16 @@ from robotouille_client.window.pictures.theme import (
     PAPER,
     REASON,
     REASON_EDGE,
-    TEXT,
 )
 from robotouille_client.window.view import Bubble, SeatView, View
 
-__all__ = ["Labels", "Listing"]
+__all__ = ["Labels"]
 
 _MAX_KEPT = 200
 _FEET = 0.83
 """Where a name begins below the upper edge of its player's tile, in tiles."""
 
 _REASON, _TIP, _SAID, _OWN_NAME, _NAME = 5, 4, 3, 2, 1
-
-
-Listing = tuple[tuple[Appearance | None, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +46,6 @@ class _Words:
     bubble: Bubble | None = None
     body: pygame.Rect | None = None
     tag: pygame.Surface | None = None
-    listed: Listing = ()
 
 
 class Labels:
@@ -58,7 +53,7 @@ class Labels:
 
     def __init__(self, text: Typesetter, sprites: Sprites) -> None:
         self._text = text
-        self._sprites = sprites
+        self._tips = Tips(text, sprites)
         self._places: dict[Hashable, Place] = {}
         self._tags: dict[tuple[object, ...], pygame.Surface] = {}
 
@@ -70,27 +65,29 @@ class Labels:
         poses: dict[str, Pose],
         overlay: UiOverlay,
         *,
+        hovered: pygame.Rect | None,
         listed: Listing,
         blocked: Sequence[pygame.Rect],
         avoided: Sequence[pygame.Rect],
         spared: Sequence[pygame.Rect],
     ) -> None:
-        """All words that fit beside what is `blocked`, as `place_labels` has it; `listed` is told
-        below the tips."""
-        words = [
-            *self._names(layout, view, poses),
-            *self._bubbles(layout, view, poses),
-            *self._tips(layout, overlay, listed),
-        ]
+        """All words that fit beside what is `blocked`, as `place_labels` has it; the tips and what
+        is `listed` are about what is `hovered`."""
+        words = [*self._names(layout, view, poses), *self._bubbles(layout, view, poses)]
+        tips = list(self._told(layout, view, poses, overlay, hovered, listed))
         told = overlay.keys or overlay.hints or overlay.prompt or overlay.queued
         below = layout.text * 2 if told else 0  # The strip of keys.
         area = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - below).inflate(-6, -6)
-        labels = [each.label for each in words]
+        labels = [each.label for each in (*words, *tips)]
         self._places = place_labels(labels, area, blocked, avoided, spared, self._places)
         for each in words:
             place = self._places.get(each.label.key)
             if place is not None:
                 self._write(target, layout, each, place.area)
+        for tip in tips:
+            place = self._places.get(tip.label.key)
+            if place is not None:
+                self._tips.draw(target, layout, tip, place.area)
 
     def places(self) -> dict[Hashable, pygame.Rect]:
         """Where the words of the last view are."""
@@ -102,26 +99,11 @@ class Labels:
         if words.tag is not None:
             target.blit(words.tag, area)
             return
-        pad, ink = _pad(layout), TEXT
-        if words.bubble is None:
-            target.blit(box(area.size, (*INK, 240), pad), area)
-        else:
-            ink = self._speech(target, layout, words, area)
+        pad, ink = _pad(layout), self._speech(target, layout, words, area)
         step = self._text.height(words.size)
         for i, line in enumerate(words.lines):
             drawn = self._text.line(line, words.size, ink)
             target.blit(drawn, (area.x + pad, area.y + pad // 2 + 1 + i * step))
-        self._list(target, words, area.x + pad, area.y + pad // 2 + 1 + len(words.lines) * step)
-
-    def _list(self, target: pygame.Surface, words: _Words, x: int, y: int) -> None:
-        """Things, each with its picture."""
-        step = _row(words.size)
-        for appearance, name in words.listed:
-            if appearance is not None:
-                target.blit(self._sprites.of(appearance, step), (x, y))
-            drawn = self._text.line(name, words.size, TEXT)
-            target.blit(drawn, drawn.get_rect(midleft=(x + step + 4, y + step // 2)))
-            y += step
 
     # Names
 
@@ -231,33 +213,32 @@ class Labels:
 
     # What the mouse points at
 
-    def _tips(self, layout: Layout, overlay: UiOverlay, listed: Listing) -> Iterator[_Words]:
+    def _told(
+        self,
+        layout: Layout,
+        view: View,
+        poses: dict[str, Pose],
+        overlay: UiOverlay,
+        hovered: pygame.Rect | None,
+        listed: Listing,
+    ) -> Iterator[Tip]:
+        """What is under the mouse, beside it; and what one is busy with oneself."""
         if overlay.pointer is None:
             return
-        size, pad = layout.text, _pad(layout)
-        most = max(120, layout.size[0] // 3)
-        lines = tuple(line for tip in overlay.tips for line in self._text.wrap(tip, size, most, 6))
-        if not lines and not listed:
+        if hovered is None:
+            if overlay.tips:
+                yield self._tips.at(layout, "tip", overlay.tips, overlay.pointer, _TIP)
             return
-        row = _row(size)
-        widths = [self._text.width(line, size) for line in lines]
-        widths += [self._text.width(name, size) + row + 4 for _, name in listed]
-        width = max(widths) + 2 * pad
-        height = self._text.height(size) * len(lines) + row * len(listed) + pad
-        (x, y), gap = overlay.pointer, layout.text
-        choices = (
-            (x + gap, y + gap),
-            (x - gap - width, y + gap),
-            (x + gap, y - height - gap // 2),
-            (x - gap - width, y - height - gap // 2),
-        )
-        label = Label("tip", (width, height), choices, _TIP)
-        yield _Words(label, lines, size, listed=listed)
-
-
-def _row(size: int) -> int:
-    """The height of a thing in a list."""
-    return round(size * 1.7)
+        if overlay.tips or listed:
+            key = ("tip", view.hover)
+            yield self._tips.beside(layout, key, overlay.tips, hovered, _TIP, listed)
+        steps = view.state.busy_steps(view.me) if view.me is not None else 0
+        if view.me in poses and steps:
+            pose = poses[view.me]
+            doing = "You are on your way" if pose.walking else "You are at work"
+            words = f"{doing}: {steps} more step{'s' * (steps > 1)}"
+            own = player_area(layout, pose)
+            yield self._tips.beside(layout, "busy", (words,), own, _TIP)
 
 
 def _pad(layout: Layout) -> int:

@@ -20,12 +20,20 @@ from robotouille_client.window.drawing.kitchen.kitchen_layer import Frame, Kitch
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
 from robotouille_client.window.drawing.kitchen.preloader import Preloader
-from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots, ways, workplaces
-from robotouille_client.window.drawing.labels import Labels, Listing
+from robotouille_client.window.drawing.kitchen.spots import (
+    Spot,
+    extent,
+    occupied,
+    spots,
+    ways,
+    workplaces,
+)
+from robotouille_client.window.drawing.labels import Labels
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel.panel import Panel
 from robotouille_client.window.drawing.panel.readable_names import with_readable_names
+from robotouille_client.window.drawing.tips import Listing
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
@@ -103,6 +111,7 @@ class Painter:
             ui_overlay = replace(ui_overlay, tips=self.told(ui_overlay.pointer))
         self._labels.draw(
             surface, place, view, poses, ui_overlay,
+            hovered=extent(place, stage, view.hover, poses) if view.hover else None,
             listed=self._listed(view, stage),
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,

@@ -15,6 +15,14 @@ __all__ = ["Label", "Place", "place_labels"]
 
 Point = tuple[int, int]
 
+_COVERS, _COVERS_SPARED = 2.0, 4.0
+"""What it costs to cover a tile of what is avoided and of what is spared; a tile away costs 1."""
+_ASIDE, _SIDEWAYS = 0.2, 0.15
+"""What it costs to be a tile out of line with what a label is about, and to be neither above nor
+below it."""
+_WORSE_SHAPE = 0.4
+"""What it costs to take the next shape."""
+
 
 @dataclass(frozen=True, slots=True)
 class Label:
@@ -23,6 +31,9 @@ class Label:
     `choices` are upper left corners, the best first; where none of them is free it is moved by at
     most `reach` pixels from the first along each axis (None: anywhere). The more important ones are
     placed first. One that `stays` is rather where it was than at a better choice.
+
+    One that is `about` a thing has its place beside that, `gap` pixels away or up to a tile more,
+    where it covers least; if need be in one of its other `shapes`, the best first.
     """
 
     key: Hashable
@@ -31,11 +42,14 @@ class Label:
     importance: int = 0
     reach: int | None = None
     stays: bool = True
+    about: pygame.Rect | None = None
+    shapes: tuple[Point, ...] = ()
+    gap: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a label is, and how far that is from its first choice."""
+    """Where a label is, and how far that is from its first choice, or from what it is about."""
 
     area: pygame.Rect
     offset: Point
@@ -61,7 +75,10 @@ def place_labels(
     places: dict[Hashable, Place] = {}
     for label in sorted(labels, key=lambda label: -label.importance):
         kept = before.get(label.key) if before and label.stays else None
-        place = _place(label, area, taken, (avoided, spared), kept.offset if kept else None)
+        if label.about is None:
+            place = _place(label, area, taken, (avoided, spared), kept.offset if kept else None)
+        else:
+            place = _beside(label, label.about, area, taken, (avoided, spared), kept)
         if place is not None:
             places[label.key] = place
             taken.append(place.area)
@@ -132,6 +149,87 @@ def _moved(label: Label, area: pygame.Rect, taken: list[pygame.Rect]) -> Iterato
         rect = _at(label, offset)
         if rect.collidelist(taken) < 0:
             yield Place(rect, offset)
+
+
+def _beside(
+    label: Label,
+    about: pygame.Rect,
+    area: pygame.Rect,
+    taken: list[pygame.Rect],
+    rather_not: tuple[Sequence[pygame.Rect], Sequence[pygame.Rect]],
+    kept: Place | None,
+) -> Place | None:
+    """Where a label covers least beside what it is about; if all of that is taken, the nearest free
+    place."""
+    blocked, tile = [*taken, about], about.width
+    if kept is not None:
+        rect = kept.area.move(
+            about.x + kept.offset[0] - kept.area.x, about.y + kept.offset[1] - kept.area.y
+        )
+        if area.contains(rect) and rect.collidelist(blocked) < 0:
+            return Place(rect, kept.offset)
+    sizes = (label.size, *label.shapes)
+    for reach in (tile, 2 * tile, max(area.size)):
+        found = [
+            (_cost(rect, about, rather_not) + _WORSE_SHAPE * rank, rank, *rect.topleft, rect)
+            for rank, size in enumerate(sizes)
+            for rect in _around(about, size, area, blocked, label.gap, reach)
+        ]
+        if found:
+            rect = min(found, key=lambda one: one[:-1])[-1]
+            return Place(rect, (rect.x - about.x, rect.y - about.y))
+    return None
+
+
+def _around(
+    about: pygame.Rect,
+    size: Point,
+    area: pygame.Rect,
+    blocked: Sequence[pygame.Rect],
+    gap: int,
+    reach: int,
+) -> Iterator[pygame.Rect]:
+    """Free places for a rectangle of a size, `gap` to `reach` pixels beside another: in line with
+    it or against the edges of what is blocked."""
+    width, height = size
+    room = about.inflate(2 * (reach + width), 2 * (reach + height)).clip(area)
+    near = [rect for rect in blocked if rect.colliderect(room)]
+    lefts = {about.left, about.centerx - width // 2, about.right - width}
+    tops = {about.top, about.centery - height // 2, about.bottom - height}
+    lefts |= {about.left - gap - width, about.right + gap, room.left, room.right - width}
+    tops |= {about.top - gap - height, about.bottom + gap, room.top, room.bottom - height}
+    for rect in near:
+        lefts |= {rect.left - width, rect.right}
+        tops |= {rect.top - height, rect.bottom}
+    free = about.inflate(2 * gap, 2 * gap)
+    for left in lefts:
+        for top in tops:
+            rect = pygame.Rect(left, top, width, height)
+            if room.contains(rect) and not rect.colliderect(free) and rect.collidelist(near) < 0:
+                yield rect
+
+
+def _cost(
+    rect: pygame.Rect,
+    about: pygame.Rect,
+    rather_not: tuple[Sequence[pygame.Rect], Sequence[pygame.Rect]],
+) -> float:
+    """How bad a place is: what it covers of what it had rather not, in tiles, and how far it is."""
+    avoided, spared = rather_not
+    covered = _COVERS * sum(_common(rect, other) for other in avoided)
+    covered += _COVERS_SPARED * sum(_common(rect, other) for other in spared)
+    across = max(0, rect.left - about.right, about.left - rect.right)
+    down = max(0, rect.top - about.bottom, about.top - rect.bottom)
+    (x, y), (u, v) = rect.center, about.center
+    aside = min(abs(x - u), abs(y - v))
+    sideways = _SIDEWAYS if across else 0.0
+    return covered / about.width**2 + sideways + (across + down + _ASIDE * aside) / about.width
+
+
+def _common(one: pygame.Rect, other: pygame.Rect) -> int:
+    width = min(one.right, other.right) - max(one.left, other.left)
+    height = min(one.bottom, other.bottom) - max(one.top, other.top)
+    return width * height if width > 0 and height > 0 else 0
 
 
 def _within(values: set[int], middle: int, reach: int | None, low: int, high: int) -> list[int]:

@@ -151,7 +151,7 @@ class Controls:
         state, me = situation.state, situation.me
         busy = state.busy_steps(me)
         if busy:
-            return Meaning(None, f"busy for {busy} more step{'s' * (busy > 1)}")
+            return Meaning(None, f"you are busy for {busy} more step{'s' * (busy > 1)}")
         action = _useful(situation, own, meant)
         at_work = action is None and _is_at_work(situation, own, meant)
         if action is None and not at_work:

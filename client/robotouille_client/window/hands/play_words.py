@@ -125,7 +125,7 @@ def _tips(controls: Controls, view: View, hover: str | None) -> tuple[str, ...]:
     if hover is None:
         return ()
     title = capitalised(controls.wording(view.me).thing(hover, view.state))
-    if view.me is None:
+    if view.me is None or view.state.busy_steps(view.me):  # That is told where one is oneself.
         return (title,)
     meaning = controls.click(view.state, view.me, hover)
     if not meaning.valid:

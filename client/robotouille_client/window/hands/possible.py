@@ -69,7 +69,7 @@ def walk(controls: Controls, state: State, me: str, direction: tuple[int, int]) 
     """What a direction key means."""
     busy = state.busy_steps(me)
     if busy:
-        return Meaning(None, f"busy for {busy} more step{'s' * (busy > 1)}")
+        return Meaning(None, f"you are busy for {busy} more step{'s' * (busy > 1)}")
     action = towards(state, me, direction, scene(state))
     if action is None:
         return Meaning(None, "there is no free place that way")

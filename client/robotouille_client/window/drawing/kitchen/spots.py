@@ -16,9 +16,11 @@ __all__ = [
     "HEAD",
     "RAISED",
     "Spot",
+    "extent",
     "hands",
     "occupied",
     "pile_spot",
+    "player_area",
     "sizes_of_tiles",
     "spots",
     "ways",
@@ -126,7 +128,7 @@ def spots(layout: Layout, stage: Stage, poses: dict[str, Pose]) -> dict[str, Spo
 
 def occupied(layout: Layout, stage: Stage, poses: dict[str, Pose]) -> list[pygame.Rect]:
     """What no words may cover: players, what they hold, stations in use with all on them."""
-    areas = [_part(layout.corner(pose.at), _BODY, layout.tile) for pose in poses.values()]
+    areas = [player_area(layout, pose) for pose in poses.values()]
     for host, pieces in stage.piles.items():
         base = pile_spot(layout, stage, host, poses)
         if base is not None:
@@ -137,6 +139,24 @@ def occupied(layout: Layout, stage: Stage, poses: dict[str, Pose]) -> list[pygam
         if name in used and tile is not None:
             areas.append(_part(layout.corner(tile), _WORKTOP, layout.tile))
     return areas
+
+
+def extent(layout: Layout, stage: Stage, name: str, poses: dict[str, Pose]) -> pygame.Rect | None:
+    """The part of the kitchen that an object takes with all that is on it; None if nobody sees
+    where it is."""
+    if name in poses:
+        return player_area(layout, poses[name])
+    placed = stage.placed.get(name)
+    if placed is None or placed.tile is None:
+        return None
+    base = pile_spot(layout, stage, name, poses) if name in stage.piles else None
+    pieces = stage.piles[name] if base is not None else ()
+    return layout.cell(placed.tile).unionall([_covered(p, base) for p in pieces if base])
+
+
+def player_area(layout: Layout, pose: Pose) -> pygame.Rect:
+    """The part of the kitchen that a player takes."""
+    return _part(layout.corner(pose.at), _BODY, layout.tile)
 
 
 def workplaces(layout: Layout, stage: Stage, plain: Collection[str]) -> list[pygame.Rect]:
