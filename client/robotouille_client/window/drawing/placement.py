@@ -6,6 +6,7 @@ frame stays where it was for as long as it can, relative to what it belongs to.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,8 @@ _COVERS, _COVERS_SPARED = 2.0, 4.0
 _ASIDE, _SIDEWAYS = 0.2, 0.15
 """What it costs to be a tile out of line with what a label is about, and to be neither above nor
 below it."""
+_STEPS = 5
+"""How many places are tried on the way of a tile."""
 _WORSE_SHAPE = 0.4
 """What it costs to take the next shape."""
 
@@ -170,14 +173,21 @@ def _beside(
             return Place(rect, kept.offset)
     sizes = (label.size, *label.shapes)
     for reach in (tile, 2 * tile, max(area.size)):
-        found = [
-            (_cost(rect, about, rather_not) + _WORSE_SHAPE * rank, rank, *rect.topleft, rect)
+        found = sorted(
+            (_distance(rect, about) + _WORSE_SHAPE * rank, rect.x, rect.y, rank)
             for rank, size in enumerate(sizes)
             for rect in _around(about, size, area, blocked, label.gap, reach)
-        ]
-        if found:
-            rect = min(found, key=lambda one: one[:-1])[-1]
-            return Place(rect, (rect.x - about.x, rect.y - about.y))
+        )
+        least, best = math.inf, None
+        for far, x, y, rank in found:
+            if far >= least:
+                break
+            rect = pygame.Rect(x, y, *sizes[rank])
+            cost = far + _covered(rect, rather_not) / tile**2
+            if cost < least:
+                least, best = cost, rect
+        if best is not None:
+            return Place(best, (best.x - about.x, best.y - about.y))
     return None
 
 
@@ -190,46 +200,45 @@ def _around(
     reach: int,
 ) -> Iterator[pygame.Rect]:
     """Free places for a rectangle of a size, `gap` to `reach` pixels beside another: in line with
-    it or against the edges of what is blocked."""
+    it, or some way along."""
     width, height = size
     room = about.inflate(2 * (reach + width), 2 * (reach + height)).clip(area)
-    near = [rect for rect in blocked if rect.colliderect(room)]
+    blocked = [about.inflate(2 * gap, 2 * gap), *(r for r in blocked if r.colliderect(room))]
+    step = max(4, min(reach, 2 * about.width) // _STEPS)
     lefts = {about.left, about.centerx - width // 2, about.right - width}
     tops = {about.top, about.centery - height // 2, about.bottom - height}
-    lefts |= {about.left - gap - width, about.right + gap, room.left, room.right - width}
-    tops |= {about.top - gap - height, about.bottom + gap, room.top, room.bottom - height}
-    for rect in near:
-        lefts |= {rect.left - width, rect.right}
-        tops |= {rect.top - height, rect.bottom}
-    free = about.inflate(2 * gap, 2 * gap)
+    lefts |= {about.left - gap - width, about.right + gap, room.right - width}
+    tops |= {about.top - gap - height, about.bottom + gap, room.bottom - height}
+    lefts.update(range(room.left, room.right - width, step))
+    tops.update(range(room.top, room.bottom - height, step))
     for left in lefts:
-        for top in tops:
-            rect = pygame.Rect(left, top, width, height)
-            if room.contains(rect) and not rect.colliderect(free) and rect.collidelist(near) < 0:
-                yield rect
+        if room.left <= left <= room.right - width:
+            for top in tops:
+                if room.top <= top <= room.bottom - height:
+                    rect = pygame.Rect(left, top, width, height)
+                    if rect.collidelist(blocked) < 0:
+                        yield rect
 
 
-def _cost(
-    rect: pygame.Rect,
-    about: pygame.Rect,
-    rather_not: tuple[Sequence[pygame.Rect], Sequence[pygame.Rect]],
-) -> float:
-    """How bad a place is: what it covers of what it had rather not, in tiles, and how far it is."""
-    avoided, spared = rather_not
-    covered = _COVERS * sum(_common(rect, other) for other in avoided)
-    covered += _COVERS_SPARED * sum(_common(rect, other) for other in spared)
+def _distance(rect: pygame.Rect, about: pygame.Rect) -> float:
+    """How far a place is from what a label is about, and out of line with it, in tiles."""
     across = max(0, rect.left - about.right, about.left - rect.right)
     down = max(0, rect.top - about.bottom, about.top - rect.bottom)
     (x, y), (u, v) = rect.center, about.center
     aside = min(abs(x - u), abs(y - v))
-    sideways = _SIDEWAYS if across else 0.0
-    return covered / about.width**2 + sideways + (across + down + _ASIDE * aside) / about.width
+    return (_SIDEWAYS if across else 0.0) + (across + down + _ASIDE * aside) / about.width
 
 
-def _common(one: pygame.Rect, other: pygame.Rect) -> int:
-    width = min(one.right, other.right) - max(one.left, other.left)
-    height = min(one.bottom, other.bottom) - max(one.top, other.top)
-    return width * height if width > 0 and height > 0 else 0
+def _covered(
+    rect: pygame.Rect, rather_not: tuple[Sequence[pygame.Rect], Sequence[pygame.Rect]]
+) -> float:
+    """How bad it is what a place covers, in pixels."""
+    covered = 0.0
+    for others, cost in zip(rather_not, (_COVERS, _COVERS_SPARED), strict=True):
+        for number in rect.collidelistall(others):
+            part = rect.clip(others[number])
+            covered += cost * part.width * part.height
+    return covered
 
 
 def _within(values: set[int], middle: int, reach: int | None, low: int, high: int) -> list[int]:
