@@ -209,6 +209,7 @@ def test_the_card_is_inside_and_covers_no_panel(size: tuple[int, int], ready: bo
 def test_the_card_does_not_hide_ones_own_player(size: tuple[int, int], task: str) -> None:
     from robotouille import World
     from robotouille.world.scene import scene
+    from robotouille_client.window.drawing.lobby_card import Ground
     from robotouille_client.window.view import View
 
     world = World(task)
@@ -220,8 +221,35 @@ def test_the_card_does_not_hide_ones_own_player(size: tuple[int, int], task: str
         place, tile = painter.layout(size, world), scene(world.initial)[me].tile
         assert tile is not None
         cell = place.cell(tile)
-        card = painter._interruptions.draw(surface, place, view, cell)[0]
+        card = painter._interruptions.draw(surface, place, view, Ground(cell))[0]
         assert not card.colliderect(cell.inflate(-cell.width // 2, -cell.height // 2))
+
+
+@pytest.mark.parametrize("size", [(640, 360), (800, 600), (1280, 720), (1920, 1080)])
+@pytest.mark.parametrize("task", ["multi_agent/01", "multi_agent/07", "training/03"])
+@pytest.mark.parametrize("ready", [False, True, None])
+def test_the_card_covers_no_player_and_nothing_that_lies_somewhere(
+    size: tuple[int, int], task: str, ready: bool | None
+) -> None:
+    from robotouille import World
+    from robotouille_client.window.drawing.kitchen.spots import occupied
+    from robotouille_client.window.view import SeatView, View
+
+    world = World(task)
+    rows = (LobbyRow("Ada", "here"), LobbyRow("Ben", "ready"))
+    seats = tuple(SeatView(player, player) for player in world.players)
+    for me in world.players if ready is not None else (None,):
+        lobby = LobbyView(rows, ready, "KQXZB-WMFTA")
+        view = View(world, world.initial, seats=seats, me=me, lobby=lobby)
+        painter, surface = Painter(), pygame.Surface(size)
+        painter.paint(surface, view)
+        place, stage = painter.layout(size, world), painter.stage(world.initial)
+        ground = painter._ground(place, view, painter._frame(view, place))
+        card = painter._interruptions.draw(surface, place, view, ground)[0]
+        kept = occupied(place, stage, painter._poses(view)) if size[0] > 640 else ground.players
+        assert card.collidelist(kept) < 0
+        assert surface.get_rect().contains(card)
+        assert not card.colliderect(place.panel) or painter._panel.free.contains(card)
 
 
 def test_the_context_key_says_that_one_is_ready() -> None:

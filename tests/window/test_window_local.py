@@ -188,8 +188,19 @@ def test_a_bot_never_does_what_it_would_have_to_undo() -> None:
         elif view.step >= 60 and at_board:
             game.act(free["table7"])
 
-    game = beside_a_person("multi_agent/01", 150, stand_at_the_board)
+    blocked = {}
+
+    def act(game: LocalSource, view: View) -> None:
+        blocked[view.step] = view.blocked
+        stand_at_the_board(game, view)
+
+    game = beside_a_person("multi_agent/01", 150, act)
     assert game.view.won
+    first = min(step for step, held_up in blocked.items() if held_up)
+    waits = ("robot1", "board1", "robot2")
+    assert first < 20
+    assert all(blocked[step] == (waits,) for step in range(first, 60)), "as long as it waits"
+    assert not any(blocked[step] for step in range(63, max(blocked)))
     assert [text for text in game.said if "need" in text] == ["I need the board, please"]
     for state in game.states:
         facts = {*state.atoms()}
@@ -204,6 +215,25 @@ def test_bots_win_beside_a_person_who_does_nothing() -> None:
     assert all(seat.rejected == 0 for seat in game.view.seats)
     assert len(game.said) <= 15
     assert len(game.said) == len(set(game.said))
+
+
+def test_who_asks_a_person_for_something_waits_until_it_is_done() -> None:
+    blocked = {}
+
+    def hold_the_bun(game: LocalSource, view: View) -> None:
+        blocked[view.step] = view.blocked
+        lines = ["move table2", "pick-up-item bottombun1"] if view.step < 100 else ["place-item"]
+        for line in lines[::-1]:
+            word, *arguments = line.split()
+            for action in view.state.actions(view.me or ""):
+                if action.name == word and {*arguments} <= {*action.arguments}:
+                    game.act(action)
+                    return
+
+    game = beside_a_person("multi_agent/01", 140, hold_the_bun)
+    assert "Can you put down the bottom bun?" in game.said
+    assert all(("robot1", "", "robot2") in blocked[step] for step in range(30, 100))
+    assert blocked[102] == (), "it goes on, and has not asked for anything else yet"
 
 
 def test_who_walks_to_a_taken_place_and_who_stands_there_are_told() -> None:

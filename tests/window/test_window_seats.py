@@ -137,6 +137,8 @@ def test_a_card_says_who_is_waited_for_and_who_stands_in_the_way() -> None:
     blocked = (("robot2", "stove1", "robot1"),)
     assert words(blocked=blocked) == ["stands in otter's way", "waits for you"]
     assert words(me=None, blocked=blocked)[1] == "waits for ada"
+    asked = (("robot2", "", "robot1"),)
+    assert words(blocked=asked) == ["is waited for", "waits for you"]
 
 
 def test_what_a_card_says_moves_nothing_below_it() -> None:

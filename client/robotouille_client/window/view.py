@@ -127,7 +127,8 @@ class View:
     players whose decision a step has waited for, for a while, and `thinking` the bots that have not
     decided for as long, whether anything waits or not; `watching` counts spectators, of
     whom the first few are called `spectator_names`, and `blocked` tells who waits for which
-    station, and who stands there. `step_seconds` is how long a step takes where a clock says so.
+    station, and who stands there, or, without a station, who waits for whom. `step_seconds` is how
+    long a step takes where a clock says so.
 
     A game that is over has an `outcome` in words, and was `won` or `lost`. `notice` is something
     the operator says to everybody, for a while; `lesson` is what is to be learned next. A game that

@@ -17,6 +17,8 @@ from robotouille.planning.policies.team_talk import (
     VERSION,
     announced_version,
     announcement,
+    appeal,
+    appealed,
     helpless,
     request,
     requested,
@@ -283,6 +285,26 @@ def test_what_is_said_is_understood() -> None:
     assert not requested("I need a break", sink, start, words)
     assert requested("table 2, please", "table2", start, words)
     assert not requested("table 2, please", "table3", start, words)
+
+
+def test_whom_an_appeal_is_for() -> None:
+    world = World(load_task("multi_agent/01"))
+    words, start = Wording(world, language_of(world.task)), world.initial
+    deed = next(a for a in start.actions("robot2") if a.destination)
+    assert appealed(appeal(deed, start, words), "robot1", start, words) == "robot2"
+    assert appealed("I need the stove, please", "robot1", start, words) is None
+    assert appealed("Can you?  Or not", "robot1", start, words) is None
+    crowd = World(load_task("multi_agent/01", seats=3))
+    words, state = Wording(crowd, language_of(crowd.task)), crowd.initial
+    assert appealed("Can you go away?", "robot1", state, words) is None
+    for line in ("move", "pick-up-item"):
+        action = next(a for a in state.actions("robot3") if a.name == line
+                      and (line != "move" or any(b[0] == "item_on" and b[2] == a.destination
+                                                 for b in state.atoms())))  # fmt: skip
+        state = state.step(action).state
+    held = next(b[2] for b in state.atoms() if b[0] == "has_item")
+    asked = f"Can you put down the {words.kind(crowd.thing(held).kind)}?"
+    assert appealed(asked, "robot1", state, words) == "robot3"
 
 
 def test_an_action_may_count_on_another_in_the_same_step() -> None:

@@ -7,7 +7,7 @@ from math import ceil
 
 import pygame
 
-from robotouille_client.window.drawing.lobby_card import LobbyCard
+from robotouille_client.window.drawing.lobby_card import Ground, LobbyCard
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.shapes import DIAL_STEPS, box, dial, ellipse
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -40,10 +40,10 @@ class Interruptions:
         target: pygame.Surface,
         layout: Layout,
         view: View,
-        own: pygame.Rect | None = None,
+        ground: Ground = Ground(),
     ) -> list[pygame.Rect]:
-        """The interruptions of a view that has any; what must not be covered of them. `own` is
-        where the owner's player stands."""
+        """The interruptions of a view that has any, over a ground; what must not be covered of
+        them."""
         shown = []
         if view.farewell is not None:
             self._shade(target, layout, _SHADE)
@@ -61,7 +61,7 @@ class Interruptions:
         if view.starts_in is not None:
             shown.append(self._countdown(target, layout, ceil(view.starts_in)))
         elif view.lobby is not None and not view.frozen:
-            shown.append(self._lobby_card.draw(target, layout, view.lobby, own))
+            shown.append(self._lobby_card.draw(target, layout, view.lobby, ground))
         for words in (view.lesson, view.notice):
             if words:
                 shown.append(self._banner(target, layout, y, words, ACCENT, INK))

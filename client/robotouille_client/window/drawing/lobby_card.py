@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import pygame
 
 from robotouille_client.window.drawing.window_layout import Layout
@@ -10,31 +14,82 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, GOOD, INK, PAPER, Colour, mixed
 from robotouille_client.window.view import LobbyRow, LobbyView
 
-__all__ = ["LobbyCard"]
+__all__ = ["Ground", "LobbyCard"]
 
 _QUIET = mixed(INK, PAPER, 0.3)
 _READY = mixed(GOOD, INK, 0.4)
+_WIDTHS = (30, 22, 17)
+"""How wide it is, in heights of letters: what comes first is taken where it covers no more."""
+_TRIED = 12
+"""How many places are tried along each edge of the kitchen."""
+_CHAT_LINES = 6
+"""How much of the chat stays free below it."""
 _WORDS = {"ready": "ready", "here": "not ready yet", "away": "away", "free": "nobody yet"}
 
 
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What a card may cover: rather stations than what is in use, and rather that than players,
+    the `own` one last. `free` is where the panel has nothing but chat."""
+
+    own: pygame.Rect | None = None
+    players: Sequence[pygame.Rect] = ()
+    used: Sequence[pygame.Rect] = ()
+    stations: Sequence[pygame.Rect] = ()
+    free: pygame.Rect | None = None
+
+    def covered(self, card: pygame.Rect) -> tuple[int, int, int, int]:
+        """The pixels of each that a card covers, of the most important first."""
+        own = () if self.own is None else (self.own,)
+        kinds = (own, self.players, self.used, self.stations)
+        first, second, third, last = (_overlap(card, kind) for kind in kinds)
+        return first, second, third, last
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """The card in a width: its lines, and how large it is."""
+
+    title: tuple[str, ...]
+    code: tuple[str, ...]
+    below: tuple[str, ...]
+    size: tuple[int, int]
+
+
 class LobbyCard:
-    """Draws it in the middle of the kitchen."""
+    """Draws it over the kitchen or beside it, wherever it covers least."""
 
     def __init__(self, text: Typesetter) -> None:
         self._text = text
 
     def draw(
-        self,
-        target: pygame.Surface,
-        layout: Layout,
-        lobby: LobbyView,
-        own: pygame.Rect | None = None,
+        self, target: pygame.Surface, layout: Layout, lobby: LobbyView, ground: Ground
     ) -> pygame.Rect:
-        """The card, beside the `own` player; what must not be covered."""
+        """The card on a ground; what must not be covered."""
+        size = layout.text
+        large, button, pad, line = self._sizes(layout)
+        shape, area = self._place(layout, lobby, ground)
+        target.blit(box(area.size, (*INK, 120), pad), area.move(0, 5))
+        target.blit(box(area.size, PAPER, pad, mixed(PAPER, INK, 0.3)), area)
+        y = self._lines(target, shape.title, large, INK, area.centerx, area.y + pad) + pad // 2
+        for row in lobby.rows:
+            place = pygame.Rect(area.x + pad, y, area.width - 2 * pad, line)
+            self._row(target, row, size, place)
+            y += line
+        self._lines(target, shape.code, size, INK, area.centerx, y + pad // 2)
+        if shape.below:
+            self._button(target, shape.below, lobby, button, area)
+        return area
+
+    def _sizes(self, layout: Layout) -> tuple[int, int, int, int]:
+        """The letters of the title and of the button, the margin, the height of a row."""
+        size = layout.text
+        return round(size * 1.45), round(size * 1.1), size, round(self._text.height(size) * 1.3)
+
+    def _shape(self, layout: Layout, lobby: LobbyView, width: int) -> _Shape:
         text, size = self._text, layout.text
-        large, button, pad = round(size * 1.45), round(size * 1.1), size
-        line = round(text.height(size) * 1.3)
-        inner = max(60, min(layout.panel.left - 2 * pad, size * 30) - 2 * pad)
+        large, button, pad, line = self._sizes(layout)
+        inner = max(60, width - 2 * pad)
         title = text.wrap(_title(lobby), large, inner, 2)
         below = text.wrap(_hint(lobby), button, inner - pad, 2)
         code = text.wrap(_invitation(lobby), size, inner, 2)
@@ -46,18 +101,24 @@ class LobbyCard:
             + (len(below) * text.height(button) + pad if below else 0)
             + pad // 2
         )
-        area = pygame.Rect(0, 0, inner + 2 * pad, high)
-        area = _beside(area, layout, own)
-        target.blit(box(area.size, (*INK, 120), pad), area.move(0, 5))
-        target.blit(box(area.size, PAPER, pad, mixed(PAPER, INK, 0.3)), area)
-        y = self._lines(target, title, large, INK, area.centerx, area.y + pad) + pad // 2
-        for row in lobby.rows:
-            self._row(target, row, size, pygame.Rect(area.x + pad, y, inner, line))
-            y += line
-        self._lines(target, code, size, INK, area.centerx, y + pad // 2)
-        if below:
-            self._button(target, below, lobby, button, area)
-        return area
+        return _Shape(title, code, below, (inner + 2 * pad, high))
+
+    def _place(
+        self, layout: Layout, lobby: LobbyView, ground: Ground
+    ) -> tuple[_Shape, pygame.Rect]:
+        """The card where it covers nothing, else in the free part of the panel, else where it
+        covers least."""
+        size, most = layout.text, layout.panel.left - 2 * layout.text
+        shapes = [self._shape(layout, lobby, min(most, size * wide)) for wide in _WIDTHS]
+        found = [(shape, _least(shape.size, layout, ground)) for shape in shapes]
+        best = min(found, key=lambda one: ground.covered(one[1]))
+        if any(ground.covered(best[1])) and ground.free is not None:
+            beside = self._shape(layout, lobby, ground.free.width - size)
+            area = pygame.Rect(0, 0, *beside.size)
+            area.midtop = ground.free.centerx, ground.free.top + size // 2
+            if ground.free.bottom - area.bottom >= _CHAT_LINES * size and area.w <= ground.free.w:
+                return beside, area
+        return best
 
     def _lines(
         self, target: pygame.Surface, lines: tuple[str, ...], size: int, ink: Colour, x: int, y: int
@@ -110,22 +171,26 @@ class LobbyCard:
         self._lines(target, lines, size, ink, area.centerx, area.y + size // 4)
 
 
-def _beside(card: pygame.Rect, layout: Layout, own: pygame.Rect | None) -> pygame.Rect:
-    """A card in the middle; if that hides one's own player, where it hides least of them."""
+def _least(size: tuple[int, int], layout: Layout, ground: Ground) -> pygame.Rect:
+    """Where a card of a size covers least of a ground: of such places the nearest to the middle."""
     room = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - 2 * layout.text)
-    middle = card.move(room.centerx - card.centerx, layout.kitchen.centery - card.centery)
     aside = room.inflate(-layout.text, -layout.text)
-    places = [middle]
-    for x in (room.centerx, aside.left + card.width // 2, aside.right - card.width // 2):
-        for y in (aside.top + card.height // 2, aside.bottom - card.height // 2):
-            places.append(card.move(x - card.centerx, y - card.centery))
+    middle = (room.centerx, layout.kitchen.centery)
     whole = pygame.Rect(0, 0, *layout.size)
+    places = [pygame.Rect(middle[0] - size[0] // 2, middle[1] - size[1] // 2, *size)]
+    across, down = max(0, aside.width - size[0]), max(0, aside.height - size[1])
+    places += [
+        pygame.Rect(aside.left + across * x // _TRIED, aside.top + down * y // _TRIED, *size)
+        for x in range(_TRIED + 1)
+        for y in range(_TRIED + 1)
+    ]
     places = [place.clamp(whole) for place in places]
-    return min(places, key=lambda place: 0 if own is None else _area(place.clip(own)))
+    return min(places, key=lambda place: (*ground.covered(place), math.dist(place.center, middle)))
 
 
-def _area(part: pygame.Rect) -> int:
-    return part.width * part.height
+def _overlap(place: pygame.Rect, others: Sequence[pygame.Rect]) -> int:
+    parts = [place.clip(others[number]) for number in place.collidelistall(others)]
+    return sum(part.width * part.height for part in parts)
 
 
 def _title(lobby: LobbyView) -> str:

@@ -29,6 +29,7 @@ from robotouille_client.window.drawing.kitchen.spots import (
     workplaces,
 )
 from robotouille_client.window.drawing.labels import Labels
+from robotouille_client.window.drawing.lobby_card import Ground
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel.panel import Panel
@@ -102,10 +103,11 @@ class Painter:
         self._overlays.highlight(surface, place, stage, view.hover)
         self._kitchen.draw(surface, place, frame, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
-        own = _around(place, poses[view.me]) if view.me in poses else None
-        cards = self._interruptions.draw(surface, place, view, own)
         under_way = frame.life.travels and view.phase < 1.0
         self._panel.draw(surface, place, view, view.previous if under_way else None)
+        ground = self._ground(place, view, frame)
+        own = ground.own
+        cards = self._interruptions.draw(surface, place, view, ground)
         choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
         if not ui_overlay.tips:
             ui_overlay = replace(ui_overlay, tips=self.told(ui_overlay.pointer))
@@ -119,7 +121,7 @@ class Painter:
                 *self._notices.reserved(place, view, ui_overlay),
                 *([] if choices is None else [choices]),
             ],
-            avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
+            avoided=_cells(place, stage),
             spared=workplaces(place, stage, view.world.floor.plain),
         )  # fmt: skip
         if self._strip is not None:
@@ -135,6 +137,15 @@ class Painter:
         """What the newest picture says of what is under the mouse, in words."""
         covered = self._strip is not None and pointer is not None and self._strip.covers(pointer)
         return () if self._world is None or covered else self._panel.told(pointer)
+
+    def _ground(self, place: Layout, view: View, frame: Frame) -> Ground:
+        """What cards may cover."""
+        stage, poses = frame.stage, frame.poses
+        players = {player: _around(place, pose) for player, pose in poses.items()}
+        return Ground(
+            players.get(view.me or ""), tuple(players.values()),
+            occupied(place, stage, poses), _cells(place, stage), self._panel.free,
+        )  # fmt: skip
 
     def _listed(self, view: View, stage: Stage) -> Listing:
         """What is in or on the station under the mouse, if that is more than one thing."""
@@ -267,6 +278,11 @@ class Painter:
         self._interruptions = Interruptions(self._text)
         self._key_strip = KeyStrip(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)
+
+
+def _cells(place: Layout, stage: Stage) -> list[pygame.Rect]:
+    """Where stations are."""
+    return [place.cell(t.tile) for name in stage.stations if (t := stage.placed[name]).tile]
 
 
 def _around(place: Layout, pose: Pose) -> pygame.Rect:

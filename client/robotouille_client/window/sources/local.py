@@ -197,6 +197,7 @@ class LocalSource:
                         (move.player, move.action, attempt.applied)
                         for move, attempt in zip(event.moves, event.attempts, strict=True)
                     ]
+                    self._blockages.stepped(did, event.waits, event.state)
                     self._partners.observe(did)
                 case Rejected():
                     why = event.player, event.action, event.unmet

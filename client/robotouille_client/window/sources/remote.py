@@ -144,6 +144,7 @@ class RemoteSource:
                 case Changed():
                     self._take_step(event)
                     self._show_rejections(event)
+                    self._blockages.stepped(event.did, event.waits, event.state)
                 case Refused() if game.seat:
                     why = game.seat, event.action, event.unmet
                     self._feedback.show_refusal(*why, game.state, self._wording)

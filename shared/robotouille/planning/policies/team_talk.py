@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
+from robotouille.world.scene import scene
 from robotouille.world.world import State
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "announced_version",
     "announcement",
     "appeal",
+    "appealed",
     "helpless",
     "intention",
     "request",
@@ -39,6 +41,7 @@ TOLD = 3
 """Actions of an intention."""
 
 _ANNOUNCED = re.compile(r"\(team planner (\d{1,6})\)\s*$")
+_APPEAL = re.compile(r"can you\b.*\?\s*$", re.IGNORECASE)
 _REQUEST = re.compile(r"\b(need|make way|please)\b", re.IGNORECASE)
 
 
@@ -67,6 +70,27 @@ def appeal(action: GroundAction, state: State, wording: Wording) -> str:
     """Asks somebody to do something."""
     words = wording.action(action, state)
     return f"Can you {words[0].lower()}{words[1:]}?"
+
+
+def appealed(text: str, player: str, state: State, wording: Wording) -> str | None:
+    """Whom the text of a player asks to do something: the only other one, the one who can do just
+    that, or who holds what is named. None if it asks nobody, or may be meant for several."""
+    if _APPEAL.match(text) is None:
+        return None
+    others = [other for other in state.world.players if other != player]
+    if len(others) == 1:
+        return others[0]
+    asked = text.strip().casefold()
+    able = [
+        other
+        for other in others
+        if any(appeal(a, state, wording).casefold() == asked for a in state.actions(other))
+    ]
+    held = {
+        each.host for each in scene(state).values() if _has(text, wording.kind(each.thing.kind))
+    }
+    found = able or [other for other in others if other in held]
+    return found[0] if len(found) == 1 else None
 
 
 def requested(text: str, station: str, state: State, wording: Wording) -> bool:

@@ -206,11 +206,12 @@ def status(seat: SeatView, view: View) -> tuple[str, Colour]:
     if seat.stand_in or not seat.connected:
         return seat.moved_by, mixed(_light(seat) or FAINT, TEXT, 0.3)
     names = {one.player: one.name or one.player for one in view.seats}
-    for waiting, _, blocking in view.blocked:
+    for waiting, station, blocking in view.blocked:
         if seat.player == waiting and blocking != waiting:
             return f"waits for {'you' if blocking == view.me else names[blocking]}", ACCENT
         if seat.player == blocking != waiting:
-            return f"stands in {names[waiting]}'s way", ACCENT
+            words = f"stands in {names[waiting]}'s way" if station else "is waited for"
+            return words, ACCENT
     if seat.player in view.waits_for:
         return "your turn" if seat.player == view.me else _deciding(seat), ACCENT
     if seat.player in view.thinking:
