@@ -36,7 +36,11 @@ _BEATS = 2
 _HOP, _ARC = 0.03, 0.18
 """How high a walker hops, and what is taken or put is lifted, in tiles."""
 
-_MINI = 0.3
+_SWIMMING, _ABOVE = 0.36, 0.7
+"""How large a picture is of what swims in something, of its size, and how much of it is seen."""
+
+_SURFACE, _OPENING = 0.06, 0.5
+"""How high the surface is above the middle of what holds it, and how wide, of its size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,14 +178,15 @@ class KitchenLayer:
     def _contents(
         self, target: pygame.Surface, piece: SpritePiece, x: float, y: float, tile: float
     ) -> None:
-        """Small pictures of what is in a pot, along its lower edge."""
+        """Small pictures of what is in a pot: they swim in it, with their lower part under."""
         appearances = piece.contents[:4]
-        gap = min(_MINI * 0.8, piece.scale / len(appearances)) * tile
-        start = x - gap * (len(appearances) - 1) / 2
+        whole = piece.scale * tile
+        side, gap = max(1, round(_SWIMMING * whole)), _OPENING * whole / len(appearances)
+        left, seen = x - gap * (len(appearances) - 1) / 2, round(side * _ABOVE)
+        top = round(y - _SURFACE * whole) - seen
         for i, appearance in enumerate(appearances):
-            self._centred(
-                target, appearance, start + i * gap, y + 0.3 * piece.scale * tile, _MINI * tile
-            )
+            corner = (round(left + i * gap - side / 2), top)
+            target.blit(self._sprites.of(appearance, side), corner, (0, 0, side, seen))
 
     def _centred(
         self, target: pygame.Surface, appearance: Appearance, x: float, y: float, side: float
