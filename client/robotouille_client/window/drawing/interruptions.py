@@ -29,7 +29,7 @@ _LESSON_LINES = 2
 
 
 class Interruptions:
-    """Draws over the kitchen; the panel beside it stays as it is."""
+    """Draws over the kitchen; of the panel beside it only the card before a game may cover some."""
 
     def __init__(self, text: Typesetter) -> None:
         self._text = text
@@ -44,6 +44,17 @@ class Interruptions:
     ) -> list[pygame.Rect]:
         """The interruptions of a view that has any, over a ground; what must not be covered of
         them."""
+        shown = []
+        if view.lobby is not None and view.starts_in is None and not view.frozen:
+            shown.append(self._lobby_card.draw(target, layout, view.lobby, ground))
+        target.set_clip((0, 0, layout.panel.left, layout.size[1]))
+        shown += self._over_the_kitchen(target, layout, view)
+        target.set_clip(None)
+        return shown
+
+    def _over_the_kitchen(
+        self, target: pygame.Surface, layout: Layout, view: View
+    ) -> list[pygame.Rect]:
         shown = []
         if view.farewell is not None:
             self._shade(target, layout, _SHADE)
@@ -60,8 +71,6 @@ class Interruptions:
             y = shown[-1].bottom + layout.text * 2 // 3
         if view.starts_in is not None:
             shown.append(self._countdown(target, layout, ceil(view.starts_in)))
-        elif view.lobby is not None and not view.frozen:
-            shown.append(self._lobby_card.draw(target, layout, view.lobby, ground))
         for words in (view.lesson, view.notice):
             if words:
                 shown.append(self._banner(target, layout, y, words, ACCENT, INK))

@@ -78,7 +78,7 @@ class Labels:
         told = overlay.keys or overlay.hints or overlay.prompt or overlay.queued
         below = layout.text * 2 if told else 0  # The strip of keys.
         area = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - below).inflate(-6, -6)
-        labels = [each.label for each in (*words, *tips)]
+        labels = [*(each.label for each in words), *(tip.label for tip in tips)]
         self._places = place_labels(labels, area, blocked, avoided, spared, self._places)
         for each in words:
             place = self._places.get(each.label.key)
