@@ -8,7 +8,7 @@ import pygame
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotouille_client.window.drawing.placement import Label, Place, place_labels
+from robotouille_client.window.drawing.words.placement import Label, Place, place_labels
 
 AREA = pygame.Rect(10, 20, 300, 200)
 

@@ -12,8 +12,8 @@ from robotouille import World, load_task
 from robotouille.domain.task import Timing
 from robotouille_client.window.drawing.kitchen.spots import extent, occupied, player_area
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.placement import Label, Place, place_labels
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.drawing.words.placement import Label, Place, place_labels
 from robotouille_client.window.view import View
 
 ABOUT = pygame.Rect(200, 200, 60, 60)

@@ -28,15 +28,15 @@ from robotouille_client.window.drawing.kitchen.spots import (
     ways,
     workplaces,
 )
-from robotouille_client.window.drawing.labels import Labels
 from robotouille_client.window.drawing.lobby_card import Ground
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel.panel import Panel
 from robotouille_client.window.drawing.panel.readable_names import with_readable_names
-from robotouille_client.window.drawing.tips import Listing
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
+from robotouille_client.window.drawing.words.labels import Labels
+from robotouille_client.window.drawing.words.tips import Listing
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter

@@ -9,10 +9,10 @@ import pygame
 
 from robotouille_client.window.drawing.kitchen.motion import Pose
 from robotouille_client.window.drawing.kitchen.spots import HEAD, player_area
-from robotouille_client.window.drawing.placement import Label, Place, place_labels
-from robotouille_client.window.drawing.tips import Listing, Tip, Tips
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.drawing.words.placement import Label, Place, place_labels
+from robotouille_client.window.drawing.words.tips import Listing, Tip, Tips
 from robotouille_client.window.pictures.badges import badge, seat_fill
 from robotouille_client.window.pictures.shapes import box, pill, speech
 from robotouille_client.window.pictures.sprites import Sprites

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import pygame
 
-from robotouille_client.window.drawing.placement import Label
 from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.drawing.words.placement import Label
 from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.sprites import Sprites

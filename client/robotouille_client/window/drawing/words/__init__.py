@@ -1,0 +1,1 @@
+"""Words over the kitchen, and where they have room."""
