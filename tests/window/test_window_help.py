@@ -8,6 +8,7 @@ from tests.support.window_play import Script, Timer
 
 from robotouille import World
 from robotouille.episode.rules import Clock
+from robotouille_client.window.pictures.theme import ACCENT
 from robotouille_client.window.shell.game_cards import GameCards
 from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 from robotouille_client.window.sources.local import LocalSource
@@ -65,3 +66,19 @@ def test_the_help_speaks_as_people_do(task: str) -> None:
     for schema in source.world.schemas:
         name = schema.name.replace("-", " ")
         assert " " not in name or f"{name}," not in said, name
+
+
+@pytest.mark.parametrize("size", [(320, 240), (640, 360), (1280, 720)])
+def test_all_of_the_help_is_inside_the_window(size: tuple[int, int]) -> None:
+    source = Script(World("asynchronous/06"))
+    window = Window(size, headless=True, clock=Timer())
+    try:
+        window.frame(source)
+        press(window, source, pygame.K_h)
+        picture = pygame.display.get_surface()
+        assert picture is not None
+        middle = range(size[0] // 3, 2 * size[0] // 3)
+        frame = [y for y in range(size[1]) if all(picture.get_at((x, y)) == ACCENT for x in middle)]
+        assert frame[-1] - frame[0] > size[1] // 3  # Its upper and its lower edge.
+    finally:
+        window.close()

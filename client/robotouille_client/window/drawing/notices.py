@@ -15,6 +15,11 @@ from robotouille_client.window.view import View
 
 __all__ = ["Notices"]
 
+MIN_HELP = 7
+"""The smallest letters of the help, in pixels."""
+
+HelpRows = tuple[tuple[str, str], ...]
+
 
 class Notices:
     """Draws over all else."""
@@ -92,17 +97,13 @@ class Notices:
         words = self._text.line(text, size, INK)
         target.blit(words, words.get_rect(midleft=(area.x + size // 2, area.centery)))
 
-    def _help(
-        self, target: pygame.Surface, layout: Layout, rows: tuple[tuple[str, str], ...]
-    ) -> None:
-        size, pad = layout.text, layout.text
-        step = self._text.height(size)
-        most = min(layout.size[0] - 4 * pad, size * 44)
-        keys = max(self._text.width(key, size) for key, _ in rows) + pad
-        wrapped = [(key, self._text.wrap(says, size, most - keys - 2 * pad)) for key, says in rows]
-        count = sum(max(1, len(lines)) for _, lines in wrapped)
-        area = pygame.Rect(0, 0, most, count * step + 4 * pad + (len(rows) - 1) * 4)
-        area.center = (layout.size[0] // 2, layout.size[1] // 2)
+    def _help(self, target: pygame.Surface, layout: Layout, rows: HelpRows) -> None:
+        size = next(
+            (s for s in range(layout.text, MIN_HELP, -1) if self._help_fits(layout, rows, s)),
+            MIN_HELP,
+        )
+        wrapped, keys, area = self._help_page(layout, rows, size)
+        pad, step = size, self._text.height(size)
         target.blit(box(layout.size, (0, 0, 0, 120), 0), (0, 0))
         target.blit(box(area.size, PANEL, 12, ACCENT), area)
         target.blit(self._text.line("How to play", size + 4, ACCENT), area.move(pad, pad - 4))
@@ -112,7 +113,25 @@ class Notices:
             for line in lines or ("",):
                 target.blit(self._text.line(line, size, TEXT), (area.x + pad + keys, y))
                 y += step
-            y += 4
+            y += size // 4
+
+    def _help_fits(self, layout: Layout, rows: HelpRows, size: int) -> bool:
+        return self._help_page(layout, rows, size)[2].height <= layout.size[1]
+
+    def _help_page(
+        self, layout: Layout, rows: HelpRows, size: int
+    ) -> tuple[list[tuple[str, tuple[str, ...]]], int, pygame.Rect]:
+        """Rows with letters of a size: their keys and lines, the width of keys, and the area."""
+        width = min(layout.size[0] - 2 * size, size * 44)
+        keys = max(self._text.width(key, size) for key, _ in rows) + size
+        wrapped = [
+            (key, tuple(self._text.wrap(says, size, width - keys - 2 * size))) for key, says in rows
+        ]
+        lines = sum(max(1, len(each)) for _, each in wrapped)
+        height = lines * self._text.height(size) + 4 * size + (len(rows) - 1) * (size // 4)
+        area = pygame.Rect(0, 0, width, height)
+        area.center = (layout.size[0] // 2, layout.size[1] // 2)
+        return wrapped, keys, area
 
 
 def _large(layout: Layout) -> int:
