@@ -12,7 +12,7 @@ from robotouille.world.world import State, World
 from robotouille_client.window.drawing.kitchen.life import Life
 from robotouille_client.window.drawing.kitchen.motion import Pose
 from robotouille_client.window.drawing.kitchen.particles import draw_particles
-from robotouille_client.window.drawing.kitchen.spots import RAISED, Spot
+from robotouille_client.window.drawing.kitchen.spots import RAISED, Spot, size_in
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import (
     Appearance,
@@ -36,8 +36,8 @@ _BEATS = 2
 _HOP, _ARC = 0.03, 0.18
 """How high a walker hops, and what is taken or put is lifted, in tiles."""
 
-_SWIMMING, _ABOVE = 0.36, 0.7
-"""How large a picture is of what swims in something, of its size, and how much of it is seen."""
+_ABOVE = 0.7
+"""How much is seen of what swims in something."""
 
 _SURFACE, _OPENING = 0.06, 0.5
 """How high the surface is above the middle of what holds it, and how wide, of its size."""
@@ -181,7 +181,7 @@ class KitchenLayer:
         """Small pictures of what is in a pot: they swim in it, with their lower part under."""
         appearances = piece.contents[:4]
         whole = piece.scale * tile
-        side, gap = max(1, round(_SWIMMING * whole)), _OPENING * whole / len(appearances)
+        side, gap = size_in(whole), _OPENING * whole / len(appearances)
         left, seen = x - gap * (len(appearances) - 1) / 2, round(side * _ABOVE)
         top = round(y - _SURFACE * whole) - seen
         for i, appearance in enumerate(appearances):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from robotouille.domain.rendering.art import SIDES, Effect
+from robotouille.world.grounding.objects import Object
 from robotouille.world.world import World
 from robotouille_client.window.drawing.kitchen.particles import looks
-from robotouille_client.window.drawing.kitchen.spots import sizes_of_tiles
+from robotouille_client.window.drawing.kitchen.spots import size_in, sizes_of_tiles
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.sprites import Sprites
 
@@ -67,6 +68,20 @@ class Preloader:
         for effect in self._effects(effects):
             for size, opacity in looks(effect, self.tile):
                 yield effect.asset, size, opacity
+        for size in self._sizes_in(thing for thing, _ in arts):
+            for thing, files in arts:
+                if thing.type not in stations:
+                    yield from ((file, size, None) for file in files)
+
+    def _sizes_in(self, things: Iterable[Object]) -> dict[int, None]:
+        """How large things are that swim in others: in what may hold others, as a pot may."""
+        domain, kinds = self._world.task.domain, self._world.table.types
+        rules = (rule for rule in domain.layout or () if rule.when == "shares_tile")
+        holders = {kinds[rule.predicate][-1] for rule in rules}
+        holders -= {*domain.station_types, *domain.player_types}
+        scales = dict.fromkeys(self._resolver.scale(t) for t in things if t.type in holders)
+        tiles = sizes_of_tiles(self.tile)
+        return dict.fromkeys(size_in(scale * tile) for scale in scales for tile in tiles)
 
     def _of_players(self) -> Iterator[str]:
         for index, name in enumerate(self._world.players):

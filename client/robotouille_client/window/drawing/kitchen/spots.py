@@ -21,6 +21,7 @@ __all__ = [
     "occupied",
     "pile_spot",
     "player_area",
+    "size_in",
     "sizes_of_tiles",
     "spots",
     "ways",
@@ -32,6 +33,9 @@ RAISED = 0.12
 
 HEAD = -0.14
 """Where a player's picture begins below the upper edge of its tile, in tiles."""
+
+_SWIMMING = 0.36
+"""How large what swims in something is drawn, of its size."""
 
 _BODY = (0.2, HEAD, 0.6, 0.96)
 _WORKTOP = (0.06, 0.14, 0.88, 0.56)
@@ -78,6 +82,11 @@ def sizes_of_tiles(tile: int) -> tuple[float, ...]:
     full, held = float(tile), tile * _HELD_SCALE
     between = (held + (full - held) * n / _SIZES for n in range(1, _SIZES))
     return full, held, *between
+
+
+def size_in(holder: float) -> int:
+    """How large what swims in a pot or a bowl of a size is drawn, in pixels."""
+    return max(1, round(_SWIMMING * holder))
 
 
 def hands(layout: Layout, pose: Pose) -> Spot:
