@@ -23,11 +23,10 @@ from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
-from robotouille_client.sansio.addresses import server_uri
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.client_requests import Request, RequestDone
 from robotouille_client.sansio.client_state import ClientState
-from robotouille_client.sockets import open_socket, why_not
+from robotouille_client.sockets import open_socket, server_uri, why_not
 
 __all__ = ["Client", "connect"]
 

@@ -1,4 +1,4 @@
-"""A WebSocket to a server, and why there is none."""
+"""A WebSocket to a server, what its address is made of, and why there is none."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import ssl
 from urllib.parse import urlsplit
 
 from websockets.asyncio.client import connect
-from websockets.exceptions import InvalidMessage, InvalidStatus
+from websockets.exceptions import InvalidMessage, InvalidStatus, InvalidURI
+from websockets.uri import WebSocketURI, parse_uri
 
-from robotouille_client.errors import StrangerError
+from robotouille_client.errors import ConnectionFailedError, StrangerError
 from robotouille_client.sansio.addresses import check_host
 
-__all__ = ["open_socket", "why_not"]
+__all__ = ["open_socket", "server_uri", "why_not"]
 
 
 class open_socket(connect):  # noqa: N801
@@ -62,3 +63,40 @@ def _reason(error: Exception, url: str) -> str:
     if isinstance(error, socket.gaierror):
         return f"there is no host {urlsplit(url).hostname!r}"
     return f"{error}. Is robotouille-server running there?"
+
+
+def server_uri(url: str) -> WebSocketURI:
+    """A server's address, taken apart.
+
+    Raises:
+        ConnectionFailedError: It is none; what is wrong with it is said in a line.
+    """
+    try:
+        fault = _fault(url)
+        if not fault:
+            return parse_uri(url)
+    except (ValueError, InvalidURI) as error:
+        fault = str(error)
+    raise ConnectionFailedError(f"{url!r} is no WebSocket URL like ws://host:8765: {fault}")
+
+
+def _fault(url: str) -> str:
+    """What is wrong with a server's address that can be said better than by the libraries, which
+    raise ValueError for the rest."""
+    parts = urlsplit(url)
+    if parts.scheme not in ("ws", "wss"):
+        near = f", as in ws://{parts.netloc} or, with TLS, wss://{parts.netloc}"
+        return f"it begins with ws:// or wss://{near if parts.netloc else ''}"
+    try:
+        port = parts.port
+    except ValueError:
+        port = 0
+    if port == 0:
+        brackets = " (an IPv6 address stands in brackets)" if parts.netloc.count(":") > 1 else ""
+        return f"a port is a number from 1 to 65535{brackets}"
+    host = parts.hostname or ""
+    try:
+        host.encode("idna")
+    except UnicodeError:
+        return f"no host can be called {host!r}"
+    return "" if host.isprintable() else f"no host can be called {host!r}"

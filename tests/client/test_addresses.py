@@ -10,7 +10,8 @@ from robotouille.protocol import messages
 from robotouille_client.client import connect
 from robotouille_client.console import server_url
 from robotouille_client.errors import ConnectionFailedError, StrangerError
-from robotouille_client.sansio.addresses import moved_url, server_uri
+from robotouille_client.sansio.addresses import moved_url
+from robotouille_client.sockets import server_uri
 
 
 @pytest.mark.parametrize(

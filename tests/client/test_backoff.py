@@ -19,8 +19,8 @@ from robotouille_client import client as connection
 from robotouille_client.loadtest.worker import participant
 from robotouille_client.loadtest.worker.light_connection import LightConnection
 from robotouille_client.loadtest.worker.participant import Environment, LostError, Participant
-from robotouille_client.sansio.addresses import server_uri
 from robotouille_client.sansio.backoff import pauses
+from robotouille_client.sockets import server_uri
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 

@@ -23,6 +23,9 @@ export async function conversation({ url, subprotocol, create, seats, plan }) {
   await ada.ask({ type: "join", ref: 5, episode, seat: seats[0], ...late }, "joined");
   await settle();
   await eve.ask({ type: "join", ref: 6, episode, role: "spectator", view: "both" }, "joined");
+  for (const person of [ada, eve]) {
+    await first(person, "roster", (roster) => roster.spectators === 1);  // When it is due.
+  }
   await settle();
   const joined = await bob.ask({ type: "join", ref: 7, episode, seat: seats[1] }, "joined");
   if (joined.type !== "joined") throw new Error(JSON.stringify(joined));

@@ -24,7 +24,7 @@ from robotouille_client.loadtest.worker.light_connection import (
     UnreachableError,
     open_connection,
 )
-from robotouille_client.sansio.addresses import server_uri
+from robotouille_client.sockets import server_uri
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

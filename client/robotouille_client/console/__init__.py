@@ -192,7 +192,7 @@ def server_url(url: str | None, host: str, port: int) -> str:
     Raises:
         ConnectionFailedError: It is none.
     """
-    from robotouille_client.sansio.addresses import server_uri
+    from robotouille_client.sockets import server_uri
 
     if url is None:
         url = f"ws://{f'[{host}]' if ':' in host else host}:{port}"

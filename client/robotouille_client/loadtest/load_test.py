@@ -24,7 +24,7 @@ from robotouille_client.loadtest.server_monitor import (
 from robotouille_client.loadtest.worker.participant import Environment, Participant
 from robotouille_client.loadtest.worker_pool import WorkerPool
 from robotouille_client.loadtest.workload import LoadPlan
-from robotouille_client.sansio.addresses import server_uri
+from robotouille_client.sockets import server_uri
 
 __all__ = ["LoadObservation", "LoadTest", "NothingBegunError", "refusals"]
 

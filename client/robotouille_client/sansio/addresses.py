@@ -1,53 +1,13 @@
-"""What a server's address is made of, and where a server may send us."""
+"""Where a server may send us."""
 
 from __future__ import annotations
 
 from urllib.parse import SplitResult, urlsplit, urlunsplit
 
-from websockets.exceptions import InvalidURI
-from websockets.uri import WebSocketURI, parse_uri
-
 from robotouille.protocol import messages
-from robotouille_client.errors import ConnectionFailedError, StrangerError
+from robotouille_client.errors import StrangerError
 
-__all__ = ["check_host", "moved_url", "server_uri"]
-
-
-def server_uri(url: str) -> WebSocketURI:
-    """A server's address, taken apart.
-
-    Raises:
-        ConnectionFailedError: It is none; what is wrong with it is said in a line.
-    """
-    try:
-        fault = _fault(url)
-        if not fault:
-            return parse_uri(url)
-    except (ValueError, InvalidURI) as error:
-        fault = str(error)
-    raise ConnectionFailedError(f"{url!r} is no WebSocket URL like ws://host:8765: {fault}")
-
-
-def _fault(url: str) -> str:
-    """What is wrong with a server's address that can be said better than by the libraries, which
-    raise ValueError for the rest."""
-    parts = urlsplit(url)
-    if parts.scheme not in ("ws", "wss"):
-        near = f", as in ws://{parts.netloc} or, with TLS, wss://{parts.netloc}"
-        return f"it begins with ws:// or wss://{near if parts.netloc else ''}"
-    try:
-        port = parts.port
-    except ValueError:
-        port = 0
-    if port == 0:
-        brackets = " (an IPv6 address stands in brackets)" if parts.netloc.count(":") > 1 else ""
-        return f"a port is a number from 1 to 65535{brackets}"
-    host = parts.hostname or ""
-    try:
-        host.encode("idna")
-    except UnicodeError:
-        return f"no host can be called {host!r}"
-    return "" if host.isprintable() else f"no host can be called {host!r}"
+__all__ = ["check_host", "moved_url"]
 
 
 def moved_url(url: str, moved: messages.Moved) -> str:

@@ -26,7 +26,7 @@ from robotouille_client.loadtest.worker.participant import Environment, Particip
 from robotouille_client.loadtest.worker.players import Player
 from robotouille_client.loadtest.worker.punctual_loop import precise_loop
 from robotouille_client.loadtest.workload import WorkerShare
-from robotouille_client.sansio.addresses import server_uri
+from robotouille_client.sockets import server_uri
 
 __all__ = ["LoadWorker", "main"]
 

@@ -19,8 +19,9 @@ from robotouille_client.loadtest.worker.light_connection import (
     Traffic,
     open_connection,
 )
-from robotouille_client.sansio.addresses import moved_url, server_uri
+from robotouille_client.sansio.addresses import moved_url
 from robotouille_client.sansio.backoff import pauses
+from robotouille_client.sockets import server_uri
 
 __all__ = ["Environment", "LostError", "Participant"]
 
