@@ -20,7 +20,7 @@ from tests.support.virtual_time import run
 
 
 async def window(server: Server, code: str, name: str) -> None:
-    entry = cli.Entry(server.url, code, None, None, watch=False, token=None, ready=False)
+    entry = cli.JoinOptions(server.url, code, None, None, watch=False, token=None, ready=False)
     await cli._run(entry, name, cli.Unattended((320, 240), Preferences(), True, 0.5, None, None))
 
 
@@ -81,7 +81,9 @@ def test_a_bot_that_was_killed_takes_the_seat_that_it_is_told_to(
 
             async def bot(seat: str | None) -> asyncio.Task[Any]:
                 make = policy_maker(BotKind.RANDOM)
-                playing = bots._run(bots.Entry(server.url, ("ada",), None, room.code, seat), make)
+                playing = bots._run(
+                    bots.SeatChoice(server.url, ("ada",), None, room.code, seat), make
+                )
                 task = asyncio.create_task(playing)
                 await asyncio.sleep(1.0)
                 return task

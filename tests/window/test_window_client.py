@@ -73,7 +73,7 @@ def test_rules_need_an_episode_to_open(words: list[str]) -> None:
 async def look_in(server: Server, token: str | None, code: str | None, **opening: object) -> None:
     """A window without a screen, until it is closed."""
     asked = cli._opening(opening.pop("create", None), **opening)  # type: ignore[arg-type]
-    entry = cli.Entry(server.url, code, asked, None, watch=False, token=token, ready=False)
+    entry = cli.JoinOptions(server.url, code, asked, None, watch=False, token=token, ready=False)
     shown = cli.Unattended((320, 240), Preferences(), True, 0.5, None, None)
     await cli._run(entry, "ada", shown)
 

@@ -65,7 +65,7 @@ class TextBot(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class SeatChoice:
     """Which episode of a server a bot enters, as whom, and for which seats.
 
     Without an `episode` it is the first that waits for players. Of several `names` it is the first
@@ -81,7 +81,7 @@ class Entry:
     seats: Seats = ()
 
 
-async def _waiting(entry: Entry, kind: Kind) -> str:
+async def _waiting(entry: SeatChoice, kind: Kind) -> str:
     """The code of the first episode that waits for players."""
     from robotouille_client.client import connect
 
@@ -92,7 +92,7 @@ async def _waiting(entry: Entry, kind: Kind) -> str:
     return waiting.code
 
 
-async def _run(entry: Entry, bot: MakePolicy | TextBot) -> Any:
+async def _run(entry: SeatChoice, bot: MakePolicy | TextBot) -> Any:
     """Make the bot ready, and then play to the end."""
     from robotouille_client.bots.player import play
 
@@ -103,7 +103,7 @@ async def _run(entry: Entry, bot: MakePolicy | TextBot) -> Any:
     return await _take_seat(entry, lambda game: play(game, make_policy), "state", "bot")
 
 
-async def _take_seat(entry: Entry, player: Player, view: View, kind: Kind) -> Any:
+async def _take_seat(entry: SeatChoice, player: Player, view: View, kind: Kind) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     from robotouille_client.client import connect
     from robotouille_client.console.kept_seat import came_back, kept_seat_of, state_folder
@@ -128,7 +128,9 @@ async def _take_seat(entry: Entry, player: Player, view: View, kind: Kind) -> An
             return outcome
 
 
-async def _join(client: Client, code: str, entry: Entry, view: View, kept: KeptSeat | None) -> Game:
+async def _join(
+    client: Client, code: str, entry: SeatChoice, view: View, kept: KeptSeat | None
+) -> Game:
     """Join an episode, whose world waits for one who plays several seats."""
     seats = entry.seats
     if seats:
@@ -346,7 +348,7 @@ def command(
             bot = _maker(kind, seed, plan)
         own = [f"{kind.rpartition(':')[2]}-bot"] if ":" in kind else given_names(seed, seat)
         names = [name] if name else own
-        entry = Entry(server_url(url, host, port), names, token, episode, seat, several)
+        entry = SeatChoice(server_url(url, host, port), names, token, episode, seat, several)
         outcome = asyncio.run(_run(entry, bot))
     if json_output:
         typer.echo(json.dumps(outcome))

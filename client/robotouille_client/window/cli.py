@@ -61,7 +61,7 @@ class Opening:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class JoinOptions:
     """Which episode of a server to enter, and how. Without a `code` it is the one that is opened,
     or the first that waits for players."""
 
@@ -110,7 +110,7 @@ async def _find_code(client: Client, opening: Opening | None) -> str:
     return waiting.code
 
 
-async def _run(entry: Entry, name: str, shown: Unattended) -> None:
+async def _run(entry: JoinOptions, name: str, shown: Unattended) -> None:
     """Enter an episode, and show it until the window closes.
 
     Raises:
@@ -248,7 +248,7 @@ def command(
     opening = _opening(
         create, seats=seats, absence=absence, stand_in=stand_in and stand_in.value, grace=grace
     )
-    entry = Entry(server_url(url, host, port), code, opening, seat, watch, token, ready)
+    entry = JoinOptions(server_url(url, host, port), code, opening, seat, watch, token, ready)
     if headless or screenshot is not None or linger is not None:
         from robotouille_client.window.preferences import Preferences
 
@@ -275,7 +275,7 @@ def command(
     _run_until_stopped(shell.run(_enter(shell.remote, entry) if asked else None))
 
 
-async def _enter(games: RemoteGames, entry: Entry) -> object:
+async def _enter(games: RemoteGames, entry: JoinOptions) -> object:
     """What the window shows first: the episode that was asked for."""
     code = entry.code
     if code is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.drawing.ui_overlay import KeyRows, UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.shapes import box, ellipse
 from robotouille_client.window.pictures.sprites import Sprites
@@ -17,8 +17,6 @@ __all__ = ["Notices"]
 
 MIN_HELP = 7
 """The smallest letters of the help, in pixels."""
-
-HelpRows = tuple[tuple[str, str], ...]
 
 
 class Notices:
@@ -97,7 +95,7 @@ class Notices:
         words = self._text.line(text, size, INK)
         target.blit(words, words.get_rect(midleft=(area.x + size // 2, area.centery)))
 
-    def _help(self, target: pygame.Surface, layout: Layout, rows: HelpRows) -> None:
+    def _help(self, target: pygame.Surface, layout: Layout, rows: KeyRows) -> None:
         size = next(
             (s for s in range(layout.text, MIN_HELP, -1) if self._help_fits(layout, rows, s)),
             MIN_HELP,
@@ -115,11 +113,11 @@ class Notices:
                 y += step
             y += size // 4
 
-    def _help_fits(self, layout: Layout, rows: HelpRows, size: int) -> bool:
+    def _help_fits(self, layout: Layout, rows: KeyRows, size: int) -> bool:
         return self._help_page(layout, rows, size)[2].height <= layout.size[1]
 
     def _help_page(
-        self, layout: Layout, rows: HelpRows, size: int
+        self, layout: Layout, rows: KeyRows, size: int
     ) -> tuple[list[tuple[str, tuple[str, ...]]], int, pygame.Rect]:
         """Rows with letters of a size: their keys and lines, the width of keys, and the area."""
         width = min(layout.size[0] - 2 * size, size * 44)

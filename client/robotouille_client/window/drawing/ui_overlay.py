@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["ActionMark", "UiOverlay"]
+__all__ = ["ActionMark", "KeyRows", "UiOverlay"]
+
+KeyRows = tuple[tuple[str, str], ...]
+"""Keys, and what each of them does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +36,9 @@ class UiOverlay:
     tips: tuple[str, ...] = ()
     prompt: str = ""
     typing: str | None = None
-    help: tuple[tuple[str, str], ...] = ()
-    hints: tuple[tuple[str, str], ...] = ()
-    keys: tuple[tuple[str, str], ...] = ()
+    help: KeyRows = ()
+    hints: KeyRows = ()
+    keys: KeyRows = ()
     queued: tuple[str, ...] = ()
     mark: ActionMark | None = None
     choices: tuple[str, ...] | None = None

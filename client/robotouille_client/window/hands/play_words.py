@@ -5,19 +5,17 @@ from __future__ import annotations
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.templates import capitalised
 from robotouille.world.world import State
+from robotouille_client.window.drawing.ui_overlay import KeyRows
 from robotouille_client.window.hands.commands import Command, key_words
 from robotouille_client.window.hands.controls import Controls, Meaning
 from robotouille_client.window.hands.hands import MAX_CHOICES, Hands, hint_words
 from robotouille_client.window.view import LobbyView, View
 
-__all__ = ["HelpRows", "PlayWords"]
-
-HelpRows = tuple[tuple[str, str], ...]
-"""Rows of (key, what it does)."""
+__all__ = ["PlayWords"]
 
 _Asked = tuple[State, str | None, str | None, LobbyView | None, tuple[bool, bool, bool]]
 _List = tuple[State, tuple[GroundAction, ...]]
-_Advice = tuple[tuple[str, ...], HelpRows]
+_Advice = tuple[tuple[str, ...], KeyRows]
 
 
 class PlayWords:
@@ -39,7 +37,7 @@ class PlayWords:
         interrupted = (view.pause is not None, view.offline is not None, view.frozen)
         key = (view.state, view.me, hover, view.lobby, interrupted)
         if self._advice is None or self._advice[0] != key:
-            hints: HelpRows = ()
+            hints: KeyRows = ()
             if view.lobby is not None and view.asks_if_ready:
                 use = self._hands.keys.words(Command.USE)
                 hints = ((use, "not ready yet" if view.lobby.ready else "I am ready"),)
@@ -48,7 +46,7 @@ class PlayWords:
             self._advice = (key, (_tips(controls, view, hover), hints))
         return self._advice[1]
 
-    def permanent_keys(self, controls: Controls, view: View) -> HelpRows:
+    def permanent_keys(self, controls: Controls, view: View) -> KeyRows:
         """What is always told below the kitchen."""
         keys = self._hands.keys
         if view.me is None and not self._alone:
@@ -93,7 +91,7 @@ class PlayWords:
             self._listed = (view.state, actions), rows
         return self._listed[1]
 
-    def help(self, controls: Controls, view: View) -> HelpRows:
+    def help(self, controls: Controls, view: View) -> KeyRows:
         """All keys."""
         keys = self._hands.keys
         bound = controls.bindings.keyboard_actions

@@ -17,7 +17,7 @@ from robotouille.replay.controllers import controllers
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
-from robotouille_client.bots.cli import Entry, _run
+from robotouille_client.bots.cli import SeatChoice, _run
 from robotouille_evaluation.agents.making import make_strategy, team_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.teams.joint import Joint
@@ -102,7 +102,7 @@ def test_the_bot_of_the_command_line_takes_several_seats(
             opened = await host.create(TEAM, clock="lockstep", max_steps=5)
             seats = ("robot1", "robot2")
             outcome = await _run(
-                Entry(server.url, ("m",), episode=opened.code, seats=seats), mock(control)
+                SeatChoice(server.url, ("m",), episode=opened.code, seats=seats), mock(control)
             )
             assert outcome["reason"] == "step_limit"
 
@@ -127,7 +127,8 @@ def test_seats_that_cannot_be_taken_say_what_to_do(
             several = tuple(seats.split(","))
             with pytest.raises(RobotouilleError, match="the others in the game wait: take"):
                 await _run(
-                    Entry(server.url, ("m",), episode=opened.code, seats=several), mock("joint")
+                    SeatChoice(server.url, ("m",), episode=opened.code, seats=several),
+                    mock("joint"),
                 )
 
     run(main())
@@ -143,7 +144,7 @@ def test_whoever_may_not_list_episodes_takes_several_seats_by_the_code(
         async with serving(tmp_path) as server, connect(server.url, name="host") as host:
             code = (await host.create(TEAM, clock=clock, max_steps=5)).code
             token = minted(server, Role.PLAYER)
-            playing = _run(Entry(server.url, ("m",), token, code, seats="all"), mock("joint"))
+            playing = _run(SeatChoice(server.url, ("m",), token, code, seats="all"), mock("joint"))
             if clock == "lockstep":
                 assert (await playing)["reason"] == "step_limit"
                 return
@@ -163,7 +164,7 @@ def test_in_real_time_no_seat_is_taken(tmp_path: Path, monkeypatch: pytest.Monke
             opened = await host.create(TEAM, clock="realtime")
             with pytest.raises(RobotouilleError, match="is played in real time, where each seat"):
                 await _run(
-                    Entry(server.url, ("m",), episode=opened.code, seats="all"), mock("joint")
+                    SeatChoice(server.url, ("m",), episode=opened.code, seats="all"), mock("joint")
                 )
             (episode,) = await host.episodes()
             assert [seat.name for seat in episode.seats] == ["", ""]
