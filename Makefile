@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal --durations=20
 QUICK := smoke or not (slow or process or browser or nightly)
 
-# Tests that start processes would compile every module again in each of them.
+# Without cached bytecode, every process that a test starts compiles all modules again.
 unexport PYTHONDONTWRITEBYTECODE
 
 SEEDS ?= 0:2000
@@ -15,31 +15,31 @@ AGREEMENT ?= 10000000
 
 .PHONY: help install demo test test-all nightly check docs bench format clean
 
-help:  ## This list
+help:  ## List the targets
 	@sed -nE 's/^([a-z-]+):.*## (.*)/\1|\2/p' $(MAKEFILE_LIST) | \
 		while IFS='|' read -r name words; do printf '  make %-10s %s\n' "$$name" "$$words"; done
 
 $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "Python 3.11 or newer is needed; name one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+		{ echo "Python 3.11 or newer is required; choose one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --group dev
 	@touch $@
 
-install: $(STAMP)  ## All that the others need, into .venv; each of them does it by itself
+install: $(STAMP)  ## Install everything into .venv; every other target does this too
 
-demo: $(STAMP)  ## Two bots cook a meal on a live server while a window watches
+demo: $(STAMP)  ## Watch two bots cook a meal on a real server
 	$(BIN)/python examples/demo.py
 
-test: $(STAMP)  ## What a change usually breaks: one or two minutes
-	ROBOTOUILLE_FUZZ=0.2 $(PYTEST) -m "$(QUICK)"
+test: $(STAMP)  ## Run the quick tests: about 90 seconds
+	ROBOTOUILLE_FUZZ=0.15 $(PYTEST) -m "$(QUICK)"
 
-test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: four to eight minutes
+test-all: $(STAMP)  ## Run all tests, also with processes, browser and proxies: four to eight minutes
 	$(PYTEST)
 
-nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,local,gpu]'
+nightly: $(STAMP)  ## Run drills, many seeds, hostile inputs and floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,local]' --editable packages/robotouille-jax
 	ROBOTOUILLE_FUZZ=10 ROBOTOUILLE_ORACLE_TASKS=500 $(PYTEST) -m "nightly or not nightly"
 	$(BIN)/python -m tests.programs.simulation --seeds $(SEEDS)
 	$(BIN)/python -m tests.programs.simulation --day
@@ -49,14 +49,14 @@ nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=
 	$(BIN)/python -m tests.programs.every_bit
 	$(BIN)/python -m tests.programs.batch_agreement --steps $(AGREEMENT)
 
-check: $(STAMP)  ## Lint, format, types, import direction
+check: $(STAMP)  ## Check lint, format, types and import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m pytest tests/test_architecture.py
 
-docs: $(STAMP)  ## The documentation as a site, in out/site; every link is checked
+docs: $(STAMP)  ## Build the documentation site in out/site and check every link
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 	@echo "out/site/index.html"
@@ -64,9 +64,9 @@ docs: $(STAMP)  ## The documentation as a site, in out/site; every link is check
 bench: $(STAMP)  ## Measure the hot paths and the server on this machine
 	$(BIN)/python benchmarks/run.py
 
-format: $(STAMP)  ## Mend what ruff can mend
+format: $(STAMP)  ## Fix what ruff can fix
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-clean:  ## Remove everything that was built
+clean:  ## Remove everything that was built or installed
 	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,7 +1,8 @@
-"""A bare `websockets` server that answers load-test bots: the protocol's messages, and no game.
+"""Bare `websockets` server that speaks the protocol to load-test bots without simulating a world.
 
-What it costs is what the library costs: it decodes what it must to answer, keeps an absolute
-schedule, and broadcasts messages of the size that deltas have. Nothing is checked or recorded.
+It measures the cost of the library alone. The server decodes the fields that it needs for an
+answer, keeps an absolute schedule, and broadcasts messages of the size of deltas. It checks and
+records nothing.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ LATENESS = "robotouille_step_lateness_seconds"
 
 @dataclass(eq=False)
 class Room:
-    """Two seats and a schedule."""
+    """Room with two seats and a step schedule."""
 
     code: str
     clock: str
@@ -45,7 +46,7 @@ class Room:
 
 
 class Bare:
-    """The rooms of one process, and how late their steps were."""
+    """Rooms of one process, with a histogram of step lateness."""
 
     def __init__(self) -> None:
         self.rooms: dict[str, Room] = {}

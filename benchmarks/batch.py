@@ -1,9 +1,9 @@
-"""The batch engine beside `World.step`, in one run: joint steps a second of one core's time.
+"""Compare the batch engine with `World.step`: joint steps per second of processor time.
 
 python -m benchmarks.batch
 
-Random valid actions, drawn before the clock runs. Masks are those of all players, after each step.
-It needs the extra `fast`.
+Actions are random valid ones, drawn before timing starts. Masks are computed for all players after
+each step. Needs the extra `fast`.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ TASKS = {
     "multi_agent/09": 1_000_000,
     "multi_agent/10@4": None,
 }
-"""The smallest, a soup, two seats, four seats; with the joint steps a second, masks included, that
-are aimed at."""
+"""Tasks with target rates: joint steps per second, masks included.
+
+They are the smallest task, a soup, a task for two and a task for four."""
 COPIES = 1024
 STEPS = 100_000
 
 
 @dataclass(frozen=True)
 class Row:
-    """Joint steps a second: the world's and the batch's, alone and with masks."""
+    """Joint steps per second of the world and of the batch, with and without masks."""
 
     task: str
     world: float
@@ -43,7 +44,7 @@ class Row:
 
 
 def measure(name: str, steps: int = STEPS, copies: int = COPIES) -> Row:
-    """The figures of one task."""
+    """Measure one task."""
     world = World(load_task(name))
     course = joint_walk(world, max(1, steps // 20))
 
@@ -70,7 +71,7 @@ def measure(name: str, steps: int = STEPS, copies: int = COPIES) -> Row:
 
 
 def joint_walk(world: World, steps: int) -> list[tuple[State, dict[str, GroundAction]]]:
-    """A random walk in which every player acts in every step."""
+    """Return a random walk in which every player acts in every step."""
     generator = random.Random(9)
     state, course = world.initial, []
     for _ in range(steps):
@@ -82,7 +83,7 @@ def joint_walk(world: World, steps: int) -> list[tuple[State, dict[str, GroundAc
 
 
 def rate(work: Callable[[], object], count: int) -> float:
-    """How many a second, at best: the first time much is learned."""
+    """Return the best rate of four runs. The first run fills the world's caches."""
     times = []
     for _ in range(4):
         begun = time.process_time()
@@ -92,7 +93,7 @@ def rate(work: Callable[[], object], count: int) -> float:
 
 
 def play(batch: BatchWorld, rounds: int) -> tuple[float, float, float]:
-    """Seconds of steps, of masks, and of vectors."""
+    """Play random actions; return the seconds spent on steps, masks and vectors."""
     spent = [0.0, 0.0, 0.0]
     for _ in range(rounds):
         actions = batch.random_actions()
@@ -115,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if not COMPILED:
         print("The batch engine is not compiled: pip install 'robotouille[fast]'")
-    print("Joint steps a second of the processor's time, one core, random valid actions")
+    print("Joint steps per second of processor time, one core, random valid actions")
     print(f"{'':<18}{'World.step':>12}{'+ masks':>12}{'batch':>14}{'+ masks':>14}{'+ vectors':>14}")
     for name, target in TASKS.items():
         row = measure(name, options.steps)
@@ -127,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 (row.batch_vectors, row.world_masks),
             )
         )
-        aim = "" if target is None else f"  ({row.batch_masks / target:.1f} of what is aimed at)"
+        aim = "" if target is None else f"  ({row.batch_masks / target:.1f} × target)"
         print(f"{name:<18}{row.world:>12,.0f}{row.world_masks:>12,.0f}{cells}{aim}")
 
 

@@ -1,10 +1,9 @@
-"""How fast recordings become tables, a page is made of them, and a label is found among 100,000
-episodes.
+"""Measure indexing, the report, and the search for a label among 100,000 episodes.
 
 python -m benchmarks.catalogue --recordings 10000
 python -m benchmarks.catalogue --database postgresql://postgres@/postgres?host=/run/postgresql
 
-Needs the extra `data`. A database that is named is emptied of these recordings afterwards.
+Needs the extra `data`. Afterwards the benchmark removes its recordings from the database.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from robotouille import World, load_task
-from robotouille.episode import Clock, Episode, Rules
+from robotouille.episode import ActionRequest, Clock, Episode, Rules
 from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame
 from robotouille.replay.recorder import Recorder, header
 
@@ -31,8 +30,10 @@ JOBS = 2
 
 
 def course(seed: int) -> bytes:
-    """A recording of two people who act in most steps, at times ask for what is not possible,
-    talk a little, and do not come to the goal in `STEPS` steps."""
+    """Return a recording of two people who act in most steps and chat now and then.
+
+    Some of their requests are rejected, and they do not reach the goal in `STEPS` steps.
+    """
     rng = random.Random(seed)
     world = World(load_task("multi_agent/09@2", timing="people"))
     rules = Rules(clock=Clock.REALTIME, step_rate=RATE, max_steps=STEPS)
@@ -50,9 +51,9 @@ def course(seed: int) -> bytes:
             wish = rng.random()
             if wish < 0.05:
                 impossible = rng.choice(world.ground_actions(player))
-                episode.submit(player, number, impossible, now - 0.1)
+                episode.submit(player, ActionRequest(number, impossible), now - 0.1)
             elif wish < 0.7 and (valid := episode.state.actions(player)):
-                episode.submit(player, number, rng.choice(valid), now - 0.1)
+                episode.submit(player, ActionRequest(number, rng.choice(valid)), now - 0.1)
             elif wish > 0.98:
                 episode.say("name", player, "the onion is burning", now - 0.1)
         episode.tick(now)
@@ -61,7 +62,7 @@ def course(seed: int) -> bytes:
 
 
 def write_copies(folder: Path, count: int) -> None:
-    """Recordings of a few courses, each under an id of its own."""
+    """Write `count` recordings of a few courses, each with its own id."""
     streams = [course(seed) for seed in range(COURSES)]
     for number in range(count):
         stream = streams[number % COURSES]
@@ -74,21 +75,21 @@ def write_copies(folder: Path, count: int) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the figures."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, default=RECORDINGS)
     parser.add_argument("--database")
     parser.add_argument("--jobs", type=int, default=JOBS)
     options = parser.parse_args(arguments)
     if not find_spec("sqlalchemy"):
-        print("the catalogue is left out: it needs the extra `data`")
+        print("catalogue: skipped; needs the extra `data`")
         return
     with tempfile.TemporaryDirectory() as name:
         measure(Path(name), options.database, options.recordings, options.jobs)
 
 
 def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> None:
-    """Index, ask, and forget."""
+    """Index recordings, query them, and remove them."""
     import sqlalchemy as sa
 
     from robotouille_data.database import database_url, insert, writing_engine
@@ -107,17 +108,17 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
     print(f"{found.indexed} recordings, {steps:,} steps of two seats, {events:,} events, "
           f"{jobs} processes: {seconds:.1f} s")  # fmt: skip
     rate = steps / seconds
-    print(f"{rate:,.0f} steps/s; 2,000,000 in {2_000_000 / rate:.0f} s (aim: {SECONDS:.0f} s)")
+    print(f"{rate:,.0f} steps/s; 2,000,000 in {2_000_000 / rate:.0f} s (target: {SECONDS:.0f} s)")
     began = time.perf_counter()
     index(url, [folder], jobs=jobs)
-    print(f"again, with nothing new: {time.perf_counter() - began:.2f} s")
+    print(f"indexing again without changes: {time.perf_counter() - began:.2f} s")
     if find_spec("matplotlib"):
-        from robotouille_data.answers.report.write import write_report
+        from robotouille_data.report.page import write_report
 
         began = time.perf_counter()
         count = write_report(url, folder / "report.html")
         size = (folder / "report.html").stat().st_size
-        print(f"a report of {count:,} episodes, {size / 1e6:.1f} MB: "
+        print(f"report of {count:,} episodes, {size / 1e6:.1f} MB: "
               f"{time.perf_counter() - began:.1f} s")  # fmt: skip
     with writing_engine(url).begin() as connection:
         rows = [
@@ -135,8 +136,8 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
             assert len(connection.exec_driver_sql(query).all()) == LABELLED // 500
             times.append(time.perf_counter() - began)
     print(
-        f"a label among {LABELLED:,} episodes: {statistics.median(times) * 1000:.2f} ms "
-        f"(aim: {LABEL_SECONDS * 1000:.0f} ms)"
+        f"search for a label among {LABELLED:,} episodes: {statistics.median(times) * 1000:.2f} ms "
+        f"(target: {LABEL_SECONDS * 1000:.0f} ms)"
     )
     with writing_engine(url).begin() as connection:
         connection.execute(sa.delete(LABELS).where(LABELS.c.episode_id < LABELLED))

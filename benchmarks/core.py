@@ -1,4 +1,4 @@
-"""The hot paths of the world and the protocol, on a small, a middle and the largest tasks."""
+"""Measure the hot paths of the world and the protocol on small, medium and large tasks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WALK = 40_000
 
 @dataclass
 class Row:
-    """The figures of one task; times in seconds, sizes in bytes."""
+    """Results of one task; times in seconds, sizes in bytes."""
 
     task: str
     load: float
@@ -37,7 +37,7 @@ class Row:
 
 
 def best(work: Callable[[], object], repeat: int = 5) -> float:
-    """The shortest of some runs, in seconds: what the machine can do when it is left alone."""
+    """Return the shortest of several runs in seconds, the one least disturbed by other programs."""
     times = []
     for _ in range(repeat):
         begun = time.perf_counter()
@@ -47,7 +47,7 @@ def best(work: Callable[[], object], repeat: int = 5) -> float:
 
 
 def load(name: str) -> World:
-    """Load and ground a task, as far as listing every player's first actions."""
+    """Load a task, ground it, and list every player's first actions."""
     world = World(load_task(name))
     for player in world.players:
         world.initial.actions(player)
@@ -55,7 +55,7 @@ def load(name: str) -> World:
 
 
 def walk(world: World, steps: int, seed: int) -> list[tuple[State, str, GroundAction]]:
-    """A random walk of valid actions, the players taking turns."""
+    """Return a random walk of valid actions in which the players take turns."""
     generator = random.Random(seed)
     state, course = world.initial, []
     for i in range(steps):
@@ -68,7 +68,7 @@ def walk(world: World, steps: int, seed: int) -> list[tuple[State, str, GroundAc
 
 
 def measure(name: str) -> Row:
-    """All figures of one task."""
+    """Measure one task."""
     load_seconds = best(lambda: load(name))
     world = load(name)
     for seed in range(3):
@@ -115,7 +115,7 @@ def measure(name: str) -> Row:
 
 
 def joint_walk(world: World, steps: int) -> list[tuple[State, State, list[GroundAction]]]:
-    """A random walk in which every player acts in every step."""
+    """Return a random walk in which every player acts in every step."""
     generator = random.Random(9)
     state, course = world.initial, []
     for _ in range(steps):
@@ -129,7 +129,7 @@ def joint_walk(world: World, steps: int) -> list[tuple[State, State, list[Ground
 def delta(
     writer: StateWriter, step: int, before: State, after: State, joint: list[GroundAction]
 ) -> bytes:
-    """A step's message as the server packs it."""
+    """Return the delta of a step as the server packs it."""
     message = {"type": "delta", "step": step, **writer.changes(before, after)}
     message["did"] = [[i, action.name, *action.arguments] for i, action in enumerate(joint)]
     message["seq"] = [step] * len(joint)
@@ -138,7 +138,7 @@ def delta(
 
 
 def memory(world: World, course: list[tuple[State, str, GroundAction]]) -> float:
-    """Bytes for each state that is kept in a set."""
+    """Return the bytes per state of a set of states."""
     actions = [action for _, _, action in course[:10_000]]
     tracemalloc.start()
     state, kept = world.initial, {world.initial}
@@ -150,7 +150,7 @@ def memory(world: World, course: list[tuple[State, str, GroundAction]]) -> float
     return used / len(kept)
 
 
-# What is asked for, by column: at least (+) or at most (-).
+# Targets: `load` is a maximum in seconds, the others are minimum rates.
 TARGETS: dict[str, dict[str, float]] = {
     "synchronous/01": {"steps": 500_000, "steps_and_actions": 250_000},
     "multi_agent/09": {"steps": 300_000, "steps_and_actions": 100_000, "load": 0.05},
@@ -159,7 +159,7 @@ TARGETS: dict[str, dict[str, float]] = {
 
 
 def table(rows: list[Row]) -> list[list[str]]:
-    """The figures as text, a line each."""
+    """Format the results as text, one line for each measure."""
     lines = [["", *(row.task for row in rows)]]
 
     def line(title: str, show: Callable[[Row], str], key: str = "") -> None:
@@ -175,21 +175,21 @@ def table(rows: list[Row]) -> list[list[str]]:
         lines.append([title, *cells])
 
     line("load and ground", lambda r: f"{r.load * 1e3:.1f} ms", "load")
-    line("steps/s, goal test included", lambda r: f"{r.steps:,.0f}", "steps")
+    line("steps/s with goal test", lambda r: f"{r.steps:,.0f}", "steps")
     line(
-        "steps/s, actions listed, chosen",
+        "steps/s with listing of actions",
         lambda r: f"{r.steps_and_actions:,.0f}",
         "steps_and_actions",
     )
     line("bare transitions/s", lambda r: f"{r.extra['bare']:,.0f}")
-    line("one seat's valid actions", lambda r: f"{r.actions * 1e6:.2f} µs")
-    line("one text observation", lambda r: f"{r.text * 1e6:.0f} µs")
-    line("one diff, packed", lambda r: f"{r.diff * 1e6:.1f} µs")
+    line("valid actions of one seat", lambda r: f"{r.actions * 1e6:.2f} µs")
+    line("text observation", lambda r: f"{r.text * 1e6:.0f} µs")
+    line("packed delta", lambda r: f"{r.diff * 1e6:.1f} µs")
     line("delta, 95th percentile", lambda r: f"{r.delta_p95} B (limit 300)")
     line("snapshot with task", lambda r: f"{r.snapshot / 1024:.1f} KiB (limit 64)")
     line("goal test", lambda r: f"{r.goal * 1e6:.2f} µs")
-    line("memory a kept state", lambda r: f"{r.memory:.0f} B")
-    line("ground actions met", lambda r: f"{r.ground_actions:,}")
+    line("memory per state", lambda r: f"{r.memory:.0f} B")
+    line("ground actions seen", lambda r: f"{r.ground_actions:,}")
     return lines
 
 
@@ -201,12 +201,12 @@ def main() -> list[Row]:
     rows = [measure(name) for name in track(TASKS, "measuring", transient=True, console=console)]
     lines = table(rows)
     widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    print("The world: one process, pure Python, random valid actions")
+    print("World: one process, pure Python, random valid actions")
     for line in lines:
         cells = [line[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
         print("  ".join(cells))
-    print("(n×): that many times as good as asked for")
+    print("(n×): n times as good as the target")
     return rows
 
 

@@ -1,8 +1,8 @@
-"""The window's memory over hours of play: games, menus, other sizes, words that are never the same.
+"""Measure the window's memory over hours of games, menus, changes of size and new chat lines.
 
 python -m benchmarks.endurance --minutes 60
 
-Time is simulated: a frame a step, at 5 steps a second. Needs the extra `window`.
+Time is simulated: one frame per step at 5 steps per second. Needs the extra `window`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 from tests.support.window_play import Timer
 
 if TYPE_CHECKING:
+    from robotouille_client.window.app.local_game import LocalGame
     from robotouille_client.window.forms.display import Display
-    from robotouille_client.window.shell.games.local_game import LocalGame
 
 RATE, MINUTES = 5, 60
 GAME_STEPS, SIZE_STEPS = 150, 40
@@ -34,7 +34,7 @@ SIZES = ((640, 360), (320, 240), (800, 600), (1280, 720))
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """After how many steps and games, and MiB of this process then."""
+    """Memory of this process in MiB after a number of steps and games."""
 
     steps: int
     games: int
@@ -42,12 +42,12 @@ class Sample:
 
 
 def evening(steps: int, samples: int, sizes: Sequence[tuple[int, int]] = SIZES) -> Iterator[Sample]:
-    """Play on, one game after the other in one display."""
+    """Play one game after another in one display, and yield memory samples."""
     from robotouille.episode.rules import Clock
     from robotouille_client.bots.kinds import BotKind
     from robotouille_client.bots.partners import prompt_partners
+    from robotouille_client.window.app.local_game import GameSetup, LocalGame
     from robotouille_client.window.forms.display import Display
-    from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
 
     timer, done, dice = Timer(), 0, random.Random(1)
     due = [steps * (n + 1) // samples for n in range(samples)]
@@ -66,7 +66,7 @@ def evening(steps: int, samples: int, sizes: Sequence[tuple[int, int]] = SIZES) 
                     resize(display, sizes[done // SIZE_STEPS % len(sizes)])
                 if due and done >= due[0]:
                     yield Sample(due.pop(0), number + 1, memory())
-            game.finish(over=True)
+            game.finish(ended=True)
             in_menu(display)
             if not due:
                 break
@@ -74,12 +74,13 @@ def evening(steps: int, samples: int, sizes: Sequence[tuple[int, int]] = SIZES) 
 
 
 def play(game: LocalGame, display: Display, dice: random.Random) -> Iterator[None]:
-    """One game, a frame at a time: its owner walks, works, points and talks at random."""
+    """Play one game frame by frame; the player acts, points and chats at random."""
     import pygame
 
+    from robotouille_client.window.forms.display import Devices
     from robotouille_client.window.window import Window
 
-    window, source = Window(display=display), game.source
+    window, source = Window(devices=Devices(display)), game.source
     for step in itertools.count():
         window.frame(source)
         window.preload()
@@ -90,7 +91,7 @@ def play(game: LocalGame, display: Display, dice: random.Random) -> Iterator[Non
         if actions:
             source.act(dice.choice(actions))
         if step % 10 == 0:
-            source.say(f"This is line {dice.random()} of what is said.")
+            source.say(f"This is chat line {dice.random()}.")
             pos = dice.randrange(display.size[0]), dice.randrange(display.size[1])
             moved = {"pos": pos, "rel": (0, 0), "buttons": (0, 0, 0)}
             pygame.event.post(pygame.Event(pygame.MOUSEMOTION, moved))
@@ -101,7 +102,7 @@ def play(game: LocalGame, display: Display, dice: random.Random) -> Iterator[Non
 
 
 def resize(display: Display, size: tuple[int, int]) -> None:
-    """What an owner does who drags the window's edge."""
+    """Resize the window as if the player dragged its edge."""
     import pygame
 
     display.size = size
@@ -109,33 +110,33 @@ def resize(display: Display, size: tuple[int, int]) -> None:
 
 
 def in_menu(display: Display) -> None:
-    """The first screen, drawn once."""
+    """Draw the main menu once."""
     import pygame
 
+    from robotouille_client.window.app.main_menu import main_menu
+    from robotouille_client.window.app.settings import Settings
     from robotouille_client.window.pictures.text_surfaces import Typesetter
-    from robotouille_client.window.shell.screens.main_menu import menu
-    from robotouille_client.window.shell.settings import Settings
 
     surface = display.surface
     if surface is not None:
-        menu(Settings(), "").draw(surface, surface.get_rect(), Typesetter(), 14)
+        main_menu(Settings(), "").draw(surface, surface.get_rect(), Typesetter(), 14)
         pygame.event.clear()
 
 
 def memory() -> float:
-    """MiB of this process."""
+    """Return the memory of this process in MiB."""
     gc.collect()
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print what the process takes, tenth by tenth."""
+    """Print the memory after each tenth of the run."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=int, default=MINUTES)
     options = parser.parse_args(arguments)
     if not find_spec("pygame") or not Path("/proc/self/statm").exists():
-        print("the window's memory is left out: it needs the extra `window`, and /proc")
+        print("window memory: skipped; needs the extra `window` and /proc")
         return
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
     begun = time.process_time()
@@ -143,8 +144,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     used = time.process_time() - begun
     row = " ".join(f"{each.memory:.1f}" for each in found)
     print(
-        f"\nThe window's memory over {options.minutes} minutes of play at {RATE} steps a second, "
-        f"{found[-1].games} games ({used:.0f} s of a core), MiB after each tenth:\n  {row}"
+        f"\nWindow memory over {options.minutes} minutes of play at {RATE} steps per second, "
+        f"{found[-1].games} games ({used:.0f} s processor time), MiB after each tenth:\n  {row}"
     )
 
 

@@ -1,8 +1,8 @@
-"""Environments for learning: steps a second with masks and observations.
+"""Measure the learning environments: steps per second with masks and observations.
 
-Random valid actions on three courses: in a new world, which has to work everything out; another one
-in a world that knows five; and one that was taken before. Learners are between the last two. Only
-the environment's time counts, not that of choosing.
+Each environment plays three random walks: one in a new world with empty caches, a new walk after
+five others, and a repeated walk. Training lies between the last two. The time to choose actions is
+not counted.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ AIMS = {
     ("vector", "synchronous/01"): 0,
     ("vector", "multi_agent/10@4"): 0,
 }
-"""What was aimed for; 0 where nothing was."""
+"""Target rates; 0 means no target."""
 OVERCOOKED = 24_000
-"""Steps a second of Overcooked-AI's environment on one core of a machine like that for which the
-aims are; it is not run here."""
+"""Steps per second of Overcooked-AI's environment on one core of the target machine, measured
+separately."""
 
 
 @dataclass(frozen=True)
 class EnvironmentRow:
-    """Steps a second of processor time; joint steps, for several players."""
+    """Steps per second of processor time; joint steps for several players."""
 
     interface: str
     task: str
@@ -57,7 +57,7 @@ def chosen(mask: Any, random: np.random.Generator) -> int:
 
 
 def choose(env: Any, info: Any, random: np.random.Generator) -> Any:
-    """Valid actions at random, in whatever form the environment takes them."""
+    """Choose random valid actions in the form that the environment expects."""
     if isinstance(env, RobotouilleVectorEnv):
         space = env.single_action_space
         ends: Any = np.cumsum(space.nvec)[:-1] if isinstance(space, MultiDiscrete) else ()
@@ -69,14 +69,14 @@ def choose(env: Any, info: Any, random: np.random.Generator) -> Any:
 
 
 def over(env: Any, result: tuple[Any, ...]) -> bool:
-    """Whether it has to be reset."""
+    """Return whether the environment needs a reset."""
     if isinstance(env, RobotouilleVectorEnv):
         return False
     return bool(result[2] or result[3]) if isinstance(env, RobotouilleEnv) else not env.agents
 
 
 def course(env: Any, steps: int, seed: int) -> list[Any]:
-    """Random valid actions of so many steps; None where the environment is reset."""
+    """Return the actions of a random walk, with None where the environment is reset."""
     random = np.random.default_rng(seed)
     _, info = env.reset(seed=seed)
     taken: list[Any] = []
@@ -91,7 +91,7 @@ def course(env: Any, steps: int, seed: int) -> list[Any]:
 
 
 def timed(env: Any, taken: list[Any]) -> float:
-    """Steps a second of a known course."""
+    """Return the steps per second of replaying a walk."""
     env.reset(seed=0)
     begun = time.process_time()
     for action in taken:
@@ -104,7 +104,7 @@ def timed(env: Any, taken: list[Any]) -> float:
 
 
 def measure(interface: str, task: str) -> EnvironmentRow:
-    """The figures of one environment."""
+    """Measure one environment."""
     copies = COPIES if interface == "vector" else 1
     makers: dict[str, Callable[[], Any]] = {
         "gymnasium": lambda: RobotouilleEnv(task),
@@ -115,7 +115,7 @@ def measure(interface: str, task: str) -> EnvironmentRow:
     env = make()
     first, new = course(env, steps, 0), course(env, steps, 9)
     del env
-    gc.collect()  # the world of those environments is gone, and what it knew
+    gc.collect()  # Frees the world of those environments with its caches.
     env = make()
     cold = timed(env, first)
     for seed in range(1, 5):
@@ -127,14 +127,14 @@ def measure(interface: str, task: str) -> EnvironmentRow:
 
 def main() -> list[EnvironmentRow]:
     rows = [measure(interface, task) for interface, task in AIMS]
-    engine = "the batch engine is" if COMPILED else "the batch engine is not"
-    print(f"Environments: steps a second, with masks and vectors ({engine} compiled)")
-    print(f"{'':32}{'new world':>12}{'new walk':>12}{'known walk':>12}{'aim':>12}")
+    engine = "batch engine is" if COMPILED else "batch engine is not"
+    print(f"Environments: steps per second with masks and vectors ({engine} compiled)")
+    print(f"{'':32}{'new world':>12}{'new walk':>12}{'known walk':>12}{'target':>12}")
     for row in rows:
         aim = AIMS[row.interface, row.task]
         figures = f"{row.cold:12,.0f}{row.warmed:12,.0f}{row.again:12,.0f}"
         print(f"{row.interface + ', ' + row.task:32}{figures}{f'{aim:,}' if aim else '':>12}")
-    print(f"{'Overcooked-AI (not run here)':32}{'':36}{OVERCOOKED:>12,}")
+    print(f"{'Overcooked-AI (not measured)':32}{'':36}{OVERCOOKED:>12,}")
     world = World("multi_agent/10@4")
     state = world.initial
     packed, pickled = len(world.pack(state)), len(pickle.dumps(state))

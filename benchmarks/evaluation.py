@@ -1,10 +1,10 @@
-"""The benchmark's own figures: steps to go, episodes with all metrics, the report, the import.
+"""Measure the evaluation: steps to go, episodes with all metrics, the report and the import.
 
 python -m benchmarks.evaluation --quick
 ROBOTOUILLE_COMPILE=0 python -m benchmarks.evaluation --only steps
 
-Report and import need the extra `bench`; the import needs the files of a checkout of the published
-repository, too, and is left out where they are not beside the project.
+Report and import need the extra `bench`. The import also needs a checkout of the published
+repository next to the project and is skipped without one.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from tests.support.published import CHECKOUT
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.task import Timing
-from robotouille.planners.kitchen.kernels import COMPILED
 from robotouille.planning import StepsToGo
+from robotouille.planning.errands import PlanTrace, errands
+from robotouille.planning.kitchen.kernels import COMPILED
 from robotouille.planning.plan import Plan
-from robotouille.planning.repair.errands import Course, errands
-from robotouille.planning.repair.plan_repair import PlanRepair
+from robotouille.planning.plan_repair import PlanRepair
 from robotouille_evaluation.metrics.measuring import default_limits
-from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.metrics.rows import PackId, ResultRow
 from robotouille_evaluation.models import Model
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.packs.store import write_pack
-from robotouille_evaluation.runs import AgentSpec, Job, RunFolder, jobs
+from robotouille_evaluation.runs import AgentSpec, EpisodeJob, JobOptions, RunFolder, plan_jobs
 from robotouille_evaluation.runs.folder import RunPlan
-from robotouille_evaluation.runs.runner import Workers, run_jobs
+from robotouille_evaluation.runs.workers import Workers, run_jobs
 
 MEDIAN, P99 = 0.020, 0.200
-"""Seconds for the steps to go of a state, at most."""
+"""Target seconds to compute the steps to go of a state."""
 EPISODES, EPISODE_SECONDS = 1_000, 60
 SEEDS = 10
-"""Episodes of each instance."""
+"""Number of episodes of each instance."""
 ROWS, REPORT_SECONDS = 10_000, 60
 IMPORT_SECONDS = 30
 PROCESSES = 2
@@ -54,7 +54,7 @@ STEPS = 40
 
 
 def verdict(seconds: float, most: float) -> str:
-    """Whether a figure is what was aimed for."""
+    """Compare a time with its target, in words."""
     return f"(under {most:g} s: {'met' if seconds < most else 'MISSED'})"
 
 
@@ -62,12 +62,16 @@ def verdict(seconds: float, most: float) -> str:
 
 
 def course(world: World, plan: Plan, start: State, wild: int) -> Iterator[State]:
-    """States of an episode. Of each three steps so many are random, the others lead to the goal.
+    """Yield the states of an episode that mixes random steps with steps to the goal.
 
-    `start` is where the plan begins: in this world, or in one of another timing.
+    Args:
+        world: World to play in.
+        plan: Plan that reaches the goal.
+        start: First state of the plan, in this world or in one with another timing.
+        wild: Number of random steps among every three.
     """
     dice, kit = random.Random(wild), PlanRepair(world)
-    rest, state = errands(Course.of(plan, start)), world.initial
+    rest, state = errands(PlanTrace.of(plan, start)), world.initial
     for number in range(STEPS):
         yield state
         if state.goal_reached:
@@ -86,7 +90,7 @@ def _random(state: State, dice: random.Random) -> Iterator[GroundAction]:
 
 
 def steps_to_go(pack: Pack, timing: Timing, *, teams: bool, tasks: int) -> str:
-    """A line of figures: default layouts, played at random and nearly well."""
+    """Measure steps to go on default layouts in random and in mostly good play."""
     times, exact = [], 0
     chosen = [i for i in pack.instances if i.kind == "default" and (i.seats > 1) == teams]
     for instance in chosen[:: max(1, len(chosen) // tasks)]:
@@ -112,9 +116,9 @@ def steps_to_go(pack: Pack, timing: Timing, *, teams: bool, tasks: int) -> str:
 
 
 def all_steps_to_go(pack: Pack, tasks: int) -> None:
-    """A line for each timing, for one player and for teams."""
-    print("Steps to go of a state, time of a processor" + ("" if COMPILED else ", plain Python"))
-    for name in ("synchronous/01", "multi_agent/01"):  # Kernels are read from disk.
+    """Print a line for each timing, for one player and for teams."""
+    print("Steps to go of a state, processor time" + ("" if COMPILED else ", plain Python"))
+    for name in ("synchronous/01", "multi_agent/01"):  # Load the kernels from disk.
         warm = World(name)
         StepsToGo(warm)(warm.initial, default_limits(warm))
     for timing in Timing:
@@ -126,15 +130,15 @@ def all_steps_to_go(pack: Pack, tasks: int) -> None:
 
 
 def random_episodes(pack: Pack, count: int) -> float:
-    """Seconds for so many episodes of the random agent with all metrics, steps to go too."""
+    """Return the seconds that `count` episodes of the random agent take with all metrics."""
     chosen = [
         i for i in pack.instances
         if pack.task(i.task).dataset == "asynchronous" and i.kind != "default"
     ]  # fmt: skip
     agent = AgentSpec(name="random", kind="random")
-    planned = tuple(islice(jobs(pack, [agent], chosen, seeds=range(SEEDS)), count))
+    planned = tuple(islice(plan_jobs(pack, [agent], chosen, JobOptions(seeds=range(SEEDS))), count))
 
-    async def no_model(job: Job) -> Model:
+    async def no_model(job: EpisodeJob) -> Model:
         raise AssertionError(f"{job.id} needs a model")
 
     with tempfile.TemporaryDirectory() as name:
@@ -155,22 +159,22 @@ def random_episodes(pack: Pack, count: int) -> float:
 
 
 def processor() -> float:
-    """Seconds of the processor that this process and its children have used."""
+    """Return the processor seconds used by this process and its children."""
     return sum(os.times()[:4])
 
 
-def check(row: EpisodeRow) -> None:
-    """An episode that ended with an error would be too quick."""
+def check(row: ResultRow) -> None:
+    """Fail if an episode ended with an error, because its time would be too short."""
     if row.error:
         raise AssertionError(row.error)
 
 
 def report(pack: Pack, count: int) -> float:
-    """Seconds for a report of so many made-up rows over all tasks."""
+    """Return the seconds for a report of `count` synthetic rows over all tasks."""
     from robotouille_evaluation.report import write_report
 
     places = [(pack.task(t.name).dataset, t.name) for t in pack.tasks]
-    rows: list[EpisodeRow] = []
+    rows: list[ResultRow] = []
     seed = 0
     while len(rows) < count:
         for row in made_up_rows(seed=seed):
@@ -185,8 +189,8 @@ def report(pack: Pack, count: int) -> float:
 
 
 def import_published(seeds: int | None) -> float:
-    """Seconds for a pack of a checkout: files, settings, and all instances generated."""
-    from robotouille_evaluation.packs.published.checkout import SEEDS, read_checkout
+    """Return the seconds to import a checkout, with generation of all instances."""
+    from robotouille_evaluation.packs.published_checkout import SEEDS, read_checkout
 
     begun = time.perf_counter()
     found = read_checkout(CHECKOUT, seeds=SEEDS[:seeds])
@@ -196,9 +200,9 @@ def import_published(seeds: int | None) -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure everything, or what is asked for."""
+    """Run all measurements, or the one named by `--only`."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a tenth of everything")
+    parser.add_argument("--quick", action="store_true", help="measure a tenth of each amount")
     parser.add_argument("--only", choices=("steps", "episodes", "report", "import"))
     options = parser.parse_args(arguments)
     share = 10 if options.quick else 1
@@ -210,18 +214,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         count, used = EPISODES // share, processor()
         seconds = random_episodes(pack, count)
         used = processor() - used
-        each = f"{used / count * 1e3:.0f} ms of a processor each, {PROCESSES} processes"
+        each = f"{used / count * 1e3:.0f} ms processor time each, {PROCESSES} processes"
         print(f"{count:,} random episodes with all metrics: {seconds:.0f} s, {each} "
               f"{verdict(seconds, EPISODE_SECONDS / share)}", flush=True)  # fmt: skip
     if "report" in wanted and find_spec("matplotlib") is not None:
         used = processor()
         seconds = report(pack, ROWS // share)
         print(f"Report of {ROWS // share:,} episodes: {seconds:.0f} s, "
-              f"{processor() - used:.0f} s of a processor "
+              f"{processor() - used:.0f} s processor time "
               f"{verdict(seconds, REPORT_SECONDS)}", flush=True)  # fmt: skip
     if "import" in wanted:
         if not CHECKOUT.is_dir():
-            print("Import of the published pack: left out, its checkout is not beside the project")
+            print("Import of the published pack: skipped; needs its checkout next to the project")
         else:
             seconds = import_published(1 if options.quick else None)
             print(f"Import of the published pack: {seconds:.0f} s "

@@ -1,9 +1,10 @@
-"""How fast a catalogue is written as files.
+"""Measure exporting a catalogue to files.
 
 python -m benchmarks.exports --episodes 1000 --formats parquet,csv,jsonl
 
-The rows are made up: 200 steps of two seats in each episode, and fifteen events. Beside the figures
-stands how long this machine takes for 20 million additions at present. Needs the extra `data`.
+The rows are synthetic: 200 steps of two seats and fifteen events in each episode. Each result
+includes the current speed of the machine, measured with 20 million additions. Needs the extra
+`data`.
 """
 
 from __future__ import annotations
@@ -19,27 +20,27 @@ from typing import Any
 EPISODES, STEPS, EVENTS, SEATS = 1_000, 200, 15, (0, 1)
 WANTED, SECONDS = 2_000_000, 60.0
 ADDITIONS, QUIET = 20_000_000, 1.25
-"""How many, and the seconds that they take on a machine that has nothing else to do."""
+"""Number of additions, and the seconds that they take on an idle machine."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the figures."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--episodes", type=int, default=EPISODES)
     parser.add_argument("--formats", default="parquet")
     options = parser.parse_args(arguments)
     if not (find_spec("sqlalchemy") and find_spec("pyarrow")):
-        print("exports are left out: they need the extra `data`")
+        print("exports: skipped; need the extra `data`")
         return
     with tempfile.TemporaryDirectory() as name:
         measure(Path(name), options.episodes, options.formats.split(","))
 
 
 def measure(folder: Path, episodes: int, formats: Sequence[str]) -> None:
-    """Make a catalogue, and write it in each format."""
+    """Make a catalogue and export it in each format."""
     from robotouille_data.database import database_url
     from robotouille_data.exports.exporting import export
-    from robotouille_data.exports.request import ExportFormat, Request
+    from robotouille_data.exports.request import ExportFormat, ExportRequest
 
     url = database_url(None, folder)
     fill(url, episodes)
@@ -47,20 +48,19 @@ def measure(folder: Path, episodes: int, formats: Sequence[str]) -> None:
     for name in formats:
         slower = _additions() / QUIET
         began = time.perf_counter()
-        export(url, folder / name, Request((ExportFormat(name),)))
+        export(url, folder / name, ExportRequest((ExportFormat(name),)))
         seconds = time.perf_counter() - began
         print(
             f"{name}: {steps:,} steps of two seats in {seconds:.1f} s; {WANTED:,} in "
-            f"{seconds * WANTED / steps:.0f} s (aim: {SECONDS:.0f} s), with a machine that takes "
-            f"{slower:.1f} times as long as a quiet one"
+            f"{seconds * WANTED / steps:.0f} s (target: {SECONDS:.0f} s); the machine took "
+            f"{slower:.1f} times as long as when idle"
         )
 
 
 def fill(url: Any, episodes: int) -> None:
-    """A catalogue with made-up rows."""
+    """Fill a catalogue with synthetic rows."""
     from robotouille_data import schema
-    from robotouille_data.database import insert, writing_engine
-    from robotouille_data.versions import migrate
+    from robotouille_data.database import insert, migrate, writing_engine
 
     with writing_engine(url).begin() as connection:
         migrate(connection)

@@ -1,7 +1,7 @@
-"""Memory of the server over millions of steps, in simulated time and without a network.
+"""Measure the server's memory over millions of steps, in simulated time and without a network.
 
-Bots play on a whole server; the recordings are kept in memory and dropped when they are closed.
-Episodes end and others begin all the time, as on a server that runs for months.
+Bots play on a complete server. Recordings are kept in memory and dropped when they are closed.
+Episodes end and begin all the time, as on a server that runs for months.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ import psutil
 from websockets.protocol import State
 
 from robotouille.protocol.codec import MSGPACK
-from robotouille_client.loadtest.worker.walk import to_and_fro
+from robotouille_client.loadtest.schedule import back_and_forth
 from robotouille_server import Server, ServerSettings
+from robotouille_server.app import Surroundings
 from robotouille_server.auth.visitors import CountedConnection, Visitor
 from robotouille_server.conversation import Conversation
-from robotouille_server.rooms.recordings.storage import FileCondition
+from robotouille_server.rooms.storage import FileCondition
 from robotouille_server.runtime.logs import configure_logs
 from robotouille_server.transport.peer import Peer
 
 ROOMS, RATE = 50, 20
 TASK = "multi_agent/01"
 CHECKS = 40
-"""Times at which the memory is looked at."""
+"""Number of memory samples."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Bytes in the second quarter of the steps and in the last one, as medians; how many steps."""
+    """Median bytes of memory in the second and in the last quarter, and the number of steps."""
 
     first: float
     last: float
@@ -48,12 +49,12 @@ class Growth:
 
     @property
     def flat(self) -> bool:
-        """Whether it grew by less than five per cent: about a byte in each step of 10 million."""
+        """True if memory grew by less than 5 %, about one byte per step over 10 million steps."""
         return self.last < 1.05 * self.first
 
 
 class SimulatedSelector(selectors.DefaultSelector):
-    """Nothing comes from outside; instead of waiting, time passes."""
+    """Selector without input that advances simulated time instead of waiting."""
 
     now = 1000.0
 
@@ -73,7 +74,7 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
 
 
 class Memory:
-    """A storage that forgets what is closed."""
+    """In-memory storage that drops closed recordings."""
 
     def __init__(self) -> None:
         self.files: dict[str, bytearray] = {}
@@ -91,14 +92,14 @@ class Memory:
         return Growing(self.files[name])
 
     def replace(self, name: str, content: bytes) -> None:
-        """A closed recording is nobody's business here."""
+        """Drop the content, because closed recordings are not read."""
 
     def remove(self, name: str) -> None:
         del self.files[name]
 
 
 class Growing:
-    """A file of `Memory`."""
+    """File of `Memory`."""
 
     def __init__(self, content: bytearray) -> None:
         self._content = content
@@ -120,7 +121,7 @@ class Growing:
 
 
 class Wire:
-    """A connection without a network: what the server sends goes to `heard`."""
+    """Connection without a network that passes the server's messages to `heard`."""
 
     def __init__(self, heard: Callable[[dict[str, Any]], None]) -> None:
         self.transport = self
@@ -145,7 +146,7 @@ class Wire:
         raise AssertionError(f"the server closes: {status} {reason}")
 
     def give_way(self) -> None:
-        """Messages come one in a turn anyway."""
+        """Do nothing: at most one message arrives in each turn of the event loop."""
 
     def abort(self) -> None:
         raise AssertionError("the server drops the connection")
@@ -155,14 +156,14 @@ HERE = CountedConnection(Visitor("127.0.0.1", True, "local"), lambda: None)
 
 
 class Bot:
-    """Plays one episode after the other; the first of a pair opens them and acts."""
+    """Bot that plays one episode after another. The first of a pair opens them and acts."""
 
     def __init__(self, server: Server, partner: Bot | None = None, length: int = 0) -> None:
         self.partner = partner
         self.length = length
         self.steps = 0
         self._seq = 0
-        self._moves = to_and_fro(TASK, "robot1")
+        self._moves = back_and_forth(TASK, "robot1")
         peer = Peer(Wire(self.heard), MSGPACK, server.metrics, 15.0)  # type: ignore[arg-type]
         self._conversation = Conversation(server.services, peer, HERE)
         self.say(type="hello", protocol=1, name="bot", kind="bot")
@@ -199,13 +200,13 @@ class Bot:
 
 
 async def play(steps: int) -> tuple[int, list[int]]:
-    """The steps taken, and the memory at regular intervals, in bytes."""
+    """Return the number of steps taken, and the memory in bytes at regular intervals."""
     process = psutil.Process()
     with tempfile.TemporaryDirectory() as folder:
         settings = ServerSettings(
             recordings=Path(folder) / "recordings", max_episodes=10_000, messages_per_second=1000
         )
-        server = Server(settings, storage=Memory())
+        server = Server(settings, Surroundings(storage=Memory()))
         bots = []
         for number in range(ROOMS):
             bots.append(Bot(server, Bot(server), length=500 + 60 * number))
@@ -220,7 +221,7 @@ async def play(steps: int) -> tuple[int, list[int]]:
 
 
 def memory_over_steps(steps: int) -> Growth:
-    """Play about so many steps in a process of its own."""
+    """Play about `steps` steps in a separate process."""
     command = [sys.executable, "-m", "benchmarks.flat", "--steps", str(steps)]
     root = Path(__file__).resolve().parents[1]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=root)

@@ -1,9 +1,9 @@
-"""What the window takes of a core while its owner does nothing, screen by screen.
+"""Measure the processor load of each screen of the window while the player does nothing.
 
 python -m benchmarks.idle [--screen]
 
-Processor time of this process for each second of the wall clock, without a screen unless one is
-asked for. Needs the extra `window`.
+The load is processor time per second of wall time. The window draws without a display, unless
+`--screen` is given. Needs the extra `window`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import tempfile
 import time
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,9 +29,11 @@ from robotouille_client.bots.partners import PromptPartners
 from robotouille_client.client import connect
 
 if TYPE_CHECKING:
+    from robotouille_client.window.drawing.window_layout import Strip
+    from robotouille_client.window.forms.card_slot import Cards
     from robotouille_client.window.forms.display import Display
     from robotouille_client.window.sources.local import LocalSource
-    from robotouille_client.window.view import Source
+    from robotouille_client.window.view import GameSource
 
 SIZE, SECONDS, SETTLING = (1280, 720), 4.0, 1.0
 AIM = 5.0
@@ -42,48 +43,49 @@ Show = Callable[["Display"], Coroutine[Any, Any, object]]
 
 @dataclass(frozen=True, slots=True)
 class Resting:
-    """Decides to do nothing."""
+    """Policy that does nothing."""
 
     player: str
 
     def observe(self, did: object) -> None:
-        """Nothing comes of it."""
+        """Ignore the actions."""
 
     def act(self, state: State) -> GroundAction | None:
         return None
 
 
 def resting_game(task: str, steps: int = 1000, now: Callable[[], float] = time.monotonic) -> Any:
-    """A game in this process, at 5 steps a second, in which nobody does anything."""
-    from robotouille_client.window.sources.local import LocalSource
+    """Return a local game at 5 steps per second in which nobody acts."""
+    from robotouille_client.window.sources.local import LocalSeats, LocalSource
 
     world = World(task)
     me, *others = world.players
     rules = Rules(clock=Clock.REALTIME, step_rate=5.0, max_steps=steps)
     partners = PromptPartners({player: Resting(player) for player in others})
     bots = {player: player.title() for player in others}
-    return LocalSource(Episode(world, rules, now()), me, bots, partners, now)
+    return LocalSource(Episode(world, rules, now()), LocalSeats(me, bots), partners, now)
 
 
-async def in_window(source: Source, display: Display, **options: Any) -> None:
+async def in_window(source: GameSource, display: Display, cards: Cards | None = None) -> None:
+    from robotouille_client.window.forms.display import Devices
     from robotouille_client.window.window import Window
 
-    await Window(display=display, **options).run(source, linger=None)
+    await Window(devices=Devices(display), cards=cards).run(source, linger=None)
 
 
 async def playing(display: Display) -> None:
-    """A game for one."""
+    """Show a game for one player."""
     await in_window(resting_game("asynchronous/09"), display)
 
 
 async def team(display: Display) -> None:
-    """A game for four."""
+    """Show a game for four players."""
     await in_window(resting_game("multi_agent/10@4"), display)
 
 
 async def over(display: Display) -> None:
-    """The card of a game that was lost."""
-    from robotouille_client.window.shell.game_cards import GameCards
+    """Show the card at the end of a lost game."""
+    from robotouille_client.window.app.game_cards import GameCards
 
     source: LocalSource = resting_game("synchronous/01", 1)
     cards = GameCards(lambda: source.outcome, lambda: [("Menu", "menu")])
@@ -91,32 +93,36 @@ async def over(display: Display) -> None:
 
 
 async def menu(display: Display) -> None:
-    """The first screen."""
+    """Show the main menu."""
+    from robotouille_client.window.app.main_menu import main_menu
+    from robotouille_client.window.app.settings import Settings
     from robotouille_client.window.forms.screen import Screen
-    from robotouille_client.window.shell.screens.main_menu import menu as main_menu
-    from robotouille_client.window.shell.settings import Settings
 
     await Screen(display).ask(main_menu(Settings(), ""))
 
 
 async def paused(display: Display) -> None:
-    """A recording that stands still."""
+    """Show a paused replay."""
     from robotouille.replay.recording import read_recording
-    from robotouille_client.window.replay.viewer import Viewer
+    from robotouille_client.window.forms.display import Devices
+    from robotouille_client.window.options import WindowStyle
+    from robotouille_client.window.replay.viewer import RecordingViewer
     from robotouille_client.window.window import Window
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "game.rbt"
         path.write_bytes(recorded_game("multi_agent/07@4"))
-        viewer = Viewer(
-            [(path, read_recording(path))], make_window=partial(Window, display=display)
-        )
+
+        def make_window(caption: str, strip: Strip) -> Window:
+            return Window(style=WindowStyle(strip=strip), devices=Devices(display))
+
+        viewer = RecordingViewer([(path, read_recording(path))], make_window=make_window)
         viewer.playhead.seek(20, playing=False)
         await viewer.window.run(viewer, linger=None)
 
 
 async def waiting(display: Display) -> None:
-    """A kitchen on a server that waits for the second player."""
+    """Show a kitchen on a server that waits for the second player."""
     from robotouille_client.window.sources.remote import RemoteSource
 
     with (
@@ -133,15 +139,15 @@ async def waiting(display: Display) -> None:
 SCREENS: dict[str, Show] = {
     "a game for one": playing,
     "a game for four": team,
-    "the card at its end": over,
+    "the card at the end": over,
     "the menu": menu,
     "a paused replay": paused,
-    "a kitchen that waits": waiting,
+    "a waiting kitchen": waiting,
 }
 
 
 async def share(show: Show, display: Display, seconds: float) -> float:
-    """The percentage of a core that a screen takes."""
+    """Return the load of a screen in percent of a core."""
     running = asyncio.create_task(show(display))
     for _ in range(1000):
         await asyncio.sleep(0.02)
@@ -160,7 +166,7 @@ async def share(show: Show, display: Display, seconds: float) -> float:
 
 
 def measure(show: Show, seconds: float = SECONDS, *, headless: bool = True) -> float:
-    """The percentage of a core that a screen takes in which nothing happens."""
+    """Open a display and return the load of a screen in percent of a core."""
     from robotouille_client.window.forms.display import Display
 
     display = Display(SIZE, headless=headless)
@@ -171,19 +177,19 @@ def measure(show: Show, seconds: float = SECONDS, *, headless: bool = True) -> f
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the figures."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--screen", action="store_true", help="open the window, e.g. under Xvfb")
-    parser.add_argument("--only", help="the one screen whose name has this in it")
+    parser.add_argument("--only", help="measure only screens whose name contains this text")
     options = parser.parse_args(arguments)
     if not find_spec("pygame"):
-        print("the window is left out: it needs the extra `window`")
+        print("idle window: skipped; needs the extra `window`")
         return
     if not options.screen:
         os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
-    where = "on a screen" if options.screen else "without a screen"
-    print(f"\nNobody does anything, {where}, {SIZE[0]} x {SIZE[1]} (aim {AIM:g} % of a core)")
+    where = "on a display" if options.screen else "without a display"
+    print(f"\nIdle window, {where}, {SIZE[0]} x {SIZE[1]} (target {AIM:g} % of a core)")
     for name, show in SCREENS.items():
         if options.only is None or options.only in name:
             used = measure(show, options.seconds, headless=not options.screen)

@@ -1,7 +1,7 @@
-"""Steps of one player in a world that knows them, and joint steps of a team in one that does not.
+"""Measure cached steps of one player and mostly uncached joint steps of a team.
 
-A walk that was taken before finds every transition in a table. A team of four meets new
-combinations all the time, so what its steps take is working out, and that is another figure.
+A repeated walk finds every transition in a table. A team of four meets new combinations all the
+time, so its steps must be computed, and both rates are reported.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ __all__ = ["JointRow", "main", "measure"]
 TASKS = ("multi_agent/01@4", "multi_agent/07@4", "multi_agent/10@4")
 STEPS = 2000
 WALKS = 5
-"""Other random walks that warm a world."""
+"""Number of random walks that fill the world's caches."""
 
 
 @dataclass(frozen=True)
 class JointRow:
-    """Steps a second of processor time, the listing of valid actions included."""
+    """Steps per second of processor time, including the listing of valid actions."""
 
     task: str
     timing: str
@@ -33,7 +33,7 @@ class JointRow:
 
 
 def walk(world: World, steps: int, seed: int, *, joint: bool) -> float:
-    """A random walk of valid actions: its steps a second."""
+    """Play a random walk of valid actions and return its steps per second."""
     generator = random.Random(seed)
     state, players = world.initial, world.players
     begun = time.process_time()
@@ -45,7 +45,7 @@ def walk(world: World, steps: int, seed: int, *, joint: bool) -> float:
 
 
 def measure(task: str, timing: str) -> JointRow:
-    """All figures of one task: the joint walk in a new world, after others, and once more."""
+    """Measure one task: a joint walk in a new world, after other walks, and repeated."""
     loaded = load_task(task, timing=timing)
     world = World(loaded)
     walk(world, STEPS, 0, joint=False)
@@ -61,7 +61,7 @@ def measure(task: str, timing: str) -> JointRow:
 
 def main() -> list[JointRow]:
     rows = [measure(task, timing) for task in TASKS for timing in ("benchmark", "people")]
-    print("Steps a second, valid actions listed and chosen at random")
+    print("Steps per second, with random choice among the listed valid actions")
     print(f"{'':30}{'one player,':>14}{'four,':>10}{'four,':>12}{'four,':>14}")
     print(f"{'':30}{'known walk':>14}{'cold':>10}{'new walk':>12}{'known walk':>14}")
     for row in rows:

@@ -1,11 +1,11 @@
-"""What our side of a model call costs, with many episodes at once in one process.
+"""Measure the overhead of model calls with many concurrent episodes in one process.
 
 python -m benchmarks.model_calls --episodes 100 --calls 6
 
-The endpoint is another process. It takes about two seconds for an answer, as models do, and says
-how long it took; what a call takes beyond that is overhead: SDK, HTTP, waiting for the other
-episodes' calls in the same event loop, checks of the answer. The conversations are as long as those
-of an episode with its whole history. It needs the extra `llm`.
+The endpoint is a separate process. Like a model, it takes about two seconds for an answer, and it
+reports its own time. The rest of a call is overhead: SDK, HTTP, other calls in the same event loop,
+and checks of the answer. Conversations are as long as those of an episode with full history. Needs
+the extra `llm`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from robotouille_evaluation.models import (
 )
 
 TARGET = 0.005
-"""Seconds of overhead at most, in the median."""
+"""Target for the median overhead in seconds."""
 EXCHANGES, CHARACTERS = 20, 1500
-"""A conversation: so many observations, each so long, and as many short answers."""
+"""Number of observations in a conversation, each with a short answer, and their length."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Overheads of calls and the processor's time for one, in seconds."""
+    """Overheads of calls, and processor time per call, in seconds."""
 
     overheads: list[float]
     processor: float
@@ -55,14 +55,14 @@ class Figures:
 
 
 def conversation(number: int) -> ModelRequest:
-    """A long conversation, another for each number."""
+    """Return a long conversation that is different for each number."""
     observation = f"{number} " + "The lettuce is on the table. " * (CHARACTERS // 29)
     pair = (Message("user", observation), Message("assistant", "Reasoning: So.\nAction: Wait"))
     return ModelRequest((Message("system", "You cook."), *pair * EXCHANGES, pair[0]))
 
 
 class TimedReply(Reply):
-    """An answer whose text says how long it took, the endpoint's own lateness included."""
+    """Answer whose text is the endpoint's time in seconds, including its own delays."""
 
     def encoded(self) -> bytes:
         took = time.perf_counter() - float(self.body)
@@ -70,7 +70,7 @@ class TimedReply(Reply):
 
 
 async def serve(thinking: float) -> None:
-    """Answer until killed, each time after about so many seconds."""
+    """Serve until killed; answer each request after about `thinking` seconds."""
 
     def reply(_: Received) -> Reply:
         begun = str(time.perf_counter()).encode()
@@ -83,7 +83,7 @@ async def serve(thinking: float) -> None:
 
 @contextmanager
 def server(thinking: float) -> Iterator[str]:
-    """The endpoint in a process of its own; its base URL."""
+    """Run the endpoint in a separate process and yield its base URL."""
     options = ["--serve", "--thinking", str(thinking)]
     command = [sys.executable, "-m", "benchmarks.model_calls", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -95,9 +95,9 @@ def server(thinking: float) -> Iterator[str]:
 
 
 async def measure(model: Model, episodes: int, calls: int, thinking: float) -> Figures:
-    """The overheads of so many calls in each of so many episodes at once.
+    """Return the overheads of `calls` calls in each of `episodes` concurrent episodes.
 
-    Each has made a call before, and so has its connection.
+    Each episode first makes one call that is not measured, to open its connection.
     """
     overheads: list[float] = []
 
@@ -117,8 +117,8 @@ async def measure(model: Model, episodes: int, calls: int, thinking: float) -> F
 
 
 async def trial(url: str, episodes: int, calls: int, thinking: float) -> Figures:
-    """The overheads with an endpoint."""
-    endpoint = Endpoint("scripted", url, max_concurrent=episodes)
+    """Measure the overheads of calls to an endpoint."""
+    endpoint = Endpoint("scripted", url)
     async with OpenAICompatibleModel(endpoint) as model:
         return await measure(model, episodes, calls, thinking)
 
@@ -127,23 +127,23 @@ def report(name: str, figures: Figures) -> None:
     met = "met" if figures.median < TARGET else "MISSED"
     print(
         f"  {name:<8} {figures.median * 1000:6.2f} ms (under {TARGET * 1000:g} ms: {met})"
-        f"  p99 {figures.p99 * 1000:6.1f} ms  processor {figures.processor * 1000:5.2f} ms a call"
+        f"  p99 {figures.p99 * 1000:6.1f} ms  processor {figures.processor * 1000:5.2f} ms per call"
     )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure; `--serve` is for the program itself."""
+    """Run the measurement; `--serve` is internal."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--calls", type=int, default=6)
-    parser.add_argument("--thinking", type=float, default=2.0, help="seconds of the endpoint")
+    parser.add_argument("--thinking", type=float, default=2.0, help="seconds per answer")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.serve:
         asyncio.run(serve(options.thinking))
         return
     how = (options.episodes, options.calls, options.thinking)
-    print(f"Overhead of a model call, median of {options.episodes} episodes at once")
+    print(f"Overhead of a model call, median, {options.episodes} concurrent episodes")
     report("scripted", asyncio.run(measure(ScriptedModel(lambda _: "0"), *how)))
     with server(options.thinking) as url:
         report("endpoint", asyncio.run(trial(url, *how)))

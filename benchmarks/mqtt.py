@@ -1,7 +1,7 @@
-"""What MQTT costs a server: off, on with nobody listening, and with all episodes watched.
+"""Measure the cost of MQTT for a server: off, on without subscribers, and all episodes watched.
 
-The server has one core to itself, the clients and the broker the others. The processor time that
-it takes is measured in turns, so that what else the machine does hits all alike.
+The server runs on one core, and the clients and the broker on the others. The three cases are
+measured in turns, so that other load on the machine affects all of them.
 """
 
 from __future__ import annotations
@@ -28,39 +28,39 @@ from tests.support.brokers import Mosquitto, missing, mosquitto
 
 from benchmarks.server import OURS, Bench, Row, load, print_rows
 from robotouille import World
-from robotouille.episode import Episode, Rules, Stepped
-from robotouille_client.loadtest.cores import keep_to_cores
-from robotouille_server.auth import FileKeyring, Revocations, Role, Tokens
-from robotouille_server.mqtt.outbox import Outbox
-from robotouille_server.mqtt.tap import Tap
-from robotouille_server.mqtt.topics import Topics
-from robotouille_server.mqtt.watches import Watches
+from robotouille.episode import ActionRequest, Episode, Rules, Stepped
+from robotouille_client.loadtest.worker_pool import keep_to_cores
+from robotouille_server.auth import Role, Tokens
+from robotouille_server.auth.keys import FileKeyring
+from robotouille_server.auth.revocation import Revocations
+from robotouille_server.mqtt.messages import Topics
+from robotouille_server.mqtt.stream import Outbox, RoomStream, Watches
 from robotouille_server.runtime.metrics import Metrics
 
 ROOMS, RATE = 200, 5.0
-OFF, SILENT, WATCHED = "off", "nobody listens", "all watched"
+OFF, SILENT, WATCHED = "off", "on, no subscribers", "all watched"
 MAX_SILENT, MAX_WATCHED = 0.02, 0.10
 CALLS = 100_000
 
 
 def tap_seconds(*, watched: bool) -> float:
-    """What telling the tap of a step takes, in seconds."""
+    """Return the seconds that the MQTT tap takes for a step."""
     world = World("multi_agent/01")
     episode = Episode(world, Rules(), 0.0)
     for player in world.players:
         episode.join(player, player, "bot", 0.0)
     for player in world.players:
-        episode.submit(player, 1, episode.state.actions(player)[0], 0.1)
+        episode.submit(player, ActionRequest(1, episode.state.actions(player)[0]), 0.1)
     (step,) = [event for event in episode.events() if isinstance(event, Stepped)]
     room = cast("Any", SimpleNamespace(id="ad9ac0c99d4665c2"))
     watches = Watches(list)
     watches.episodes = {room.id} if watched else set()
-    tap = Tap(Outbox(Metrics()), watches, Topics("bench"), time.time)
+    tap = RoomStream(Outbox(Metrics()), watches, Topics("bench"), time.time)
     return min(timeit.repeat(lambda: tap.published(room, [step]), number=CALLS, repeat=5)) / CALLS
 
 
 async def watch(broker: Mosquitto, token: str) -> None:
-    """Ask for the steps of all episodes."""
+    """Watch the steps of all episodes."""
     import aiomqtt
 
     async with aiomqtt.Client("127.0.0.1", broker.port) as lab:
@@ -77,7 +77,7 @@ async def watch(broker: Mosquitto, token: str) -> None:
 
 @contextmanager
 def watching(broker: Mosquitto, token: str) -> Iterator[None]:
-    """Somebody who asks for all steps of the next server, once it is there."""
+    """Run a subscriber that watches all episodes of the next server once it is online."""
     import threading
 
     thread = threading.Thread(target=lambda: asyncio.run(watch(broker, token)), daemon=True)
@@ -87,7 +87,7 @@ def watching(broker: Mosquitto, token: str) -> Iterator[None]:
 
 
 def cores(bench: Bench, folder: Path, broker: Mosquitto, case: str, rooms: int) -> float:
-    """The share of a core that a server takes."""
+    """Return the number of cores that a server uses."""
     keys = folder / "keys.json"
     tokens = Tokens(FileKeyring(keys), time.time, Revocations(folder / "revoked.json"))
     token = tokens.mint_role(Role.OPERATOR, "bench", seconds=3600)
@@ -106,28 +106,28 @@ def cores(bench: Bench, folder: Path, broker: Mosquitto, case: str, rooms: int) 
 
 
 def rows(used: dict[str, list[float]]) -> list[Row]:
-    """The figures beside their aims."""
+    """Return the results with their targets."""
     middle = {case: statistics.median(values) for case, values in used.items()}
     step = middle[OFF] / (ROOMS * RATE)
     silent, watched = tap_seconds(watched=False), tap_seconds(watched=True)
     more = middle[WATCHED] - middle[OFF]
     return [
         Row("cores, MQTT off", "", f"{middle[OFF]:.3f}", ""),
-        Row("  on, nobody listens", "", f"{middle[SILENT]:.3f}", ""),
+        Row("  on, no subscribers", "", f"{middle[SILENT]:.3f}", ""),
         Row(f"  all {ROOMS} episodes watched", "", f"{middle[WATCHED]:.3f}", ""),
-        Row("  more for that, of a core", f"{MAX_WATCHED:.0%}", f"{more:.1%}", "",
+        Row("  increase when watched, of a core", f"{MAX_WATCHED:.0%}", f"{more:.1%}", "",
             met=more <= MAX_WATCHED),
-        Row("the tap, a step that nobody watches, µs", "", f"{silent * 1e6:.2f}", ""),
-        Row("  … that somebody does", "", f"{watched * 1e6:.2f}", ""),
-        Row("  nobody listens, of what a step takes", f"{MAX_SILENT:.0%}", f"{silent / step:.2%}",
+        Row("tap, unwatched step, µs", "", f"{silent * 1e6:.2f}", ""),
+        Row("  watched step, µs", "", f"{watched * 1e6:.2f}", ""),
+        Row("  unwatched, share of a step's time", f"{MAX_SILENT:.0%}", f"{silent / step:.2%}",
             "", met=silent / step <= MAX_SILENT),
     ]  # fmt: skip
 
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=10.0, help="to measure, each time")
-    parser.add_argument("--turns", type=int, default=2, help="how often each case is measured")
+    parser.add_argument("--seconds", type=float, default=10.0, help="seconds of each measurement")
+    parser.add_argument("--turns", type=int, default=2, help="number of measurements of each case")
     options = parser.parse_args(arguments)
     console = Console()
     if missing():

@@ -1,9 +1,9 @@
-"""Optimal planning: the default tasks, the generated instances, and play.
+"""Measure optimal planning of default tasks and generated instances, and planning for play.
 
     python -m benchmarks.planning           # compiled kernels if the extra `fast` is installed
     ROBOTOUILLE_COMPILE=0 python -m benchmarks.planning
 
-`make bench` prints both, side by side. Times are of one process; compiling is not counted.
+`make bench` prints both columns. Times are for one process and exclude compilation.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from functools import partial
 from pathlib import Path
 
 from robotouille import World, load_task
-from robotouille.planners.kitchen.kernels import COMPILED
+from robotouille.installation import data_folder
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.search_result import Limits
+from robotouille.planning.kitchen.kernels import COMPILED
+from robotouille.planning.plan import Limits
 from robotouille.planning.solvers import solve
-from robotouille.resources import data_folder
 
 ROOT = Path(__file__).resolve().parents[1]
 SINGLE = ("synchronous", "asynchronous")
 SECONDS = 30.0
 STATES = 6_000_000
-"""States in memory that stay below 2 GB."""
+"""Maximum number of states in memory, which keeps the process below 2 GB."""
 
 
 def defaults() -> list[str]:
-    """The twenty default tasks for one player."""
+    """Return the twenty default tasks for one player."""
     return [f"{folder}/{number:02d}" for folder in SINGLE for number in range(1, 11)]
 
 
 def generated() -> list[str]:
-    """The generated instances for one player."""
+    """Return the generated instances for one player."""
     root = data_folder("problems")
     files = [p for f in SINGLE for p in sorted((root / "generated" / f).glob("*_s*.json"))]
     named = [p.relative_to(root).with_suffix("").as_posix() for p in files]
@@ -47,12 +47,12 @@ def generated() -> list[str]:
 
 
 def over(deadline: float) -> bool:
-    """Whether the time is up."""
+    """Return whether the deadline has passed."""
     return time.perf_counter() > deadline
 
 
 def certify(names: Iterable[str]) -> list[tuple[float, bool, int]]:
-    """For each task: seconds to a plan with its bound, whether it is proven, expansions."""
+    """Search each task; return its seconds, whether the plan is proven shortest, and expansions."""
     rows = []
     for name in names:
         begun = time.perf_counter()
@@ -64,7 +64,7 @@ def certify(names: Iterable[str]) -> list[tuple[float, bool, int]]:
 
 
 def first_plans() -> list[tuple[float, float]]:
-    """For each default task: seconds to the first plan for play, its length by the optimum."""
+    """Return, per default task, the seconds to the first plan for play and its relative length."""
     rows = []
     for name in defaults():
         world = World(load_task(name))
@@ -76,7 +76,7 @@ def first_plans() -> list[tuple[float, float]]:
 
 
 def transitions(name: str = "asynchronous/09", steps: int = 20_000) -> float:
-    """The world's own steps per second, actions listed, to hold expansions against."""
+    """Return the world's steps per second, with listing of actions, to compare with expansions."""
     world, dice = World(load_task(name)), random.Random(1)
     state = world.initial
     for _ in range(2):
@@ -88,7 +88,7 @@ def transitions(name: str = "asynchronous/09", steps: int = 20_000) -> float:
 
 
 def measure() -> dict[str, str]:
-    """Every figure, as text by its name."""
+    """Return all results as text by name."""
     certify(defaults()[:1])
     rows = certify(defaults())
     many = certify(generated())
@@ -101,18 +101,18 @@ def measure() -> dict[str, str]:
         "proven": f"{sum(r[1] for r in rows)} of {len(rows)}",
         f"{len(many)} generated instances, median": f"{statistics.median(times):.3f} s",
         "95th percentile": f"{times[int(0.95 * len(times))]:.2f} s",
-        "longest": f"{times[-1]:.1f} s",
-        "all together": f"{sum(times):.0f} s",
+        "slowest": f"{times[-1]:.1f} s",
+        "total": f"{sum(times):.0f} s",
         f"proven within {SECONDS:.0f} s": f"{proven} ({proven / len(many):.1%})",
         "expansions/s": f"{expansions / sum(times):,.0f}",
-        "the world's steps/s": f"{transitions():,.0f}",
+        "world steps/s": f"{transitions():,.0f}",
         "first plan for play, slowest": f"{max(p[0] for p in plans) * 1e3:.0f} ms",
-        "its length by the optimum, worst": f"{max(p[1] for p in plans):.2f}",
+        "its length / optimum, worst": f"{max(p[1] for p in plans):.2f}",
     }
 
 
 def elsewhere(compiled: bool) -> dict[str, str]:
-    """The figures of a process with compiled or with plain kernels."""
+    """Measure in a separate process, with compiled kernels or in plain Python."""
     environment = {**os.environ, "ROBOTOUILLE_COMPILE": "1" if compiled else "0"}
     command = [sys.executable, "-m", "benchmarks.planning", "--json"]
     result = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, check=True)

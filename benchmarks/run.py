@@ -1,4 +1,4 @@
-"""`make bench`: every figure, ratios in one run."""
+"""Run all benchmarks (`make bench`)."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from benchmarks import (
     mqtt,
     planning,
     server,
-    stand_ins,
     startup,
+    substitutes,
     viewer,
     window,
 )
@@ -46,5 +46,5 @@ if __name__ == "__main__":
     server.main()
     mqtt.main([])
     model_calls.main([])
-    stand_ins.main(["--rooms", "100", "--seconds", "10"])
+    substitutes.main(["--rooms", "100", "--seconds", "10"])
     floods.main(["--runs", "3", "--seconds", "2"])

@@ -1,8 +1,8 @@
-"""The server's figures beside those of a bare `websockets` server, in one run.
+"""Compare the server with a bare `websockets` server in one run.
 
-Each server has one core to itself and the load tester's clients the others. Both serve the same
-bots at the same rates with messages of the same size; the bare one plays no game. Run it on a
-machine that does nothing else: with two cores one program more makes the figures worthless.
+Each server runs on one core, and the clients of the load test run on the others. Both serve the
+same bots at the same rates with messages of the same size, but the bare server simulates no world.
+Run the benchmark on an idle machine: on two cores, any other program invalidates the results.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.flat import Growth, memory_over_steps
-from robotouille_client.loadtest.cores import keep_to_cores
-from robotouille_client.loadtest.load_test import LoadTest
-from robotouille_client.loadtest.progress import ProgressDisplay
-from robotouille_client.loadtest.report.html_page import render_page
-from robotouille_client.loadtest.report.report import LoadReport, make_report, memory_each
-from robotouille_client.loadtest.report.terminal_summary import milliseconds
+from robotouille_client.loadtest.html_page import load_test_page
+from robotouille_client.loadtest.load_test import LoadTest, ProgressDisplay
+from robotouille_client.loadtest.report import LoadReport, make_report, memory_each
+from robotouille_client.loadtest.terminal_summary import milliseconds
+from robotouille_client.loadtest.worker_pool import keep_to_cores
 from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
 OURS, BARE = "robotouille-server", "bare websockets"
 LATE = "0.05"
 MIX = "realtime:20,lockstep:1"
-"""One lockstep room for 20 in real time: an action is answered at once there, as by an echo."""
+"""One lockstep room per 20 real-time rooms. It answers actions at once, so it measures the round
+trip."""
 STEPS, ENOUGH = 10_000_000, 0.95
-"""Over which the memory has to be flat, and the share of them that counts as all: episodes that
-end and begin take time, too."""
+"""Steps over which memory must stay flat, and the share of them that is enough. A run takes
+slightly fewer steps, because ending and starting episodes takes time, too."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """How long to measure, where to put the reports, which cores are whose."""
+    """Duration of a measurement, folder for reports, and the cores of servers and clients."""
 
     seconds: float
     out: Path | None
@@ -61,7 +61,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class Row:
-    """One figure: what it is to be, and what both servers had."""
+    """Result of both servers with its target."""
 
     name: str
     target: str
@@ -72,7 +72,7 @@ class Row:
 
 @contextmanager
 def server(which: str, bench: Bench, *flags: str) -> Iterator[tuple[int, str]]:
-    """A server process on its cores: its id and its URL."""
+    """Run a server process on its cores; yield its process id and its URL."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "benchmarks.bare"]
         if which == OURS:
@@ -111,7 +111,7 @@ def _url(process: subprocess.Popen[str]) -> str:
 def load(
     which: str, bench: Bench, title: str, flags: tuple[str, ...] = (), **plan: Any
 ) -> LoadReport:
-    """One load test against a fresh server."""
+    """Run one load test against a new server."""
     bench.console.print(f"[bold]{title}[/], {which}", highlight=False)
     with server(which, bench, *flags) as (pid, url):
         options = {"duration": bench.seconds, "processes": bench.processes, **plan}
@@ -122,7 +122,7 @@ def load(
     if bench.out is not None:
         name = re.sub(r"\W+", "-", f"{title} {which}").strip("-")
         (bench.out / f"{name}.json").write_text(json.dumps(report.to_json(), indent=1))
-        (bench.out / f"{name}.html").write_text(render_page(report))
+        (bench.out / f"{name}.html").write_text(load_test_page(report))
     for note in report.notes:
         bench.console.print(f"  ! {note}", style="yellow", highlight=False)
     return report
@@ -132,7 +132,7 @@ def load(
 
 
 def realtime(bench: Bench, rooms: int, rate: float) -> list[Row]:
-    """So many real-time episodes of two, with a lockstep one for each twenty."""
+    """Measure real-time episodes for two players, with one lockstep episode per twenty."""
     title = f"{rooms:,} real-time episodes at {rate:g} steps/s"
     both = {
         which: load(which, bench, title, rooms=rooms * 21 // 20, rate=rate, mix=parse_mix(MIX),
@@ -155,18 +155,18 @@ def _steps(title: str, ours: LoadReport, bare: LoadReport) -> list[Row]:
     sent = ours.figures["steps"].get("age when sent")
     age = sent["p50"] if sent else None
     return [
-        Row(f"{title}: less than 50 ms late", "99.9 %", _share(late[0]), _share(late[1]),
+        Row(f"{title}: steps less than 50 ms late", "99.9 %", _share(late[0]), _share(late[1]),
             met=late[0] >= 0.999),
         Row("  nominal rate held", "100 %", _share(held[0]), _share(held[1]),
             met=held[0] >= 0.995),
         Row("  age of deltas when sent, median, ms", "1", milliseconds(age), "",
             met=age is not None and age <= 0.001),
-        Row("  … on arrival since due, median", "", arrived[0], arrived[1]),
+        Row("  age of deltas on arrival, median, ms", "", arrived[0], arrived[1]),
     ]  # fmt: skip
 
 
 def _late(report: LoadReport) -> float:
-    """The share of steps that the server took in time, by its own count."""
+    """Return the share of steps that the server took in time, by its own count."""
     own = report.figures["steps"].get("by the server")
     return (own["within"][LATE] or 0.0) if own else 0.0
 
@@ -195,7 +195,7 @@ def _cores(report: LoadReport) -> str:
 
 
 def spectators(bench: Bench, count: int) -> list[Row]:
-    """Memory of idle spectators."""
+    """Measure the memory of idle spectators."""
     title = f"{count:,} idle spectators"
     shown, met = {}, None
     for which in (BARE, OURS):
@@ -208,7 +208,7 @@ def spectators(bench: Bench, count: int) -> list[Row]:
 
 
 def storm(bench: Bench, count: int) -> list[Row]:
-    """All players lose their connections at once."""
+    """Measure recovery after all players lose their connections at the same time."""
     title = f"storm of {count:,} connections"
     shown, met = {}, None
     for which in (BARE, OURS):
@@ -222,7 +222,7 @@ def storm(bench: Bench, count: int) -> list[Row]:
 
 
 def workers(bench: Bench, rooms: int, rate: float) -> list[Row]:
-    """Two processes that share the port."""
+    """Measure two worker processes that share the port."""
     title = f"{rooms:,} episodes at {rate:g} steps/s, two workers"
     count = os.cpu_count() or 1
     cores = bench.servers + ((count - 1,) if count > 2 else ())
@@ -235,13 +235,13 @@ def workers(bench: Bench, rooms: int, rate: float) -> list[Row]:
 
 
 def memory(bench: Bench, steps: int) -> list[Row]:
-    """The server's memory while it takes step after step."""
+    """Measure the server's memory over many steps."""
     bench.console.print(f"[bold]memory over {steps:,} steps[/]", highlight=False)
     return [memory_row(memory_over_steps(steps))]
 
 
 def memory_row(growth: Growth) -> Row:
-    """Fewer steps than the aim names can miss it, but not meet it."""
+    """Return the row for memory. A run that is too short can miss the target but not meet it."""
     name = f"memory over {growth.steps:,} steps, MiB"
     shown = f"{growth.first / 2**20:.1f} → {growth.last / 2**20:.1f}"
     met = None if growth.flat and growth.steps < ENOUGH * STEPS else growth.flat
@@ -251,7 +251,7 @@ def memory_row(growth: Growth) -> Row:
 def print_rows(rows: list[Row], console: Console) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("")
-    for column in ("aim", OURS, BARE, ""):
+    for column in ("target", OURS, BARE, ""):
         table.add_column(column, justify="right")
     for row in rows:
         mark = {True: "[green]✓[/]", False: "[red]✗[/]", None: ""}[row.met]
@@ -261,12 +261,12 @@ def print_rows(rows: list[Row], console: Console) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=20.0, help="to measure, each time")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor of all numbers of clients")
+    parser.add_argument("--seconds", type=float, default=20.0, help="seconds of each measurement")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor for the number of clients")
     parser.add_argument(
-        "--steps", type=int, default=1_000_000, help=f"for the memory (aim: {STEPS:,})"
+        "--steps", type=int, default=1_000_000, help=f"steps of the memory test (target: {STEPS:,})"
     )
-    parser.add_argument("--out", type=Path, help="folder for the reports, as JSON and HTML")
+    parser.add_argument("--out", type=Path, help="folder for JSON and HTML reports")
     parser.add_argument(
         "--only", nargs="*", choices=("realtime", "spectators", "storm", "workers", "memory")
     )

@@ -1,9 +1,10 @@
-"""How long the window's commands take to their first picture, and to the first of a kitchen.
+"""Measure the time from the start of the window's commands to their first frames.
 
 python -m benchmarks.startup
 
-From the start of the process, in seconds of the wall clock and of the processor, beside what it
-takes to import pygame alone. Without a screen. Needs the extra `window`.
+Two frames count: the first one, and the first one with a kitchen. Times are in seconds of wall
+time and processor time, and are compared with the import of pygame. Drawing needs no display. Needs
+the extra `window`.
 """
 
 from __future__ import annotations
@@ -39,14 +40,17 @@ pygame.display.flip = noted
 name, *sys.argv[1:] = sys.argv[1:]
 importlib.import_module(name).main()
 """
-"""Ends with the first picture of a kitchen; without a task, with the first of all."""
+"""Program that exits after the first frame with a kitchen, or without a task after any frame."""
 
 Taken = tuple[float, float]
-"""Seconds of the wall clock, and of the processor."""
+"""Seconds of wall time and of processor time."""
 
 
 def first_pictures(command: tuple[str, ...]) -> tuple[Taken, Taken]:
-    """When the first picture was there, and that of a kitchen, or again the first."""
+    """Return the times of the first frame and of the last frame shown.
+
+    The last frame is the first one with a kitchen, if the command opens one.
+    """
     with tempfile.TemporaryDirectory() as home:
         environment = {
             **os.environ, "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy",
@@ -61,7 +65,7 @@ def first_pictures(command: tuple[str, ...]) -> tuple[Taken, Taken]:
 
 
 def importing_pygame() -> Taken:
-    """What pygame alone takes."""
+    """Return the time to import pygame."""
     begun = time.perf_counter()
     code = "import time, pygame; print(time.process_time())"
     done = subprocess.run(
@@ -71,22 +75,22 @@ def importing_pygame() -> Taken:
 
 
 def main() -> None:
-    """Print the quickest of some runs."""
+    """Print the fastest of several runs."""
     if not find_spec("pygame"):
-        print("the start of the window is left out: it needs the extra `window`")
+        print("window start: skipped; needs the extra `window`")
         return
     alone = min(importing_pygame() for _ in range(RUNS))
-    print(f"\nFrom the start of the process; pygame alone {_words(alone, alone)}")
+    print(f"\nTime from process start; import of pygame {_words(alone, alone)}")
     for name, command in COMMANDS.items():
         runs = [first_pictures(command) for _ in range(RUNS)]
         first, kitchen = (min(run[n] for run in runs) for n in (0, 1))
-        print(f"  {name:32} first picture {_words(first, alone)}")
+        print(f"  {name:32} first frame   {_words(first, alone)}")
         if kitchen != first:
-            print(f"  {'':32} of the kitchen {_words(kitchen, alone)}")
+            print(f"  {'':32} first kitchen {_words(kitchen, alone)}")
 
 
 def _words(taken: Taken, alone: Taken) -> str:
-    return f"{taken[0]:.2f} s, {taken[1]:.2f} s of a core ({taken[1] / alone[1]:.1f} times)"
+    return f"{taken[0]:.2f} s, {taken[1]:.2f} s processor time ({taken[1] / alone[1]:.1f} ×)"
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""Planner bots in teams: steps by the certified plan, and with a person who stands still.
+"""Measure teams of planner bots against certified plans, and with a player who stands still.
 
     python -m benchmarks.teams                            # all multi-agent tasks, 2, 3 and 4 bots
     python -m benchmarks.teams --idle                     # each seat in turn stands still
     python -m benchmarks.teams --network --clock realtime --seats 2 -- 01 04
 
-In process the bots are told what they are told over the network, in its order, and think in plain
-Python; with `--network` each is a `robotouille-bot planner` of its own, on a `robotouille-server`.
+By default the bots run in this process in plain Python and receive the same events in the same
+order as over the network. With `--network`, each bot is a `robotouille-bot planner` process that
+connects to a `robotouille-server`.
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ from tests.support.team_games import Idle, play_team
 
 from robotouille import World, load_certificate, load_task
 from robotouille.episode import Clock
-from robotouille.planning.search.unsolvable import CutOff
+from robotouille.planning.search.unsolvable import ReachabilityCheck
 
 LIMIT = 200
 NUMBERS = [f"{number:02d}" for number in range(1, 11)]
 
 
 def together(name: str, clock: Clock) -> dict[str, Any]:
-    """The outcome of a game of planner bots in this process."""
+    """Play a game of planner bots in this process and return its outcome."""
     outcome = play_team(name, clock=clock, limit=LIMIT).outcome
     return outcome.to_json() if outcome is not None else {}
 
 
 def over_network(name: str, clock: Clock) -> dict[str, Any]:
-    """The outcome of such a game of bots that are processes of their own, on a server."""
+    """Play a game of planner bots in separate processes on a server and return its outcome."""
     flags = ["--mode", clock.value, "--timing", "benchmark", "--max-steps", str(LIMIT)]
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         compiled = {"ROBOTOUILLE_COMPILE": os.environ["ROBOTOUILLE_COMPILE"]}
@@ -60,11 +61,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("tasks", nargs="*", default=NUMBERS, help="01 to 10; all if left out")
+    parser.add_argument("tasks", nargs="*", default=NUMBERS, help="01 to 10; default: all")
     parser.add_argument("--seats", type=int, nargs="+", default=[2, 3, 4])
     parser.add_argument("--clock", type=Clock, default=Clock.LOCKSTEP)
-    parser.add_argument("--idle", action="store_true", help="with a person who stands still")
-    parser.add_argument("--network", action="store_true", help="as processes on a server")
+    parser.add_argument("--idle", action="store_true", help="with a player who stands still")
+    parser.add_argument("--network", action="store_true", help="as separate processes on a server")
     options = parser.parse_args(arguments)
     for number in options.tasks:
         for seats in options.seats:
@@ -76,7 +77,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def tell(name: str, clock: Clock, network: bool) -> None:
-    """Play one task, and print how many steps that took."""
+    """Play one task and print its number of steps."""
     length = load_certificate(load_task(name)).length or 0
     begun = time.perf_counter()
     outcome = over_network(name, clock) if network else together(name, clock)
@@ -90,11 +91,11 @@ def tell(name: str, clock: Clock, network: bool) -> None:
 
 
 def with_idle(name: str, clock: Clock) -> None:
-    """Play one task with each seat in turn a person who stands still, and print what came of it."""
+    """Play one task with each player in turn standing still, and print the outcomes."""
     world = World(load_task(name))
     for idle in world.players:
-        if CutOff(world)(world.initial, set(world.players) - {idle}):
-            print(f"{name:18} {idle} stands: there is no way, which is proven", flush=True)
+        if ReachabilityCheck(world)(world.initial, set(world.players) - {idle}):
+            print(f"{name:18} {idle} stands: proven unsolvable", flush=True)
             continue
         begun = time.perf_counter()
         game = play_team(name, {idle: Idle(idle)}, clock=clock, limit=LIMIT)

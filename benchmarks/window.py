@@ -1,9 +1,9 @@
-"""What a frame of the window costs.
+"""Measure the cost of a frame of the window.
 
 python -m benchmarks.window
 
-Frames are drawn in software, without a screen, beside the bare cost of blitting as many sprites of
-the same size on the same background. Needs the extra `window`.
+Frames are drawn in software, without a display. For comparison, the benchmark blits the same number
+of sprites of the same size on a plain background. Needs the extra `window`.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 TASK, SIZE, PHASES = "multi_agent/10@4", (1280, 720), 12
 STEPS = 120
 COUNTDOWN_FRAMES = 180
-"""Those of 3 s before a game."""
+"""Number of frames in the 3 s countdown before a game."""
 AIM_FRAME = 8.0
 
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Milliseconds of processor for one frame; `bare` is that of the sprites alone."""
+    """Milliseconds of processor time per frame; `bare` is for the sprites alone."""
 
     median: float
     p99: float
@@ -42,12 +42,11 @@ class Frames:
 
 
 Course = list[tuple[State, State]]
-"""Steps: the states before and after each."""
+"""Sequence of steps, each with the states before and after it."""
 
 
 def course(steps: int = STEPS) -> Course:
-    """The largest task, played by its shortest plan again and again: everybody walks, carries and
-    cooks at every step."""
+    """Return steps of the largest task, whose shortest plan repeats. All players act each step."""
     world = World(TASK)
     plan = read_plan("\n".join(load_certificate(world.task).plan or ()), world)
     state, taken = world.initial, []
@@ -59,7 +58,7 @@ def course(steps: int = STEPS) -> Course:
 
 
 class Led:
-    """A source that is led through views by hand."""
+    """Source whose view the caller sets."""
 
     finished = False
 
@@ -70,14 +69,17 @@ class Led:
         return self.shown
 
     def act(self, action: object) -> None:
-        """Nothing comes of it."""
+        """Ignore the action."""
 
     def say(self, text: str) -> None:
-        """Nobody listens."""
+        """Ignore the text."""
+
+    def be_ready(self, ready: bool) -> None:
+        """Ignore whether the player is ready."""
 
 
 def views(taken: Course, phases: int) -> Iterator[View]:
-    """Each of the frames of a course, with everything that a view can show."""
+    """Yield each frame of a course as a view with all optional parts."""
     from robotouille_client.window.view import Bubble, SeatView, View
 
     players = taken[0][0].world.players
@@ -93,11 +95,16 @@ def views(taken: Course, phases: int) -> Iterator[View]:
 
 
 def measure_frames(steps: int = STEPS) -> Frames:
-    """Show a course in a window, from the source to the screen. What is drawn ahead between two
-    frames is part of the first of them; the countdown, in which that begins, is left out."""
+    """Show a course in a window and measure its frames.
+
+    The time of a frame includes preloading after it. The countdown before the game, in which
+    preloading begins, is not measured.
+    """
+    from robotouille_client.window.options import DisplayOptions
     from robotouille_client.window.window import Window
 
-    window, shown = Window(SIZE, headless=True), list(views(course(steps), PHASES))
+    window = Window(DisplayOptions(SIZE, headless=True))
+    shown = list(views(course(steps), PHASES))
     source = Led(replace(shown[0], previous=None, state=shown[0].world.initial, starts_in=3.0))
     times = []
 
@@ -106,7 +113,7 @@ def measure_frames(steps: int = STEPS) -> Frames:
         window.preload()
 
     gc.collect()
-    gc.freeze()  # As a window does that is on a screen.
+    gc.freeze()  # As a window on a display does.
     try:
         for _ in range(COUNTDOWN_FRAMES):
             frame()
@@ -121,7 +128,7 @@ def measure_frames(steps: int = STEPS) -> Frames:
 
 
 def _bare(view: View) -> float:
-    """The background and one sprite for each thing that moves."""
+    """Measure drawing the background and one sprite for each movable thing."""
     import pygame
 
     from robotouille_client.window.drawing.window_layout import layout
@@ -144,7 +151,7 @@ def _bare(view: View) -> float:
 
 
 def problem_stations(view: View) -> set[str]:
-    """What does not move."""
+    """Return the names of the stations, which do not move."""
     types = set(view.world.task.domain.station_types)
     return {thing.name for thing in view.state.objects if thing.type in types}
 
@@ -156,18 +163,18 @@ def _timed(what: Callable[[], None]) -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the figures."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.parse_args(arguments)
     if not find_spec("pygame"):
-        print("the window is left out: it needs the extra `window`")
+        print("window: skipped; needs the extra `window`")
         return
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
     frames = measure_frames()
     print(f"window, {TASK} at {SIZE[0]} x {SIZE[1]}, software rendering")
     print(
-        f"  a frame: median {frames.median:.2f} ms, 99 % under {frames.p99:.2f} ms (aim "
-        f"{AIM_FRAME:g} ms), {frames.p99 / frames.bare:.1f} times the same sprites alone "
+        f"  frame: median {frames.median:.2f} ms, 99 % under {frames.p99:.2f} ms (target "
+        f"{AIM_FRAME:g} ms), {frames.p99 / frames.bare:.1f} times the sprites alone "
         f"({frames.bare:.2f} ms)"
     )
 

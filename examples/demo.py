@@ -1,8 +1,8 @@
-"""The main job, with real processes: a server, two bots that cook together, a window that watches.
+"""Run a server, two bots that cook together, and a window that watches them.
 
     python examples/demo.py [--task TASK] [--out FOLDER]
 
-Leaves a verified recording, a picture and a short video in the folder.
+The folder receives a verified recording, a picture and a short video.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MINUTES = 4
 
 
 def command(name: str) -> str:
-    """A command of this installation."""
+    """Return the path of a command of this installation."""
     found = shutil.which(
         name, path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     )
@@ -34,7 +34,7 @@ def command(name: str) -> str:
 
 
 def start_server(task: str, recordings: Path) -> tuple[subprocess.Popen[str], str, str]:
-    """A real-time server on a free port; its process, URL and the kitchen's code."""
+    """Start a real-time server on a free port; return its process, URL and the episode's code."""
     arguments = ["--mode", "realtime", "--step-rate", "8", "--port", "0", "--task", task]
     arguments += ["--recordings", str(recordings), "--log-level", "warning"]
     server = subprocess.Popen(
@@ -53,7 +53,7 @@ def start_server(task: str, recordings: Path) -> tuple[subprocess.Popen[str], st
 
 
 def stop(process: subprocess.Popen[str]) -> None:
-    """End a process, politely at first."""
+    """Terminate a process; kill it after 10 seconds."""
     if process.poll() is None:
         process.terminate()
         try:
@@ -64,7 +64,7 @@ def stop(process: subprocess.Popen[str]) -> None:
 
 
 def run(task: str, out: Path, headless: bool) -> None:
-    """Play one episode and leave its recording, picture and video in `out`."""
+    """Play one episode and write its recording, picture and video to `out`."""
     out.mkdir(parents=True, exist_ok=True)
     recordings = out / "recordings"
     shutil.rmtree(recordings, ignore_errors=True)
@@ -105,10 +105,10 @@ def run(task: str, out: Path, headless: bool) -> None:
 
 
 def finish(out: Path, recordings: Path, picture: Path) -> None:
-    """Verify the recording, make the video, and say what there is."""
+    """Verify the recording, make the video, and list the files."""
     recording = next(recordings.glob("*.rbt"), None)
     if recording is None:
-        sys.exit("there is no recording")
+        sys.exit("the server wrote no recording")
     robotouille = command("robotouille")
     subprocess.run([robotouille, "replay", "info", str(recording)], check=True)
     subprocess.run([robotouille, "replay", "verify", str(recording)], check=True)
@@ -119,10 +119,10 @@ def finish(out: Path, recordings: Path, picture: Path) -> None:
         text=True,
     )
     if (json.loads(told.stdout)["outcome"] or {}).get("reason") != "goal":
-        sys.exit(f"the bots did not cook the meal; what they did is in {recording}")
+        sys.exit(f"the bots did not cook the meal; see the recording {recording}")
     film = out / "kitchen.mp4"
     video = [robotouille, "replay", "video", str(recording), str(film), "--speed", "8"]
-    with console.status("filming …"):
+    with console.status("rendering the video …"):
         subprocess.run([*video, "--size", "960x540"], check=True)
     for what, path in (("recording", recording), ("picture", picture), ("video", film)):
         size = f"{path.stat().st_size:,} bytes"

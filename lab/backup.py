@@ -1,14 +1,15 @@
-"""Save what a lab has to keep, and restore it somewhere else, in one file.
+"""Save the data of a lab to one file, and restore it elsewhere.
 
     python lab/backup.py save BACKUP.tar
     python lab/backup.py restore BACKUP.tar
 
-Recordings, the server's state (keys and audit log) and the catalogue are in it. It can be saved
-while episodes are played: recordings are only appended to, so a copy of one is a recording up to a
-moment, and the server goes on from there. It holds the keys: only its owner can read the file.
+A backup contains recordings, the server's state (keys and audit log) and the catalogue. It can be
+saved while episodes are running: recordings are append-only, so a copy is valid up to its last
+complete frame. Only the owner can read the file, because it contains keys.
 
-Needs Python alone. The database is asked through Compose, or with `--database URL` by PostgreSQL's
-programs; `--database none` leaves it out, and the catalogue is made anew from the recordings.
+The script needs only Python. By default it reaches the database through Compose; with
+`--database URL` it runs PostgreSQL's programs. `--database none` omits the database; the catalogue
+can be rebuilt from the recordings.
 """
 
 from __future__ import annotations
@@ -43,31 +44,31 @@ TELL_SECONDS = 2.0
 
 
 class BackupError(Exception):
-    """It cannot be saved or restored: names the file, the fault, and the way out."""
+    """Failure to save or restore a backup. The message names the file, the fault and a remedy."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where things are; `database` is `compose`, `none` or a URL."""
+    """Folders and database of a lab; `database` is `compose`, `none` or a URL."""
 
     recordings: Path
     state: Path
     database: str
 
     def folder(self, name: str) -> Path:
-        """Where a part of the backup belongs."""
+        """Return the folder of a part of the backup."""
         return {"recordings": self.recordings, "state": self.state}[name]
 
 
 @dataclass
 class _Archive:
-    """A backup that is written, and what is in it."""
+    """Tar file being written, with the size and hash of each file in it."""
 
     tar: tarfile.TarFile
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def add(self, name: str, source: IO[bytes]) -> None:
-        """Add a file as long as it is now: what is appended meanwhile is left out."""
+        """Add a file up to its current length, because the server may still append to it."""
         entry = tarfile.TarInfo(name)
         entry.size = os.fstat(source.fileno()).st_size
         entry.mtime = int(os.fstat(source.fileno()).st_mtime)
@@ -78,12 +79,12 @@ class _Archive:
         except OSError as error:
             if error.errno is not None:
                 raise
-            raise BackupError(f"{name} became shorter while it was read; save it again") from None
+            raise BackupError(f"{name} shrank while it was read; save again") from None
         self.files[name] = {"bytes": entry.size, "sha256": reader.digest.hexdigest()}
 
 
 class _Hashing:
-    """A file whose SHA-256 is taken as it is read."""
+    """Reader that computes the SHA-256 of a file."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -99,16 +100,16 @@ class _Hashing:
 
 
 def save(backup: Path, places: Places, progress: Callable[[int], None] = lambda count: None) -> int:
-    """Write a backup, whole or not at all; how many files are in it.
+    """Write a backup atomically and return its number of files.
 
     Raises:
-        BackupError: There is one of this name, or something cannot be read or written.
+        BackupError: `backup` exists, or a file cannot be read or written.
     """
     for folder in (places.recordings, places.state):
         if not folder.is_dir():
-            raise BackupError(f"there is no folder {folder}; name it with --recordings or --state")
+            raise BackupError(f"no folder {folder}; set it with --recordings or --state")
     if backup.exists():
-        raise BackupError(f"{backup} is there already, and stays; take another name")
+        raise BackupError(f"{backup} already exists; choose another name")
     new = backup.with_name(f".{backup.name}.{secrets.token_hex(4)}.new")
     try:
         descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -135,7 +136,7 @@ def _write(archive: _Archive, places: Places, beside: Path, progress: Callable[[
         with path.open("rb") as file:
             archive.add(f"state/{name}", file)
     while _add_recordings(archive, places.recordings, progress):
-        pass  # Some came to their end meanwhile, and have other names now.
+        pass  # A recording is renamed when its episode ends, so look again.
     manifest = {"created": int(time.time()), "files": archive.files}
     with tempfile.TemporaryFile() as file:
         file.write(json.dumps(manifest, indent=1).encode())
@@ -146,7 +147,7 @@ def _write(archive: _Archive, places: Places, beside: Path, progress: Callable[[
 
 
 def _add_recordings(archive: _Archive, folder: Path, progress: Callable[[int], None]) -> bool:
-    """Add the recordings that are not there yet; whether one was gone before it was read."""
+    """Add recordings that are not in the backup; return whether one vanished before it was read."""
     gone = False
     for name, path in _files(folder):
         if not name.endswith(SUFFIXES) or f"recordings/{name}" in archive.files:
@@ -161,7 +162,7 @@ def _add_recordings(archive: _Archive, folder: Path, progress: Callable[[int], N
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Path]]:
-    """The files below a folder; not links, nor what is being written under another name."""
+    """Yield the files below a folder, except links and hidden temporary files."""
     for path in sorted(folder.rglob("*")):
         if path.is_file() and not path.is_symlink() and not path.name.startswith("."):
             yield path.relative_to(folder).as_posix(), path
@@ -173,16 +174,16 @@ def _files(folder: Path) -> Iterator[tuple[str, Path]]:
 def restore(
     backup: Path, places: Places, progress: Callable[[int], None] = lambda count: None
 ) -> int:
-    """Put a backup into empty folders and the database; how many files there were.
+    """Restore a backup to empty folders and the database; return the number of files.
 
-    Everything is checked before anything is written.
+    All files are checked before the first one is written.
 
     Raises:
-        BackupError: The backup is damaged, a folder is not empty, or something cannot be written.
+        BackupError: The backup is damaged, a folder is not empty, or a file cannot be written.
     """
     for folder in (places.recordings, places.state):
         if folder.is_dir() and any(folder.iterdir()):
-            raise BackupError(f"{folder} is not empty; restore into folders that are")
+            raise BackupError(f"{folder} is not empty; restore to an empty folder")
     try:
         with tarfile.open(backup, mode="r:") as tar:
             manifest = _checked(tar)
@@ -192,32 +193,32 @@ def restore(
                 _extract(tar, name, places)
                 progress(count)
     except (tarfile.TarError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise BackupError(f"{backup} is no backup, or is damaged: {error}") from None
+        raise BackupError(f"{backup} is damaged or not a backup: {error}") from None
     except OSError as error:
         raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
     return len(manifest)
 
 
 def _checked(tar: tarfile.TarFile) -> Mapping[str, Any]:
-    """What is in a backup, after a look at every byte of it."""
+    """Check every byte of a backup and return its manifest."""
     manifest: dict[str, Any] = json.loads(_content(tar, MANIFEST).read())["files"]
     for name, known in manifest.items():
         if name != DUMP and not _has_place(name):
-            raise BackupError(f"{name!r}: has no place")
+            raise BackupError(f"{name!r} is not a path in recordings or state")
         if _digest(_content(tar, name)) != known["sha256"]:
             raise BackupError(f"{name} is damaged")
     return manifest
 
 
 def _has_place(name: str) -> bool:
-    """Whether it is the name of a file below one of the two folders, written as `save` does."""
+    """Return whether a name is a normalized path below one of the two folders."""
     path = PurePosixPath(name)
     plain = str(path) == name and ".." not in path.parts and "\0" not in name
     return plain and len(path.parts) > 1 and path.parts[0] in ("recordings", "state")
 
 
 def _wanted(manifest: Mapping[str, Any]) -> Iterator[str]:
-    """The files to be put back; of an episode that ended while it was saved, the whole one."""
+    """Yield the files to restore. If an episode ended during `save`, skip its partial recording."""
     for name in manifest:
         ended = name.endswith(".part") and name.removesuffix(".part") in manifest
         if "/" in name and not ended:
@@ -234,7 +235,7 @@ def _restore_database(tar: tarfile.TarFile, database: str, beside: Path) -> None
 def _content(tar: tarfile.TarFile, name: str) -> IO[bytes]:
     content = tar.extractfile(name)
     if content is None:
-        raise BackupError(f"{name} is no file")
+        raise BackupError(f"{name} is not a file")
     return content
 
 
@@ -270,7 +271,7 @@ def _postgresql(
     stdin: IO[bytes] | None = None,
     stdout: IO[bytes] | None = None,
 ) -> None:
-    """Run one of PostgreSQL's programs, in its container or here."""
+    """Run one of PostgreSQL's programs, in its container or on this machine."""
     if database == "compose":
         command = [*COMPOSE, *words, *USER, "--dbname", "robotouille"]
     else:
@@ -285,14 +286,14 @@ def _postgresql(
             check=False,
         )
     except FileNotFoundError:
-        raise BackupError(f"{command[0]} is not installed; or give --database none") from None
+        raise BackupError(f"{command[0]} is not installed; try --database none") from None
     if done.returncode:
         raise BackupError(f"{words[0]}: {done.stderr.decode(errors='replace').strip()}")
 
 
 @contextmanager
 def _progress_lines() -> Iterator[Callable[[int], None]]:
-    """Tells how far it is on a terminal, now and then."""
+    """Print the number of files to a terminal every two seconds."""
     last, shown = time.monotonic(), sys.stderr.isatty()
 
     def progress(count: int) -> None:
@@ -305,8 +306,8 @@ def _progress_lines() -> Iterator[Callable[[int], None]]:
 
 
 def main() -> None:
-    """The command."""
-    parser = argparse.ArgumentParser(description="Save or restore what a lab has to keep.")
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description="Save or restore the data of a lab.")
     parser.add_argument("what", choices=("save", "restore"))
     parser.add_argument("backup", type=Path, help="a tar file")
     parser.add_argument("--recordings", type=Path, default=ROOT / "lab/data/recordings")

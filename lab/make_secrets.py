@@ -1,7 +1,7 @@
-"""Make what the lab of `docker-compose.yml` needs beside the repository: passwords and folders.
+"""Make the passwords, folders and .env file that the lab of `docker-compose.yml` needs.
 
-`python lab/make_secrets.py` needs Python alone. What is there stays as it is, so it can be run
-again: it makes what is missing, and says what is wrong with the rest.
+`python lab/make_secrets.py` needs only Python. It never changes an existing file. Run it again to
+make missing files and to check the others.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ FOLDERS = (
     "recordings", "recordings.state", "mosquitto", "postgres", "prometheus", "grafana", "caddy",
 )  # fmt: skip
 ITERATIONS = 1000
-"""Of PBKDF2 with SHA-512. The broker does it in its only thread at each connection; passwords of
-192 random bits cannot be guessed with fewer either."""
+"""Iterations of PBKDF2 with SHA-512. The broker computes them in its only thread for each
+connection. Few are enough, because passwords of 192 random bits cannot be guessed."""
 
 
 class LabError(Exception):
-    """What is there cannot be used: names the file, the fault, and the way out."""
+    """Unusable existing file. The message names the file, the fault and a remedy."""
 
 
 def mosquitto_line(user: str, password: str) -> str:
-    """A user's line in Mosquitto's password file: `$7$` is PBKDF2 with SHA-512."""
+    """Return a user's line for Mosquitto's password file; `$7$` is PBKDF2 with SHA-512."""
     salt = secrets.token_bytes(12)
     key = hashlib.pbkdf2_hmac("sha512", password.encode(), salt, ITERATIONS)
     encoded = (base64.b64encode(part).decode() for part in (salt, key))
@@ -52,7 +52,10 @@ def _mosquitto_lines(known: Mapping[str, str]) -> str:
 
 
 def _options(user: str, known: Mapping[str, str]) -> str:
-    """A file of options for `mosquitto_sub` and `mosquitto_pub`: no password on a command line."""
+    """Return an options file for `mosquitto_sub` and `mosquitto_pub`.
+
+    It keeps the password off the command line.
+    """
     return f"-u {user}\n-P {known[f'mqtt_{user}']}\n"
 
 
@@ -65,14 +68,18 @@ DERIVED: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping[str, str]], str]]
         lambda known: f"postgres:5432:robotouille:robotouille:{known['postgres']}\n",
     ),
 }
-"""Files that are made from passwords: from which, and how."""
+"""Files made from passwords, with the names of these passwords and a function for the content."""
 
 
 def make(root: Path, user: str) -> Iterator[str]:
-    """Make what is missing below a repository, for containers of a user `UID:GID`; what was made.
+    """Make missing files below a repository and yield their names.
+
+    Args:
+        root: Root of the repository.
+        user: `UID:GID` that the containers run as.
 
     Raises:
-        LabError: A file is empty, readable for others, or does not belong to what is missing.
+        LabError: A file is empty, is readable by others, or was made from a missing password.
     """
     folder = root / "lab/secrets"
     owner = tuple(map(int, user.split(":")))
@@ -83,7 +90,7 @@ def make(root: Path, user: str) -> Iterator[str]:
         lost = [source for source in sources if not (folder / source).exists()]
         if (folder / name).exists() and lost:
             raise LabError(
-                f"{folder / name} was made from {lost[0]}, which is gone: delete it, too"
+                f"{folder / name} was made from {lost[0]}, which is missing; delete it, too"
             )
     for name in PASSWORDS:
         if _write(folder / name, secrets.token_hex(24), owner):
@@ -99,7 +106,7 @@ def make(root: Path, user: str) -> Iterator[str]:
 
 
 def _environment(user: str) -> str:
-    """What Compose fills in: with it `docker compose up` starts the lab."""
+    """Return the .env file with which `docker compose up` starts the lab."""
     return (
         "COMPOSE_PROFILES=lab\n"
         f"LAB_USER={user}\n"
@@ -120,7 +127,7 @@ def _make_folder(path: Path, owner: tuple[int, ...]) -> None:
 
 
 def _write(path: Path, content: str, owner: tuple[int, ...]) -> bool:
-    """Make a file that only its owner can read; False if there is one."""
+    """Make a file that only its owner can read; return False if it exists."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
@@ -139,35 +146,35 @@ def _give(path: Path, owner: tuple[int, ...]) -> None:
 def _read(path: Path) -> str:
     mode = stat.S_IMODE(path.stat().st_mode)
     if mode & 0o077:
-        raise LabError(f"{path}: others may use it (mode {mode:04o}); run `chmod 600 {path}`")
+        raise LabError(f"{path} is open to others (mode {mode:04o}); run `chmod 600 {path}`")
     content = path.read_text(encoding="ascii").strip()
     if not content:
-        raise LabError(f"{path} is empty; delete it, and run this again")
+        raise LabError(f"{path} is empty; delete it and run this script again")
     return content
 
 
 def _user(text: str) -> str:
-    """`UID:GID`, neither of them root's."""
+    """Check a `UID:GID`, neither of them root's."""
     parts = text.split(":")
     if len(parts) != 2 or not all(part.isdecimal() and int(part) for part in parts):
-        raise argparse.ArgumentTypeError("write UID:GID, and not root's: PostgreSQL refuses root")
+        raise argparse.ArgumentTypeError("expected UID:GID, not root's: PostgreSQL refuses root")
     return text
 
 
 def main() -> None:
-    """The command."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description="Make the lab's passwords, folders and .env.")
     parser.add_argument(
-        "--user", type=_user, help="UID:GID that the containers run as; yours if left out"
+        "--user", type=_user, help="UID:GID that the containers run as; default: yours"
     )
     given = parser.parse_args().user
     if given is None and os.geteuid() == 0:
-        parser.error("you are root: say with --user UID:GID whom the containers are to run as")
+        parser.error("the containers cannot run as root; set their user with --user UID:GID")
     try:
         made = list(make(ROOT, given or f"{os.geteuid()}:{os.getegid()}"))
     except LabError as error:
         sys.exit(str(error))
-    print("\n".join(f"made {name}" for name in made) or "all is there")
+    print("\n".join(f"made {name}" for name in made) or "nothing to make: all files exist")
 
 
 if __name__ == "__main__":

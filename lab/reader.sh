@@ -1,5 +1,5 @@
 #!/bin/sh
-# Run once, when the database is made: a role that may read the catalogue, and nothing else.
+# Create a role that can only read the catalogue. PostgreSQL runs this when it creates the database.
 set -eu
 psql --no-psqlrc --quiet --set=ON_ERROR_STOP=1 --username "$POSTGRES_USER" --dbname "$POSTGRES_DB" <<'SQL'
 \set password `cat /run/secrets/postgres_reader`

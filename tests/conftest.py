@@ -1,5 +1,9 @@
-"""Kernels run as plain Python in tests, which are over before they would be compiled; the tests
-of the compiled ones start processes of their own. A test that starts a process says so."""
+"""Test configuration.
+
+Search kernels run as plain Python, because most tests end before a kernel would be compiled. Tests
+of the compiled kernels start their own processes. Tests that start a process need the marker
+`process`.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ from hypothesis import settings
 from tests.support.thorough import FACTOR
 
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
-# A shell starts what runs in the background with interrupts ignored, and programs inherit that.
+# Shells ignore interrupts in background jobs, and child processes inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("scaled", max_examples=max(1, int(100 * FACTOR)))
@@ -25,14 +29,15 @@ settings.load_profile("scaled")
 
 _BEGAN = time.monotonic()
 _SECONDS = float(os.environ.get("ROBOTOUILLE_TEST_SECONDS", "inf"))
-"""Tests that would begin later than this are skipped."""
+"""Time limit in seconds; tests that would start later are skipped."""
 
 _started: list[str] = []
-"""The programs that the running test has started."""
+"""Programs that the running test has started."""
 
 
 def _watch(event: str, arguments: tuple[Any, ...]) -> None:
-    if event == "subprocess.Popen":
+    # With an empty font cache, matplotlib runs fc-list once, in whichever test plots first.
+    if event == "subprocess.Popen" and not str(arguments[0]).endswith("fc-list"):
         _started.append(str(arguments[0]))
 
 
@@ -40,10 +45,10 @@ sys.addaudithook(_watch)
 
 
 class _Freezer:
-    """Keeps the garbage collector from looking at what stays: all that tests have loaded.
+    """Exempts everything loaded before the tests from garbage collection.
 
-    A server looks at everything when it starts, and in the end it gives back all that was frozen,
-    so that the next one would look at a million objects.
+    A server runs a full collection on start and unfreezes all objects on stop. Without this class,
+    the next server would scan a million objects.
     """
 
     full_collections = 0
@@ -53,7 +58,7 @@ class _Freezer:
         self.full_collections = gc.get_stats()[2]["collections"]
 
     def freeze_again(self) -> None:
-        """Once somebody has looked at everything."""
+        """Freeze again if a full collection has run since the last freeze."""
         if gc.get_stats()[2]["collections"] != self.full_collections:
             gc.collect(1)
             self.freeze()
@@ -70,11 +75,11 @@ def pytest_collection_finish() -> None:
 def pytest_runtest_setup() -> None:
     _freezer.freeze_again()
     if time.monotonic() - _BEGAN > _SECONDS:
-        pytest.skip(f"begins more than ROBOTOUILLE_TEST_SECONDS={_SECONDS:g} after the first")
+        pytest.skip(f"starts after the limit of ROBOTOUILLE_TEST_SECONDS={_SECONDS:g}")
 
 
 def pytest_sessionfinish() -> None:
-    """Whatever was not closed is told after all."""
+    """Unfreeze, so that unclosed resources are still reported."""
     gc.unfreeze()
 
 
@@ -83,5 +88,5 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     _started.clear()
     outcome = yield
     if _started and item.get_closest_marker("process") is None:
-        pytest.fail(f"starts {_started[0]} and is not marked as `process`")
+        pytest.fail(f"starts {_started[0]}, but is not marked as `process`")
     return outcome

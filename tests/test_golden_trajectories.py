@@ -8,7 +8,7 @@ import pytest
 import robotouille
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import DomainFile
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
 
 COMPAT = Path(__file__).resolve().parents[2] / "shared" / "compat"
 TRAJECTORIES = sorted((COMPAT / "golden").glob("*.json")) if COMPAT.is_dir() else []
@@ -23,7 +23,7 @@ def published_domain() -> DomainFile:
 
 
 def load(domain: DomainFile, path: Path, facts: list[str] | None = None) -> robotouille.World:
-    """The world of a problem; objects of open kind get those of the published run."""
+    """Return the world of a problem, with the kinds that the published run drew."""
     for seed in range(5000):
         task = robotouille.load_task(str(path), domain=domain, seed=seed)
         kinds = {f"{o.name}1" for objects in task.problem.objects.values() for o in objects}
@@ -35,7 +35,7 @@ def load(domain: DomainFile, path: Path, facts: list[str] | None = None) -> robo
     pytest.fail(f"no choice of kinds gives the published initial facts of {path.stem}")
 
 
-@pytest.mark.parametrize("path", first_quickly(TRAJECTORIES, 4), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", quick_sample(TRAJECTORIES, 4), ids=lambda p: p.stem)
 def test_trajectory(path: Path, published_domain: DomainFile) -> None:
     golden = json.loads(path.read_text())
     world = load(
@@ -76,7 +76,7 @@ def split(text: str) -> tuple[str, set[str], str]:
     return head, set(actions.splitlines()), goal
 
 
-@pytest.mark.parametrize("path", first_quickly(PROBLEMS, 10), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", quick_sample(PROBLEMS, 10), ids=lambda p: p.stem)
 def test_published_problem_loads_and_plays(path: Path, published_domain: DomainFile) -> None:
     state = load(published_domain, path).initial
     for turn in range(50):

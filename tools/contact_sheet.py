@@ -1,8 +1,8 @@
-"""Every object of a domain in every state on one picture, to be looked at.
+"""Draw every object of a domain in every state on one picture.
 
 python tools/contact_sheet.py [--task asynchronous/10] [--rendering chalk] [--out out/contact_sheet]
 
-Writes the sheet as it is and twice as large, and as people with deuteranopia and protanopia see it.
+Writes the sheet in its normal size, in double size, and as seen with deuteranopia and protanopia.
 """
 
 from __future__ import annotations
@@ -22,20 +22,17 @@ from robotouille import Task, load_task
 from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.domain.rendering.art import SIDES
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
-from robotouille_client.window.pictures.badges import SHAPES, badge
-from robotouille_client.window.pictures.colour_vision import DICHROMACIES
-from robotouille_client.window.pictures.generated_tiles import generate
-from robotouille_client.window.pictures.shapes import RING_STEPS, ring, tick
-from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.shapes import RING_STEPS, SHAPES, badge, ring, tick
+from robotouille_client.window.pictures.sprites import Sprites, generate
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import ACCENT, DONE, INK
+from robotouille_client.window.pictures.theme import ACCENT, DICHROMACIES, DONE, INK
 
 COLUMNS, SIDE, LETTERS = 12, 84, 9
 GROUND = (232, 220, 196)
 
 
 def cells(task: Task, side: int, look: str = "") -> Iterator[tuple[str, pygame.Surface]]:
-    """Each picture with what it shows; only those that are there. `look`: a rendering."""
+    """Yield a label and a picture for everything that the rendering `look` draws."""
     rendering, text = rendering_of(task, look), Typesetter()
     sprites = Sprites(rendering.folders(task.folder), text)
     yield from _things(rendering, sprites, side)
@@ -88,7 +85,7 @@ def _players(
 
 
 def _on(side: int, *pictures: pygame.Surface | None) -> pygame.Surface:
-    """Pictures over each other in the middle of a square."""
+    """Return pictures stacked in the centre of a square."""
     cell = pygame.Surface((side, side), pygame.SRCALPHA)
     for picture in pictures:
         if picture is not None:
@@ -97,7 +94,7 @@ def _on(side: int, *pictures: pygame.Surface | None) -> pygame.Surface:
 
 
 def sheet(task: Task, side: int = SIDE, letters: int = LETTERS, look: str = "") -> pygame.Surface:
-    """All cells in rows; without words where `letters` is 0."""
+    """Return all cells in rows; labels are omitted if `letters` is 0."""
     shown, text = list(cells(task, side, look)), Typesetter()
     gap = side // 10
     high = side + gap + (text.height(letters) if letters else 0)
@@ -114,7 +111,7 @@ def sheet(task: Task, side: int = SIDE, letters: int = LETTERS, look: str = "") 
 
 
 def seen_by(surface: pygame.Surface, kind: str) -> pygame.Surface:
-    """A picture as somebody with a kind of DICHROMACIES sees it."""
+    """Simulate how a picture looks with a kind of colour blindness in DICHROMACIES."""
     share = pygame.surfarray.array3d(surface).astype(np.float64) / 255
     light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     light = np.clip(light @ np.array(DICHROMACIES[kind]).T, 0, 1)
@@ -127,8 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--task", default="asynchronous/10", help="whose domain and rendering")
-    parser.add_argument("--rendering", default="", help="in place of the domain's own")
+    parser.add_argument("--task", default="asynchronous/10", help="task whose domain is drawn")
+    parser.add_argument("--rendering", default="", help="rendering instead of the domain's own")
     parser.add_argument("--out", type=Path, default=Path("out/contact_sheet"))
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,10 @@
-"""Draw pictures anew with coloured chalk on slate, for the rendering `chalk`.
+"""Convert pictures to coloured chalk on slate, for the rendering `chalk`.
 
-    python tools/draw_chalk.py                 those that assets/chalk lacks
-    python tools/draw_chalk.py stove.svg …     these, in place of what is there
+    python tools/draw_chalk.py                 convert pictures missing from assets/chalk
+    python tools/draw_chalk.py stove.svg …     convert these pictures and overwrite them
 
-What is filled becomes slate with a breath of its colour, what is inked becomes a chalk line of that
-colour. Pictures that were drawn by hand (the floor, the wall, furniture) are kept unless they are
+A filled area becomes slate with a tint of its colour. An outline becomes a chalk line of that
+colour. Pictures drawn by hand (the floor, the wall, furniture) are overwritten only if they are
 named.
 """
 
@@ -18,37 +18,37 @@ from pathlib import Path
 
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
 FOLDERS = ("kitchen", "diner", "workshop")
-"""What is drawn; the first that has a picture of a name."""
+"""Folders of pictures to convert. The first folder that has a name wins."""
 SVG = "http://www.w3.org/2000/svg"
 Rgb = tuple[int, int, int]
 INK: Rgb = (0x3B, 0x2F, 0x2F)
 SLATE: Rgb = (0x26, 0x33, 0x36)
 CHALK: Rgb = (0xF1, 0xEE, 0xE2)
 WIDE = 6
-"""From this width on a line is the inside of something, such as an arm, and not its edge."""
+"""Minimum width of a line that is a shape of its own, such as an arm, and not an outline."""
 SHAPES = {"path", "rect", "circle", "ellipse", "polygon", "line", "polyline"}
 
 
 def mixed(one: Rgb, other: Rgb, share: float) -> Rgb:
-    """A colour with a share of another one."""
+    """Mix a share of another colour into a colour."""
     red, green, blue = (round(a + (b - a) * share) for a, b in zip(one, other, strict=True))
     return red, green, blue
 
 
 def lit(colour: Rgb) -> Rgb:
-    """A colour as that of a piece of chalk: pale, and never dark."""
+    """Return a pale version of a colour, like chalk, that is never dark."""
     pale = mixed(colour, CHALK, 0.3)
     luma = (3 * pale[0] + 6 * pale[1] + pale[2]) / 10
     return mixed(pale, CHALK, min(1.0, max(0.0, (150 - luma) / 150)))
 
 
 def is_ink(colour: Rgb) -> bool:
-    """Whether it is that of outlines."""
+    """Return whether a colour is dark enough to be an outline."""
     return max(colour) < 0x60
 
 
 class Chalk:
-    """One picture."""
+    """One picture to convert."""
 
     def __init__(self, text: str) -> None:
         self._root = ET.fromstring(text)  # noqa: S314 (the project's own pictures)
@@ -57,7 +57,7 @@ class Chalk:
         }
 
     def drawn(self) -> str:
-        """It, drawn with chalk."""
+        """Return the picture as chalk, in SVG."""
         self._draw(self._root, {})
         for parent in self._root.iter():
             for defs in parent.findall(f"{{{SVG}}}defs"):
@@ -106,7 +106,7 @@ def _hex(colour: Rgb) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw them."""
+    """Convert the pictures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,11 +1,11 @@
-"""Write the shipped instances of the paper's tasks (docs/generation.md).
+"""Write the shipped instances of the paper's tasks (docs/planners.md).
 
-    python tools/generate_dataset.py                   all of them, to problems/generated
-    python tools/generate_dataset.py FOLDER            all of them, elsewhere
-    python tools/generate_dataset.py FOLDER TASK…      of some tasks: asynchronous/06_potato_soup
+    python tools/generate_dataset.py                   all tasks, to problems/generated
+    python tools/generate_dataset.py FOLDER            all tasks, to another folder
+    python tools/generate_dataset.py FOLDER TASK…      some tasks: asynchronous/06_potato_soup
 
-Ten free and five noisy instances of each of the thirty tasks; the same files on every machine.
-Their certificates are written by `robotouille certify problems/generated`.
+Generates ten free and five noisy instances of each of the thirty tasks. The files are the same on
+every machine. `robotouille certify problems/generated` writes their certificates.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from rich.progress import track
 
-from robotouille.generation.paper_instances import generate_dataset, paper_tasks
+from robotouille.generation.generator import generate_dataset, paper_tasks
 
 FOLDER = Path(__file__).resolve().parents[1] / "problems" / "generated"
 
@@ -32,7 +32,7 @@ def write(task: str, folder: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write them."""
+    """Write the instances of all named tasks."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     folder, tasks = options.folder, options.tasks or paper_tasks()
     if strange := sorted({*tasks} - {*paper_tasks()}):
-        raise SystemExit(f"no tasks of the paper: {', '.join(strange)}")
+        raise SystemExit(f"unknown tasks of the paper: {', '.join(strange)}")
     with ProcessPoolExecutor() as pool:
         for _ in track(pool.map(write, tasks, [folder] * len(tasks)), total=len(tasks)):
             pass

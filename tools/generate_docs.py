@@ -1,38 +1,47 @@
-"""Write the generated parts of the documentation, or say whether they are current.
+"""Write the generated parts of the documentation, or check that they are up to date.
 
     python tools/generate_docs.py            write them
-    python tools/generate_docs.py --check    exit status 1 if one is out of date
+    python tools/generate_docs.py --check    exit with status 1 if a part is out of date
 
-Message tables, settings, command-line options, limits, the AsyncAPI and OpenAPI documents and the
-JSON Schemas come from the code; meanings and examples of messages from docs/messages.json; tables
-of plan lengths from the shipped certificates. In pages, the generated part lies between
-`<!-- begin generated: NAME -->` and `<!-- end generated: NAME -->`.
+Tables of messages, settings, limits, metrics and commands, the AsyncAPI and OpenAPI documents and
+the JSON Schemas come from the code, tables of plan lengths from the shipped certificates. In a
+page, a generated part stands between `<!-- begin generated: NAME -->` and
+`<!-- end generated: NAME -->`.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib
+import inspect
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from enum import EnumType
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
+from unittest.mock import patch
 
 import plan_lengths
 import typer
+from limit_table import limit_tables
+from message_examples import EXAMPLES
+from mqtt_asyncapi import mqtt_asyncapi
 from pydantic import BaseModel, SecretStr
 from pydantic.json_schema import models_json_schema
 
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
-from robotouille.protocol import messages
+from robotouille.protocol import error_codes, messages
 from robotouille.protocol.codec import SUBPROTOCOLS
-from robotouille_client.cli.lazy_group import LazyGroup
-from robotouille_server.admin import openapi
-from robotouille_server.limit_table import limits_page
-from robotouille_server.mqtt import asyncapi as mqtt_asyncapi
+from robotouille_client.cli.main import LazyGroup
+from robotouille_server.operator import openapi
+from robotouille_server.operator.principal import CODES
+from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -49,17 +58,12 @@ Schema = dict[str, Any]
 # Messages
 
 
-def meanings() -> Any:
-    """The hand-written part of the message reference."""
-    return json.loads((DOCS / "messages.json").read_text(encoding="utf-8"))
-
-
 def message_type(model: type[BaseModel]) -> str:
     return str(model.model_fields["type"].default)
 
 
 def schemas_of(models: tuple[type[BaseModel], ...]) -> dict[str, Schema]:
-    """The JSON Schemas of messages and of their parts, by class name."""
+    """Return the JSON Schemas of messages and of their nested objects, by class name."""
     template = "#/components/schemas/{model}"
     _, found = models_json_schema([(m, "validation") for m in models], ref_template=template)
     schemas: dict[str, Schema] = found["$defs"]
@@ -70,10 +74,10 @@ def schemas_of(models: tuple[type[BaseModel], ...]) -> dict[str, Schema]:
 
 
 def type_words(schema: Schema) -> str:
-    """A field's type in words."""
+    """Return a field's type in words."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})" if name in meanings()["parts"] else "object"
+        return f"[{name}](#{name.lower()})"
     if "const" in schema:
         return f"`{json.dumps(schema['const'])}`"
     if "enum" in schema:
@@ -90,7 +94,7 @@ def type_words(schema: Schema) -> str:
 
 
 def limit_words(schema: Schema) -> Iterator[str]:
-    """A field's limits, those of its alternatives and entries included."""
+    """Yield a field's limits, including those of its alternatives and entries."""
     for low, high, unit in [
         ("minimum", "maximum", ""),
         ("minLength", "maxLength", " characters"),
@@ -123,34 +127,33 @@ def default_words(name: str, schema: Schema, required: list[str]) -> str:
 
 
 def named_enums(schema: Schema, schemas: dict[str, Schema]) -> Schema:
-    """A field's schema with references to enumerations replaced by their values."""
+    """Return a field's schema with references to enumerations replaced by their values."""
     if "anyOf" in schema:
         return {**schema, "anyOf": [named_enums(part, schemas) for part in schema["anyOf"]]}
     target = schemas.get(schema.get("$ref", "").rpartition("/")[2], {})
     return target if "enum" in target else schema
 
 
-def field_table(schema: Schema, schemas: dict[str, Schema], words: dict[str, str]) -> list[str]:
-    rows = ["| field | type | default | limits | meaning |", "| --- | --- | --- | --- | --- |"]
+def field_table(schema: Schema, schemas: dict[str, Schema]) -> str:
+    """Return the table of a message's fields."""
+    rows = []
     for name, raw in schema["properties"].items():
         if name == "type":
             continue
         field = named_enums(raw, schemas)
-        limits = ", ".join(dict.fromkeys(limit_words(field)))
+        words = ", ".join(dict.fromkeys([type_words(field), *limit_words(field)]))
         default = default_words(name, raw, schema.get("required", []))
-        meaning = words.get(name) or meanings()["shared"][name]
-        rows.append(f"| `{name}` | {type_words(field)} | {default} | {limits} | {meaning} |")
-    return rows if len(rows) > 2 else ["No fields."]
+        rows.append([f"`{name}`", words, default, cell(raw["description"])])
+    return table("field, type, default, meaning", rows) if rows else "No fields."
 
 
 def paragraph(text: str) -> str:
-    """A docstring as one line a paragraph."""
+    """Return a docstring with one line for each paragraph."""
     return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
 
 
 def message_reference() -> str:
-    """One section for each message, then one for each part of messages."""
-    written = meanings()
+    """Return one section for each message, then one for each nested object."""
     schemas = schemas_of(messages.CLIENT_MESSAGES + messages.SERVER_MESSAGES)
     lines: list[str] = []
     for title, models in [
@@ -159,22 +162,33 @@ def message_reference() -> str:
     ]:
         lines += [f"### {title}", ""]
         for model in models:
-            name = message_type(model)
-            entry = written["messages"][name]
-            example = json.dumps(entry["example"], ensure_ascii=False)
-            lines += [f"#### `{name}`", "", paragraph(model.__doc__ or ""), ""]
-            table = field_table(schemas[model.__name__], schemas, entry["fields"])
-            lines += [*table, "", "```json", example, "```", ""]
-    lines += ["### Parts of messages", ""]
-    for name, words in written["parts"].items():
-        lines += [f"#### {name}", "", paragraph(schemas[name]["description"]), ""]
-        lines += [*field_table(schemas[name], schemas, words), ""]
+            name, schema = message_type(model), schemas.pop(model.__name__)
+            example = json.dumps(EXAMPLES[name], ensure_ascii=False)
+            lines += [f"#### `{name}`", "", paragraph(schema["description"]), ""]
+            lines += [field_table(schema, schemas), "", "```json", example, "```", ""]
+    lines += ["### Nested objects", ""]
+    for name, schema in schemas.items():
+        if "properties" in schema:
+            lines += [f"#### {name}", "", paragraph(schema["description"]), ""]
+            lines += [field_table(schema, schemas), ""]
     return "\n".join(lines).rstrip()
 
 
+def error_table() -> str:
+    """Return the table of error codes, with the docstrings of `ErrorCode`'s members."""
+    tree = ast.parse(inspect.getsource(error_codes.ErrorCode))
+    body = next(node.body for node in tree.body if isinstance(node, ast.ClassDef))
+    rows = []
+    for code, words in pairwise(body):
+        if isinstance(code, ast.Assign):
+            if not isinstance(words, ast.Expr):
+                raise SystemExit(f"{ast.unparse(code)} needs a docstring")
+            rows.append([f"`{ast.literal_eval(code.value)}`", cell(ast.literal_eval(words.value))])
+    return table("code, meaning", rows)
+
+
 def asyncapi() -> Schema:
-    """The protocol as an AsyncAPI 3.0 document, as the server sees it."""
-    written = meanings()["messages"]
+    """Return the protocol as an AsyncAPI 3.0 document, from the server's point of view."""
     schemas = schemas_of(messages.CLIENT_MESSAGES + messages.SERVER_MESSAGES)
 
     def described(model: type[BaseModel]) -> Schema:
@@ -183,7 +197,7 @@ def asyncapi() -> Schema:
             "name": name,
             "summary": paragraph(model.__doc__ or ""),
             "payload": {"$ref": f"#/components/schemas/{model.__name__}"},
-            "examples": [{"payload": written[name]["example"]}],
+            "examples": [{"payload": EXAMPLES[name]}],
         }
 
     def operation(action: str, models: tuple[type[BaseModel], ...]) -> Schema:
@@ -203,7 +217,7 @@ def asyncapi() -> Schema:
             "version": f"{messages.PROTOCOL_VERSION}.0.0",
             "description": "The wire protocol of Robotouille servers. Subprotocols: "
             + ", ".join(SUBPROTOCOLS)
-            + ". See protocol.md for what schemas cannot say.",
+            + ". protocol.md explains the rules.",
         },
         "defaultContentType": "application/json",
         "servers": {"local": {"host": "127.0.0.1:8765", "protocol": "ws"}},
@@ -227,11 +241,11 @@ def asyncapi() -> Schema:
     }
 
 
-# Settings and options
+# Settings, metrics and commands
 
 
 def shown(value: Any) -> str:
-    """A default as a reader would type it."""
+    """Return a default as the user would type it."""
     value = getattr(value, "value", value)
     if value is None or value == "":
         return ""
@@ -242,64 +256,86 @@ def cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
+def table(heads: str, rows: Iterable[Iterable[str]]) -> str:
+    """Return a Markdown table; `heads` are the column titles, separated by commas."""
+    titles = heads.split(", ")
+    lines = [titles, ["---"] * len(titles), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
 def settings_table() -> str:
-    """Every setting of the server."""
-    properties = ServerSettings.model_json_schema()["properties"]
-    definitions = ServerSettings.model_json_schema().get("$defs", {})
-    rows = [
-        "| flag | environment variable, file key | default | limits | meaning |",
-        "| --- | --- | --- | --- | --- |",
-    ]
+    """Return the table of all settings of the server."""
+    schema = ServerSettings.model_json_schema()
+    rows = []
     for name, field in ServerSettings.model_fields.items():
-        schema = named_enums(properties[name], definitions)
-        choices = [s["enum"] for s in [schema, *schema.get("anyOf", ())] if "enum" in s]
-        limits = [", ".join(f"`{v}`" for v in values) for values in choices]
-        limits += list(limit_words(schema))
-        rows.append(
-            f"| {setting_flags(name, field.annotation)} | `ROBOTOUILLE_{name.upper()}`, `{name}` "
-            f"| {shown(field.default)} | {', '.join(limits)} | {cell(field.description or '')} |"
+        values = named_enums(schema["properties"][name], schema.get("$defs", {}))
+        choices = [s["enum"] for s in [values, *values.get("anyOf", ())] if "enum" in s]
+        limits = [", ".join(f"`{value}`" for value in each) for each in choices]
+        limits += limit_words(values)
+        no_flag = (
+            " (no flag)" if SecretStr in (field.annotation, *get_args(field.annotation)) else ""
         )
-    return "\n".join(rows)
+        meaning = cell(field.description or "")
+        rows.append([f"`{name}`{no_flag}", shown(field.default), ", ".join(limits), meaning])
+    return table("setting, default, values, meaning", rows)
 
 
-def setting_flags(name: str, annotation: Any) -> str:
-    """The flags of a setting; a secret has none, since everybody can read a command line."""
-    flag = name.replace("_", "-")
-    if annotation is SecretStr or SecretStr in get_args(annotation):
-        return "none"
-    return f"`--{flag}`, `--no-{flag}`" if annotation is bool else f"`--{flag}`"
+def metrics_table() -> str:
+    """Return the table of all metrics of the server."""
+    rows = [
+        [f"`{each.name}{'_total' * (each.type == 'counter')}`", each.type, cell(each.documentation)]
+        for each in Metrics().registry.collect()
+    ]
+    return table("metric, type, meaning", sorted(rows))
 
 
-def commands() -> dict[str, typer.Typer]:
-    """The Typer applications that are documented."""
-    modules = {
-        name: importlib.import_module(f"robotouille_client.{path}.cli")
-        for name, path in [
-            ("robotouille-client", "window"),
-            ("robotouille-bot", "bots"),
-            ("robotouille-loadtest", "loadtest"),
-            ("robotouille-mcp", "mcp_server"),
-            ("robotouille-lsl", "lsl"),
-        ]
-    }
-    applications = {
-        "robotouille": importlib.import_module("robotouille_client.cli.main").app,
-        "robotouille-token": importlib.import_module(
-            "robotouille_server.auth.token_cli"
-        ).token_app(),
-    }
-    for name, module in modules.items():
-        applications[name] = typer.Typer(add_completion=False)
-        applications[name].command()(module.command)
-    return applications
+def operator_paths() -> str:
+    """Return the table of all requests of the operator API."""
+    document = openapi()
+    rows = []
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            queries = [q["name"] for q in operation.get("parameters", ()) if q["in"] == "query"]
+            names = queries or body_fields(operation, document["components"]["schemas"])
+            inputs = ", ".join(f"`{name}`" for name in names)
+            rows.append([f"`{method.upper()} {path}`", inputs, operation["summary"]])
+    return table("request, parameters or body, effect", rows)
+
+
+def body_fields(operation: Schema, schemas: Schema) -> Iterable[str]:
+    content = operation.get("requestBody", {}).get("content", {})
+    target = content.get("application/json", {}).get("schema", {}).get("$ref", "")
+    return schemas.get(target.rpartition("/")[2], {}).get("properties", {})
+
+
+def operator_errors() -> str:
+    """Return the table of the operator API's error codes."""
+    return table("code, meaning", ([f"`{code}`", cell(text)] for code, text in CODES.items()))
+
+
+def application(target: str) -> typer.Typer:
+    """Return the Typer application that an entry point, `module:function`, runs."""
+    module, _, function = target.partition(":")
+    run: list[typer.Typer] = []
+    with patch.object(typer.Typer, "__call__", lambda self, *_, **__: run.append(self)):
+        getattr(importlib.import_module(module), function)()
+    return run[0]
 
 
 def command_options() -> str:
-    """A section for each command with its arguments and options."""
+    """Return a section for each command with its arguments and options."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lines: list[str] = []
-    for name, application in commands().items():
-        for path, command in walk_commands(name, typer.main.get_command(application)):
-            lines += [f"### `{path}`", "", cell(command.help or ""), "", *option_table(command), ""]
+    for name, target in project["scripts"].items():
+        root = typer.main.get_command(application(target))
+        lines += [f"## {name}", ""]
+        for path, command in walk_commands(name, root):
+            lines += [f"### `{path}`", ""] if path != name else []
+            lines += [cell(command.help or ""), ""]
+            if name == "robotouille-server":
+                lines += ["Every [setting](settings.md) is an option.", ""]
+            else:
+                lines += [option_table(command), ""]
     return "\n".join(lines).rstrip()
 
 
@@ -314,27 +350,62 @@ def walk_commands(path: str, command: Any) -> Iterator[tuple[str, Any]]:
         yield from walk_commands(f"{path} {name}", child)
 
 
-def option_table(command: Any) -> list[str]:
-    rows = ["| argument or flag | default | meaning |", "| --- | --- | --- |"]
+def option_table(command: Any) -> str:
+    rows = []
     for parameter in command.params:
-        if parameter.name == "help":
+        if parameter.name in ("help", "version"):
             continue
         if parameter.param_type_name == "argument":
-            dots = "…" if parameter.nargs == -1 else ""
-            flags = f"`{parameter.name.upper()}{dots}`"
+            flags = f"`{parameter.name.upper()}{'…' * (parameter.nargs == -1)}`"
         else:
             flags = ", ".join(f"`{flag}`" for flag in (*parameter.opts, *parameter.secondary_opts))
         default = "required" if parameter.required else shown(parameter.default)
         if parameter.default is False:
             default = "off"
-        rows.append(f"| {flags} | {default} | {cell(parameter_words(parameter))} |")
-    return rows
+        variable = f" Environment variable: `{parameter.envvar}`." if parameter.envvar else ""
+        meaning = cell(f"{parameter.help or ''}{variable}")
+        rows.append([flags, default, parameter_values(parameter.type_descriptor), meaning])
+    return table("argument or option, default, values, meaning", rows) if rows else "No options."
 
 
-def parameter_words(parameter: Any) -> str:
-    """What a parameter means, and the variable that can take its place."""
-    variable = f" Or the variable `{parameter.envvar}`." if parameter.envvar else ""
-    return f"{parameter.help or ''}{variable}"
+def parameter_values(described: Any) -> str:
+    """Return the values that a parameter with Typer's type descriptor takes; empty if any."""
+    kinds = [described.annotation, *get_args(described.annotation)]
+    for kind in kinds:
+        values = [each.value for each in kind] if isinstance(kind, EnumType) else []
+        if get_origin(kind) is Literal:
+            values = [*get_args(kind)]
+        if values:
+            return ", ".join(f"`{value}`" for value in values)
+    least, most = described.parameter_info.min, described.parameter_info.max
+    if most is None:
+        return "" if least is None else f"at least {least:g}"
+    return f"at most {most:,g}" if least is None else f"{least:,g} to {most:,g}"
+
+
+# The catalogue
+
+
+def catalogue_tables() -> str:
+    """Return the tables of the catalogue, with the type and meaning of each column."""
+    from robotouille_data.schema import EPISODE_SEATS, EPISODE_TABLES, RECORDINGS, SEATS
+
+    parts = [catalogue_table(table.name, table.columns) for table in EPISODE_TABLES]
+    own = [column for column in EPISODE_SEATS.columns if column.name not in SEATS.columns]
+    note = "A view with one row for each seat: all columns of `seats`, and these."
+    parts.append(catalogue_table(EPISODE_SEATS.name, own, note))
+    parts.append(catalogue_table(RECORDINGS.name, RECORDINGS.columns))
+    return "\n\n".join(parts)
+
+
+def catalogue_table(name: str, columns: Iterable[Any], note: str = "") -> str:
+    rows = [
+        f"| `{column.name}` | {type(column.type).__name__.lower()}"
+        f"{', or null' if column.nullable else ''} | {column.doc} |"
+        for column in columns
+    ]
+    table = "\n".join(["| column | type | meaning |", "| --- | --- | --- |", *rows])
+    return "\n\n".join(filter(None, [f"### {name}", note, table]))
 
 
 # Pages and files
@@ -352,7 +423,7 @@ def file_schema(name: str, model: type[BaseModel]) -> Schema:
 
 
 def add_published_lists(schema: Schema) -> None:
-    """The lists of the published dialect, which the model folds into `objects`."""
+    """Add the lists of the published dialect, which the model merges into `objects`."""
     things = schema["properties"]["objects"]["additionalProperties"]
     for plural in ("stations", "items", "containers", "meals", "players"):
         schema["properties"][plural] = {**things, "title": plural.title()}
@@ -363,44 +434,48 @@ def as_json(value: Any) -> str:
 
 
 def page(path: Path, parts: dict[str, Callable[[], str]]) -> str:
-    """A page with its generated parts written anew."""
+    """Return a page with updated generated parts."""
     text = path.read_text(encoding="utf-8")
     for name, generate in parts.items():
         begin, end = f"<!-- begin generated: {name} -->", f"<!-- end generated: {name} -->"
         pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
         if len(pattern.findall(text)) != 1:
-            raise SystemExit(f"{path}: needs the markers of {name!r} once")
+            raise SystemExit(f"{path}: needs exactly one pair of markers for {name!r}")
         part = f"{begin}\n\n{generate()}\n\n{end}"
         text = pattern.sub(lambda _, part=part: part, text)
     return text
 
 
 def outputs() -> Iterator[tuple[Path, str]]:
-    """Every generated file with what should be in it."""
-    yield DOCS / "protocol.md", page(DOCS / "protocol.md", {"messages": message_reference})
-    parts = {"settings": settings_table, "options": command_options}
+    """Yield every generated file with its content."""
+    parts = {"errors": error_table, "messages": message_reference}
+    yield DOCS / "protocol.md", page(DOCS / "protocol.md", parts)
+    parts = {"settings": settings_table, "limits": limit_tables, "metrics": metrics_table}
     yield DOCS / "settings.md", page(DOCS / "settings.md", parts)
-    limits = {"limits": lambda: limits_page().rstrip()}
-    yield DOCS / "limits.md", page(DOCS / "limits.md", limits)
+    parts = {"operator api": operator_paths, "operator errors": operator_errors}
+    yield DOCS / "operate_a_server.md", page(DOCS / "operate_a_server.md", parts)
+    yield DOCS / "cli.md", page(DOCS / "cli.md", {"commands": command_options})
     parts = {
         "default tasks": plan_lengths.default_table,
         "generated totals": plan_lengths.generated_totals,
         "generated instances": plan_lengths.generated_table,
     }
     yield DOCS / "plan_lengths.md", page(DOCS / "plan_lengths.md", parts)
+    tables = {"catalogue tables": catalogue_tables}
+    yield DOCS / "data.md", page(DOCS / "data.md", tables)
     yield DOCS / "asyncapi.json", as_json(asyncapi())
-    yield DOCS / "asyncapi-mqtt.json", as_json(mqtt_asyncapi.document())
+    yield DOCS / "asyncapi-mqtt.json", as_json(mqtt_asyncapi())
     yield DOCS / "openapi.json", as_json(openapi())
     for name, model in FILES.items():
         yield DOCS / "schemas" / f"{name}.json", as_json(file_schema(name, model))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write what is out of date, or say so; the exit status."""
+    """Write or list what is out of date and return the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--check", action="store_true", help="write nothing")
+    parser.add_argument("--check", action="store_true", help="list what is out of date")
     check = parser.parse_args(arguments).check
     stale = []
     for path, text in outputs():

@@ -1,10 +1,10 @@
 """Make the film at the top of README: a team of planners cooks in simulated time.
 
-    python tools/make_film.py                  docs/images/kitchen.gif
-    python tools/make_film.py OUT.gif          elsewhere
+    python tools/make_film.py                  write docs/images/kitchen.gif
+    python tools/make_film.py OUT.gif          write another file
 
-The game is recorded as a server does it, and `robotouille replay video` makes the same film of
-it. Nothing here reads a clock or draws lots without a seed, so that it is the same each time.
+The episode is recorded like on a server, and `robotouille replay video` would make the same film.
+No clock is read and all randomness is seeded, so the film is always the same.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 from robotouille import World, load_task
-from robotouille.episode import Clock, Episode, Rules, Stepped
+from robotouille.episode import ActionRequest, Clock, Episode, Rules, Stepped
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.policies import PlannerPolicy
+from robotouille.planning.policies import PlannerOptions, PlannerPolicy
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import recording_of
 from robotouille_client.window.replay.film import film
-from robotouille_client.window.replay.history.recorded import RecordedHistory
+from robotouille_client.window.replay.recorded_history import RecordedHistory
 
 FILM = Path(__file__).resolve().parents[1] / "docs" / "images" / "kitchen.gif"
 TASK, SEED = "multi_agent/07@3", 3
 NAMES = ("Ada", "Björn", "Chen", "Dara")
 STEP_RATE, MAX_STEPS = 5.0, 300
 HASTE = 0.9
-"""How often somebody acts in a step in which they could: people take their time."""
+"""Probability that a player acts in a step, since people hesitate."""
 SPEED, SIZE = 4.0, "800x500"
 """Steps a second in the film, and its size in pixels."""
 
 
 def record() -> bytes:
-    """The recording of the game."""
+    """Play the episode and return its recording."""
     world = World(load_task(TASK, timing="people"))
     dice, planner = random.Random(SEED), AnytimePlanner(world)
     rules = Rules(clock=Clock.REALTIME, step_rate=STEP_RATE, max_steps=MAX_STEPS)
@@ -47,7 +47,8 @@ def record() -> bytes:
     head = header(world.task, rules, episode="film", seed=SEED, created=created)
     stream = recorder.begin(head)
     bots = {
-        p: PlannerPolicy(world, p, seed=SEED, alone=False, anytime=planner) for p in world.players
+        p: PlannerPolicy(world, p, PlannerOptions(seed=SEED), anytime=planner)
+        for p in world.players
     }
     for player, name in zip(world.players, NAMES, strict=False):
         episode.join(player, name, "bot", 0.0)
@@ -57,7 +58,9 @@ def record() -> bytes:
         for player, bot in bots.items():
             if not episode.state.busy_steps(player) and dice.random() < HASTE:
                 numbers[player] += 1
-                episode.submit(player, numbers[player], bot.act(episode.state), now + period / 2)
+                episode.submit(
+                    player, ActionRequest(numbers[player], bot.act(episode.state)), now + period / 2
+                )
         now += period
         episode.tick(now)
         events = list(episode.events())
@@ -72,7 +75,7 @@ def record() -> bytes:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Play, and write the film."""
+    """Play the episode and write the film."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

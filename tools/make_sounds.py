@@ -1,4 +1,4 @@
-"""Make the window's sounds: a few soft tones, from sines alone.
+"""Make the window's sounds, a few soft tones made of sine waves.
 
 python tools/make_sounds.py [--out FOLDER]
 """
@@ -20,7 +20,7 @@ LOUDEST = 0.25
 
 @dataclass(frozen=True)
 class Tone:
-    """A note that fades: from one frequency to another (Hz), after a rest, in seconds."""
+    """Fading note that glides from `low` to `high` Hz; `length` and `rest` are in seconds."""
 
     low: float
     high: float
@@ -46,7 +46,7 @@ SOUNDS: dict[str, tuple[Tone, ...]] = {
 
 
 def samples(tones: tuple[Tone, ...]) -> list[int]:
-    """A sound as 16-bit samples."""
+    """Return a sound as 16-bit samples."""
     whole = max(tone.rest + tone.length for tone in tones)
     mixed = [0.0] * round(whole * RATE)
     for tone in tones:
@@ -58,7 +58,7 @@ def samples(tones: tuple[Tone, ...]) -> list[int]:
 
 
 def _wave(tone: Tone) -> Iterator[float]:
-    """A sine and a little of its octave; it begins in 5 ms and dies away."""
+    """Yield a sine and a little of its octave, with 5 ms of attack and a slow decay."""
     count, turn = round(tone.length * RATE), 0.0
     for i in range(count):
         along = i / count
@@ -68,11 +68,13 @@ def _wave(tone: Tone) -> Iterator[float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write them all."""
+    """Write all sounds."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=FOLDER, help="in place of assets/sounds")
+    parser.add_argument(
+        "--out", type=Path, default=FOLDER, help="output folder instead of assets/sounds"
+    )
     out = parser.parse_args(arguments).out
     out.mkdir(parents=True, exist_ok=True)
     for name, tones in SOUNDS.items():

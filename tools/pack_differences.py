@@ -1,9 +1,9 @@
-"""Write the table of docs/packs.md: how our pack differs from the published one.
+"""Write the table in docs/packs.md that compares the shipped pack with the published one.
 
     python tools/pack_differences.py CHECKOUT [PROBLEMS…]
 
-CHECKOUT is a checkout of the published repository, PROBLEMS folders with more of its problems
-(`multi_agent/…`), where it is not whole.
+CHECKOUT is a checkout of the published repository. PROBLEMS are folders with problems
+(`multi_agent/…`) that the checkout lacks.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from robotouille_evaluation.packs.difference_tables import markdown_tables
-from robotouille_evaluation.packs.differences import compare_packs
+from robotouille_evaluation.packs.differences import compare_packs, markdown_tables
 from robotouille_evaluation.packs.own import build_own_pack
-from robotouille_evaluation.packs.published.checkout import DATASETS, PROBLEMS, read_checkout
+from robotouille_evaluation.packs.published_checkout import DATASETS, PROBLEMS, read_checkout
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/packs.md"
 PART = re.compile(r"(<!-- begin generated: pack differences -->\n).*?(<!-- end)", re.DOTALL)
 
 
 def table(checkout: Path, *more: Path) -> str:
-    """The table of the tasks that both packs have."""
+    """Return the table of the tasks that both packs have."""
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name) / "checkout"
         shutil.copytree(checkout, whole)
@@ -42,13 +41,13 @@ def table(checkout: Path, *more: Path) -> str:
 
 
 def page(text: str, checkout: Path, *more: Path) -> str:
-    """The page with the table as it is now."""
+    """Return the page with an updated table."""
     new = f"\n{table(checkout, *more)}\n"
     return PART.sub(lambda match: f"{match[1]}{new}{match[2]}", text)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write it."""
+    """Update the page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

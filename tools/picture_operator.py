@@ -1,8 +1,8 @@
-"""Draw docs/images/operator.png: the operator's page over a study that goes on.
+"""Draw docs/images/operator.png: the operator page during a study.
 
 python tools/picture_operator.py [--out OUT.png]
 
-Needs the extra `operator`, playwright and Debian's chromium; takes about a minute.
+Needs the extra `operator`, playwright and Debian's chromium. Takes about a minute.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robotouille_client import connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_server import ServerSettings, serve
-from robotouille_server.admin import operator_view
+from robotouille_server.operator import operator_view
 
 IMAGE = Path(__file__).parents[1] / "docs" / "images" / "operator.png"
 SIZE = {"width": 1280, "height": 860}
@@ -41,7 +41,7 @@ FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--
 
 
 async def draw(folder: Path, out: Path) -> None:
-    """Let bots play under people's names, and take the picture."""
+    """Let bots play under people's names and take the picture."""
     settings = ServerSettings(port=0, recordings=folder, mode=Clock.REALTIME)
     async with AsyncExitStack() as stack:
         server = await stack.enter_async_context(serve(settings))
@@ -76,11 +76,11 @@ async def draw(folder: Path, out: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw it."""
+    """Draw the picture."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=IMAGE, help="in place of docs/images")
+    parser.add_argument("--out", type=Path, default=IMAGE, help="output file")
     out = parser.parse_args(arguments).out
     with tempfile.TemporaryDirectory() as name:
         asyncio.run(draw(Path(name), out))

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/playing.md: menus, games, end cards, and what happens in between.
+"""Draw the pictures of docs/play.md: menus, games, and end screens.
 
 python tools/picture_playing.py [--out FOLDER]
 """
@@ -22,15 +22,16 @@ from robotouille.planning.plan import read_plan
 from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
 from robotouille.protocol.messages import Create
 from robotouille_client.bots.partners import prompt_partners
+from robotouille_client.window.app.app import App, UserFiles
+from robotouille_client.window.app.local_game import GameSetup
+from robotouille_client.window.app.server_menus import LobbyMenu
+from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.options import TimeSource
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.shell.games.local_game import GameSetup
-from robotouille_client.window.shell.screens.server_menus import LobbyMenu
-from robotouille_client.window.shell.settings import Settings
-from robotouille_client.window.shell.shell import Shell
 from robotouille_client.window.view import (
     Bubble,
     LobbyRow,
@@ -44,14 +45,16 @@ from robotouille_server import ServerSettings, serve
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SIZE = (1120, 630)
 COURSE = "up e left left down e right up e left e e e e e down e right e left e"
-"""The keys that make the sandwich of training/01."""
+"""Keys that make the sandwich of training/01."""
 Script = Callable[[Display, Path], Iterator[str]]
-"""Keys, and pictures of a display that it saves in a folder."""
+"""Generator of keys that saves pictures of a display in a folder."""
 
 
 class Playing:
-    """A shell whose time stands still, but for what a script of keys lets pass; with `seconds`
-    that pass indeed between two of them, for a server."""
+    """Shell that is driven by a script of keys, with a simulated clock.
+
+    `seconds` is the real time between two keys, which a server needs.
+    """
 
     def __init__(self, script: Script, out: Path, seconds: float = 0.0) -> None:
         self.now = 0.0
@@ -63,18 +66,17 @@ class Playing:
             preferences=Preferences(name="ada"), learned=True, task="multi_agent/01", seats=2,
             best=best,
         )  # fmt: skip
-        self.shell = Shell(
+        self.app = App(
             settings,
             self.display,
-            recordings=folder,
+            storage=UserFiles(recordings=folder),
             make_partners=prompt_partners,
-            clock=lambda: self.now,
-            sleep=self._sleep,
+            time_source=TimeSource(lambda: self.now, self._sleep),
         )
         self._keys = script(self.display, out)
 
     async def ask(self, form: Form) -> object:
-        """Show a form as the shell does."""
+        """Show a form as the app does."""
         return await Screen(self.display, sleep=self._sleep).ask(form)
 
     async def _sleep(self, seconds: float) -> None:
@@ -90,26 +92,26 @@ class Playing:
 
 
 def pause(frames: int) -> Iterator[str]:
-    """Let time pass."""
+    """Let frames pass without a key."""
     yield from [""] * frames
 
 
 def menus(display: Display, out: Path) -> Iterator[str]:
-    """The menu of games that are played here."""
+    """Draw the menu of local games."""
     yield from ("", "return")
     yield from pause(12)
     display.save(out / "menu.png")
 
 
 def tasks(display: Display, out: Path) -> Iterator[str]:
-    """The list of tasks."""
+    """Draw the list of tasks."""
     yield from ("", "return", "", "down", "return")
     yield from pause(150)
     display.save(out / "tasks.png")
 
 
 def game(display: Display, out: Path) -> Iterator[str]:
-    """A game with a partner and the list of actions."""
+    """Draw a game with a partner and the list of actions."""
     yield from pause(30)
     for key in ("right", "e"):
         yield key
@@ -120,7 +122,7 @@ def game(display: Display, out: Path) -> Iterator[str]:
 
 
 def end(display: Display, out: Path) -> Iterator[str]:
-    """The end of a game that was won."""
+    """Draw the end of a won game."""
     for key in COURSE.split():
         yield key
         yield from pause(2)
@@ -129,13 +131,13 @@ def end(display: Display, out: Path) -> Iterator[str]:
 
 
 def settings(display: Display, out: Path) -> Iterator[str]:
-    """The settings."""
+    """Draw the settings."""
     yield from ("", "up", "up", "return", "", "")
     display.save(out / "settings.png")
 
 
 def tutorial(display: Display, out: Path) -> Iterator[str]:
-    """The second lesson of the tutorial."""
+    """Draw the second lesson of the tutorial."""
     yield from pause(30)
     yield "up"
     yield from pause(60)
@@ -143,19 +145,19 @@ def tutorial(display: Display, out: Path) -> Iterator[str]:
 
 
 def lost(display: Display, out: Path) -> Iterator[str]:
-    """The end of a game whose steps ran out."""
+    """Draw the end of a game that reached its step limit."""
     yield from pause(300)
     display.save(out / "lost.png")
 
 
 def lobby(display: Display, out: Path) -> Iterator[str]:
-    """The kitchens of a server."""
+    """Draw the list of a server's kitchens."""
     yield from pause(3)
     display.save(out / "lobby.png")
 
 
 def kitchens() -> Form:
-    """What a server might have."""
+    """Return a lobby with two example kitchens."""
     ada, ben = (SeatInfo(player=p, name=n) for p, n in (("robot1", "ada"), ("robot2", "ben")))
     free = SeatInfo(player="robot3")
     rows = [
@@ -173,7 +175,7 @@ def kitchens() -> Form:
 
 
 async def served(out: Path) -> None:
-    """The end of a game on a server."""
+    """Draw the end of a game on a server."""
     settings = ServerSettings(port=0, recordings=Path(tempfile.mkdtemp()), countdown=0.0)
     async with serve(settings) as server:
         room = server.lobby.create(Create(task="training/01", clock=Clock.TURN))
@@ -187,11 +189,11 @@ async def served(out: Path) -> None:
             display.save(out / "end_server.png")
 
         playing = Playing(script, out, 0.01)
-        await playing.shell.run(playing.shell.remote.join(room.code, url=server.url))
+        await playing.app.run(playing.app.remote.join(room.code, url=server.url))
 
 
 def moment(path: Path, rendering: str = "", task: str = "multi_agent/01@2", **seen: Any) -> None:
-    """A kitchen of two as its window shows it."""
+    """Draw a kitchen with two players; `seen` replaces parts of the view."""
     world = World(load_task(task, timing="people"))
     first, second = world.players
     seats = (SeatView(first, "ada", actions=4), SeatView(second, "ben", actions=3))
@@ -205,7 +207,7 @@ def moment(path: Path, rendering: str = "", task: str = "multi_agent/01@2", **se
 
 
 def cooking(path: Path, task: str, steps: int, size: tuple[int, int] = SIZE) -> None:
-    """A kitchen after some steps of the plan beside its task."""
+    """Draw a kitchen after some steps of its task's plan file."""
     loaded = load_task(task)
     world = World(loaded)
     state = before = world.initial
@@ -226,7 +228,7 @@ def cooking(path: Path, task: str, steps: int, size: tuple[int, int] = SIZE) -> 
 
 
 def moments(out: Path) -> None:
-    """What happens to a game, and other looks."""
+    """Draw events of a game and other renderings."""
     cooking(out / "kitchen.png", "multi_agent/10@3", 18)
     cooking(out / "pancakes.png", "examples/pancakes", 16, (800, 450))
     rows = (LobbyRow("ada (you)", "here"), LobbyRow("ben", "ready"))
@@ -235,8 +237,8 @@ def moments(out: Path) -> None:
     moment(out / "countdown.png", step=0, starts_in=2.4, status="The game begins")
     away = SeatView("robot2", "ben", connected=False, actions=3)
     seats = (SeatView("robot1", "ada", actions=4), away)
-    detail = "The game goes on when ben is back."
-    lost = PauseView("ben's connection is lost", detail, 22.4, 0.7)
+    detail = "The game ends in 23 s unless ben comes back."
+    lost = PauseView("ben lost the connection", detail, 22.4, 0.7)
     moment(out / "paused.png", seats=seats, pause=lost)
     moment(out / "offline.png", offline=7.0)
     moment(out / "refusal.png", bubbles=(Bubble("robot1", "The board is not free."),))
@@ -246,30 +248,32 @@ def moments(out: Path) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw all of them."""
+    """Draw all pictures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=IMAGES, help="in place of docs/images")
+    parser.add_argument(
+        "--out", type=Path, default=IMAGES, help="output folder instead of docs/images"
+    )
     out = parser.parse_args(arguments).out
     out.mkdir(parents=True, exist_ok=True)
     moments(out)
-    asyncio.run(Playing(menus, out).shell.run())
-    asyncio.run(Playing(tasks, out).shell.run())
-    asyncio.run(Playing(settings, out).shell.run())
+    asyncio.run(Playing(menus, out).app.run())
+    asyncio.run(Playing(tasks, out).app.run())
+    asyncio.run(Playing(settings, out).app.run())
     playing = Playing(lobby, out)
-    asyncio.run(playing.shell.run(playing.ask(kitchens())))
+    asyncio.run(playing.app.run(playing.ask(kitchens())))
     playing = Playing(tutorial, out)
-    asyncio.run(playing.shell.run(playing.shell.local.learn()))
+    asyncio.run(playing.app.run(playing.app.local.learn()))
     playing = Playing(game, out)
-    asyncio.run(playing.shell.run(playing.shell.local.play(GameSetup("multi_agent/01", seats=2))))
+    asyncio.run(playing.app.run(playing.app.local.play(GameSetup("multi_agent/01", seats=2))))
     playing = Playing(end, out)
     turns = GameSetup("training/01", clock=Clock.TURN, max_steps=200)
-    asyncio.run(playing.shell.run(playing.shell.local.play(turns)))
+    asyncio.run(playing.app.run(playing.app.local.play(turns)))
     playing = Playing(lost, out)
     asyncio.run(served(out))
     short = GameSetup("training/01", max_steps=10, countdown=0.0)
-    asyncio.run(playing.shell.run(playing.shell.local.play(short)))
+    asyncio.run(playing.app.run(playing.app.local.play(short)))
 
 
 if __name__ == "__main__":

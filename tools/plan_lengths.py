@@ -1,10 +1,10 @@
-"""The tables of docs/plan_lengths.md.
+"""Write the tables of docs/plan_lengths.md.
 
-    python tools/generate_docs.py            writes those that come from certificates
+    python tools/generate_docs.py            writes the tables that come from certificates
     python tools/plan_lengths.py FOLDER      prints the section on the published layouts
 
-FOLDER has the published problem files, in `synchronous`, `asynchronous` and `multi_agent`; they
-are not shipped. It takes a few minutes with the extra `fast`.
+FOLDER contains the published problem files, in `synchronous`, `asynchronous` and `multi_agent`.
+They are not shipped. The second command takes a few minutes with the extra `fast`.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ PAPER = {
     "synchronous": (10, 14, 24, 10, 15, 23, 36, 44, 63, 57),
     "asynchronous": (21, 27, 37, 42, 46, 19, 42, 46, 68, 82),
 }
-"""The column "Horizon Length" of the paper's table of success rates by task."""
+"""Column "Horizon Length" of the paper's table of success rates by task."""
 
 
 def of_paper(folder: str, number: int) -> str:
-    """The paper's number of steps for a task, counted from 1; it has none for teams."""
+    """Return the paper's number of steps for a task, counted from 1, or a dash for teams."""
     return str(PAPER[folder][number - 1]) if folder in PAPER else "–"
 
 
@@ -41,7 +41,7 @@ def certificates(folder: Path) -> Iterator[Certificate]:
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[object]], words: int = 1) -> str:
-    """A table whose first columns are words; the others are numbers."""
+    """Format a table: `words` left-aligned columns, then right-aligned numbers."""
     heads = list(heads)
     marks = ["---"] * words + ["---:"] * (len(heads) - words)
     lines = [heads, marks, *([str(cell) for cell in row] for row in rows)]
@@ -49,7 +49,7 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[object]], words: int = 1
 
 
 def claim(found: Certificate) -> tuple[object, ...]:
-    """Players, steps, bound, whether the plan is proven to be a shortest one, and the work."""
+    """Return players, steps, bound, whether the length is proven, and expansions."""
     length = "–" if found.length is None else found.length
     return (
         found.seats,
@@ -61,13 +61,13 @@ def claim(found: Certificate) -> tuple[object, ...]:
 
 
 def allowed(found: Certificate) -> str:
-    """The expansions that the search was allowed."""
+    """Return the limit of expansions of the search."""
     most = found.limits.expansions
     return "any" if most is None else f"{most:,}"
 
 
 def default_table() -> str:
-    """A row for each shipped task and number of players."""
+    """Format a row for each shipped task and number of players."""
     heads = ("task", "paper", "players", "steps", "bound", "proven", "expansions", "allowed")
     rows = [
         (
@@ -83,7 +83,7 @@ def default_table() -> str:
 
 
 def grouped() -> dict[tuple[str, str, int], list[Certificate]]:
-    """The certificates of the generated instances by folder, task and players."""
+    """Group the certificates of the generated instances by folder, task and players."""
     groups: dict[tuple[str, str, int], list[Certificate]] = defaultdict(list)
     for folder in FOLDERS:
         for found in certificates(PROBLEMS / "generated" / folder):
@@ -93,13 +93,13 @@ def grouped() -> dict[tuple[str, str, int], list[Certificate]]:
 
 
 def counts(found: list[Certificate]) -> tuple[int, int, object]:
-    """Instances, those that are proven, and the largest gap."""
+    """Return the number of instances, the number of proven ones, and the largest gap."""
     gaps = [c.gap for c in found if c.gap is not None]
     return len(found), sum(c.optimal for c in found), max(gaps, default="–")
 
 
 def generated_totals() -> str:
-    """A row for each folder and number of players."""
+    """Format a row for each folder and number of players."""
     totals: dict[tuple[str, int], list[Certificate]] = defaultdict(list)
     for (folder, _, seats), found in grouped().items():
         totals[folder, seats] += found
@@ -108,7 +108,7 @@ def generated_totals() -> str:
 
 
 def generated_table() -> str:
-    """A row for each task and number of players."""
+    """Format a row for each task and number of players."""
     heads = ("task", "players", "proven", "least", "median", "most", "largest gap")
     rows = []
     for (folder, task, seats), found in grouped().items():
@@ -122,7 +122,7 @@ def generated_table() -> str:
 
 
 def published(folder: Path) -> Iterator[str]:
-    """The section on the published layouts, with every plan that is shorter than the paper's."""
+    """Yield the table of the published layouts, and every plan shorter than the paper's."""
     rows, plans = [], []
     for kind in FOLDERS:
         for path in sorted((folder / kind).glob("*.json")):
@@ -141,14 +141,14 @@ def published(folder: Path) -> Iterator[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print it."""
+    """Print the section on the published layouts."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     folder = parser.parse_args(arguments).folder
     if not folder.is_dir():
-        parser.error(f"{folder} is no folder")
+        parser.error(f"not a folder: {folder}")
     print("\n".join(published(folder)))
 
 

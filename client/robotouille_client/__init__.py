@@ -1,7 +1,7 @@
-"""The client side: an async library, bots, the window and the offline commands.
+"""Asyncio client library, bots, window and offline commands.
 
 async with connect("ws://127.0.0.1:8765", name="ada") as client:
-    game = await client.join("KQXZB")
+    game = await client.join("KQXZB-MHTWA")
     async for event in game:
         ...
 """
@@ -14,23 +14,23 @@ if TYPE_CHECKING:
     from robotouille_client.client import Client, connect
     from robotouille_client.errors import (
         ConnectionFailedError,
-        NotYetError,
         ProtocolError,
+        RetryLaterError,
         RobotouilleError,
-        StrangerError,
+        UntrustedRedirectError,
     )
     from robotouille_client.game import Game
     from robotouille_client.sansio.game_events import (
+        ActRejected,
         ActResult,
         Announced,
-        Changed,
+        ChatReceived,
+        ChatRejected,
+        GameEnded,
         GameEvent,
-        Heard,
-        NotSaid,
-        Observed,
-        Over,
-        Refused,
+        ObservationReceived,
         RosterChanged,
+        StateChanged,
     )
 else:
     from robotouille.lazy_exports import lazy_exports
@@ -44,22 +44,22 @@ else:
     )
 
 __all__ = [
+    "ActRejected",
     "ActResult",
     "Announced",
-    "Changed",
+    "ChatReceived",
+    "ChatRejected",
     "Client",
     "ConnectionFailedError",
     "Game",
+    "GameEnded",
     "GameEvent",
-    "Heard",
-    "NotSaid",
-    "NotYetError",
-    "Observed",
-    "Over",
+    "ObservationReceived",
     "ProtocolError",
-    "Refused",
+    "RetryLaterError",
     "RobotouilleError",
     "RosterChanged",
-    "StrangerError",
+    "StateChanged",
+    "UntrustedRedirectError",
     "connect",
 ]

@@ -1,13 +1,12 @@
-"""`connect()`: the async client library. It reconnects by itself; a bot's code does not notice.
+"""The asyncio client, which reconnects by itself.
 
-What to send and when is decided in `client_protocol`; here are the socket, futures and timers.
+`ClientProtocol` decides what to send and when. This module adds the socket, futures and timers.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import random
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from types import TracebackType
@@ -24,11 +23,8 @@ from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
 from robotouille_client.sansio.client_protocol import ClientProtocol
-from robotouille_client.sansio.client_requests import Request, RequestDone
-from robotouille_client.sansio.client_state import ClientState
-from robotouille_client.sockets import open_socket, server_uri, why_not
-
-__all__ = ["Client", "connect"]
+from robotouille_client.sansio.client_state import ClientState, Request, RequestDone
+from robotouille_client.sockets import connection_error, open_socket, server_uri
 
 DEFAULT_URL = "ws://127.0.0.1:8765"
 
@@ -36,9 +32,13 @@ T = TypeVar("T", bound=messages.Message)
 
 
 class Client:
-    """A participant's connection to a server; made by `connect()`.
+    """A participant's connection to a server, made by `connect()`.
 
-    `connected` is set while there is a connection on which the server has welcomed us.
+    Its requests raise `ConnectionFailedError` if the connection is closed, or if the server does
+    not answer within 15 seconds of connection, and `ProtocolError` if the server refuses.
+
+    Attributes:
+        connected: Set while there is a connection on which the server has welcomed the client.
     """
 
     def __init__(
@@ -49,7 +49,6 @@ class Client:
         kind: messages.Kind = "bot",
         codec: Codec = MSGPACK,
         reconnect: bool = True,
-        seed: int | None = None,
         token: str | None = None,
         resume: str | None = None,
     ) -> None:
@@ -62,19 +61,18 @@ class Client:
             reconnect=reconnect,
             token=token,
             resume=resume,
-            rng=random.Random(seed),
         )
         self._codec = codec
         self._socket: ClientConnection | None = None
         self._runner: asyncio.Task[None] | None = None
         self._answers: dict[int, asyncio.Future[messages.ServerMessage]] = {}
-        self._game: Game | None = None
+        self._last_game: Game | None = None
         self._to_send = asyncio.Event()
         self._timer: asyncio.TimerHandle | None = None
 
     @property
     def url(self) -> str:
-        """The process of the server that one is connected to."""
+        """The address of the server process to connect to. Redirects change it."""
         return self.protocol.url
 
     @url.setter
@@ -83,35 +81,33 @@ class Client:
 
     @property
     def name(self) -> str:
-        """What one wants to be called."""
+        """The requested name. In an episode it may get a number, see `Game.name`."""
         return self.protocol.name
 
     @property
     def role(self) -> str:
-        """What one may do: operator, host, player or spectator."""
+        """The role that the server granted: operator, host, player or spectator."""
         return self.protocol.role
 
     @property
     def game(self) -> Game | None:
-        """The episode that one is in."""
+        """The episode that the client is in."""
         return self.protocol.game
 
     @property
     def farewell(self) -> str:
-        """Why the connection ended for good; empty while it has not."""
+        """The reason why the client is closed; empty while it is open."""
         return self.protocol.farewell
 
     @property
     def resume(self) -> str | None:
-        """Brings this connection back, from another process too; another one after each use."""
+        """The resume token, which another process can use too. It changes after each use."""
         return self.protocol.resume
 
     @property
     def resumed(self) -> bool:
-        """Whether the server took the last connection for the one before it."""
+        """True if the last connection continued the session of the one before."""
         return self.protocol.resumed
-
-    # Life
 
     async def __aenter__(self) -> Self:
         self._runner = asyncio.create_task(self._run(), name=f"robotouille-client {self.name}")
@@ -137,7 +133,7 @@ class Client:
         await self.close()
 
     async def close(self) -> None:
-        """Close the connection; a seat is kept for the server's grace period."""
+        """Close the connection. The server keeps the seat for its grace period."""
         self.protocol.close()
         self._flush()
         if self._runner is not None:
@@ -150,20 +146,18 @@ class Client:
     async def episodes(
         self, labels: Mapping[str, str] | None = None, *, closed: bool = False
     ) -> list[messages.EpisodeInfo]:
-        """The episodes on the server that can be joined or watched.
+        """Return the episodes on the server that can be joined or watched.
 
         Args:
-            labels: Only those that have all of these; hosts see those of their own episodes.
-            closed: Those instead that were closed because nobody came.
-
-        Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: The server refuses; `code` says why.
+            labels: Return only episodes with all of these labels. Hosts see the labels of their
+                own episodes.
+            closed: Return the episodes that were closed because nobody came instead.
         """
         found: dict[str, messages.EpisodeInfo] = {}
         request = messages.ListEpisodes(labels=dict(labels or {}), closed=closed)
         while True:
             page = await self._ask(request, messages.Episodes)
+            # Episodes that open or close between two pages shift the list, so one may come twice.
             found.update((one.episode, one) for one in page.episodes)
             skip = request.skip + len(page.episodes)
             if not page.episodes or skip >= page.total:
@@ -171,39 +165,33 @@ class Client:
             request = request.model_copy(update={"skip": skip})
 
     async def waiting_episode(self) -> messages.EpisodeInfo | None:
-        """The first episode that waits for players, if there is one.
-
-        Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: The server refuses; `code` says why.
-        """
+        """Return the first episode that waits for players, if there is one."""
         return next((each for each in await self.episodes() if each.phase == "waiting"), None)
 
     async def create(self, task: str | None = None, **options: Any) -> messages.Created:
-        """Open an episode, without entering it: `join` takes the id or code in the answer.
+        """Open an episode without joining it. `join` takes the id or code of the answer.
 
         Args:
-            task: A shipped task's name, or an unambiguous start of it; the server's own if None.
-            **options: The fields of the `create` message (docs/protocol.md).
+            task: Name of a shipped task, or its unambiguous start; the server's default if None.
+            **options: Fields of the `create` message (docs/protocol.md).
 
         Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: The server refuses: `task/unknown`, `task/invalid`, `server/full` and
-                others.
-            ValueError: The message has no such field, or it cannot have this value.
+            ProtocolError: `task/unknown`, `task/invalid`, `server/full` and others.
+            ValueError: The message has no such field, or does not allow the value.
         """
         return await self._ask(messages.Create(task=task, **options), messages.Created)
 
     async def close_episode(self, episode: str, reason: str | None = None) -> messages.Closed:
-        """Close an episode, by id or code, that one has opened; an operator closes any.
+        """Close an episode that this participant has opened, by id or code.
+
+        Operators can close any episode.
 
         Args:
-            reason: What those in it are told.
+            reason: Text for its participants.
 
         Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: The server refuses: `episode/unknown`, `auth/episode` and others.
-            ValueError: An argument is none that the message can have.
+            ProtocolError: `episode/unknown`, `auth/episode` and others.
+            ValueError: The message does not allow one of the arguments.
         """
         return await self._ask(messages.Close(episode=episode, reason=reason), messages.Closed)
 
@@ -217,22 +205,20 @@ class Client:
         view: messages.View = "state",
         ready: bool = True,
     ) -> Game:
-        """Enter an episode by id or code; returns once its state, or its text, is there.
+        """Join an episode by id or code, and return once its state or text has arrived.
 
         Args:
-            seat: The player to be; any that is free if None.
-            seats: Several players to be, by name, or all whose seats are free now. They are all
-                taken, or none.
-            view: What the server tells: the `state`, `text` for language models, or `both`.
-            ready: Whether the game may begin as soon as all are there; if not, `Game.ready` says
-                when. A server of before begins without.
+            seat: The player to control; any free one if None.
+            seats: Several players to control, by name, or `all` whose seats are free. The client
+                gets all of them or none.
+            view: Send the `state`, `text` for language models, or `both`.
+            ready: True if the game may begin as soon as all participants are there. If not, call
+                `Game.ready`. Servers without this feature begin anyway.
 
         Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            StrangerError: The episode is said to be on another host.
-            ProtocolError: The server refuses: `episode/unknown`, `episode/full`, `seat/taken` and
-                others.
-            ValueError: An argument is none that the message can have.
+            UntrustedRedirectError: The episode is on another host.
+            ProtocolError: `episode/unknown`, `episode/full`, `seat/taken` and others.
+            ValueError: The message does not allow one of the arguments.
         """
         wanted: Any = seats if isinstance(seats, str) else list(seats)
         request = messages.Join(
@@ -244,21 +230,19 @@ class Client:
         return self.game
 
     async def rematch(self, *, view: messages.View = "state", ready: bool = True) -> Game:
-        """Play the game again that is over: leave it, and enter the one in which all of the team
-        meet who ask for this, with the same task, rules and, if they are free, seats.
+        """Leave the ended game and join its rematch, which has the same task and rules.
 
-        Whoever asks first opens it; the others are told its code (`Game.rematch_code`).
+        All participants who call this meet in one rematch. The first call opens it, and the
+        others learn its code (`Game.rematch_code`). The client gets its former seats if free.
 
         Args:
             view: As in `join`.
             ready: As in `join`.
 
         Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: `episode/none` where one is in no game; or the server refuses:
-                `auth/role` where one may open none and nobody else has asked yet,
-                `message/invalid-field` while the game is not over, and those of `create` and
-                `join`.
+            ProtocolError: `episode/none`: the client is in no game; `auth/role`: the client may
+                not open episodes, and nobody else has asked for a rematch;
+                `message/invalid-field`: the game has not ended; or an error of `create` or `join`.
         """
         before = self.game
         if before is None:
@@ -276,28 +260,22 @@ class Client:
             return await self.join(code, view=view, ready=ready)
 
     async def rendering(self) -> messages.Rendering:
-        """What the task of the episode that one is in looks like; nothing for a shipped one.
+        """Return the rendering of the episode's task; it is empty for a shipped task.
 
         Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: The server refuses, or is of a version without this request.
+            ProtocolError: The server refuses, or is too old for this request.
         """
         return await self._ask(messages.GetRendering(), messages.Rendering)
 
     async def picture(self, digest: str) -> messages.Picture:
-        """A picture of `rendering`.
-
-        Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: The server refuses.
-        """
+        """Return a picture that `rendering` names."""
         return await self._ask(messages.GetPicture(digest=digest), messages.Picture)
 
     async def round_trip(self) -> float:
-        """The seconds that a message takes to the server and back, measured now.
+        """Measure and return the seconds that a message takes to the server and back.
 
         Raises:
-            ConnectionFailedError: There is no connection, or it is lost.
+            ConnectionFailedError: The client has no connection, or loses it.
         """
         if self._socket is None:
             raise ConnectionFailedError(f"{self.url}: there is no connection")
@@ -307,11 +285,10 @@ class Client:
             raise ConnectionFailedError(f"{self.url}: the connection was lost") from None
 
     async def leave(self) -> None:
-        """Leave the episode; one's seats become free.
+        """Leave the episode and free its seats.
 
         Raises:
-            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
-            ProtocolError: The server refuses: `episode/none` where one is in no episode.
+            ProtocolError: `episode/none`: the client is in no episode.
         """
         await self._ask(messages.Leave(), messages.Left)
 
@@ -332,10 +309,9 @@ class Client:
             )
         return answer
 
-    # The connection
+    # Connection
 
     async def _run(self) -> None:
-        """One connection after the other, until the end."""
         loop = asyncio.get_running_loop()
         try:
             while self.protocol.state is not ClientState.CLOSED:
@@ -357,6 +333,7 @@ class Client:
             return await open_socket(
                 self.url,
                 subprotocols=[Subprotocol(self._codec.name)],
+                # Messages are small and frequent: compressing them costs more than it saves.
                 compression=None,
                 max_size=8 * 1024 * 1024,
                 open_timeout=10,
@@ -365,10 +342,9 @@ class Client:
                 close_timeout=2,
             )
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
-            raise ConnectionFailedError(why_not(error, self.url)) from None
+            raise ConnectionFailedError(connection_error(error, self.url)) from None
 
     async def _converse(self, socket: ClientConnection) -> None:
-        """Take in what comes until the connection ends, or is not wanted any more."""
         loop = asyncio.get_running_loop()
         self._socket = socket
         self.protocol.connection_made(loop.time())
@@ -396,7 +372,6 @@ class Client:
         self.protocol.receive(message, asyncio.get_running_loop().time())
 
     async def _send(self, socket: ClientConnection) -> None:
-        """Send what there is to send, for as long as there is a connection."""
         with contextlib.suppress(ConnectionClosed):
             while True:
                 self._to_send.clear()
@@ -406,7 +381,8 @@ class Client:
                 await self._to_send.wait()
 
     def _flush(self) -> None:
-        """Whatever the protocol has decided: tell those who wait, send, and look again in time."""
+        # Called after everything that may change the protocol: resolve futures, wake the sender
+        # and set the timer.
         if self.protocol.state.online:
             self.connected.set()
         else:
@@ -419,10 +395,11 @@ class Client:
                 future.set_result(event.answer)
             else:
                 future.set_exception(event.error)
-        for game in (self._game, self.game):
+        # A join may have replaced the game: awaiters of the old one learn that it ended.
+        for game in (self._last_game, self.game):
             if game is not None:
                 game.wake()
-        self._game = self.game
+        self._last_game = self.game
         self._to_send.set()
         self._set_timer()
 
@@ -433,11 +410,12 @@ class Client:
                 return
             self._timer.cancel()
         loop = asyncio.get_running_loop()
-        self._timer = None if due is None else loop.call_at(due, self._look_again, due)
+        self._timer = None if due is None else loop.call_at(due, self._on_timer, due)
 
-    def _look_again(self, due: float) -> None:
+    def _on_timer(self, due: float) -> None:
         self._timer = None
         self.protocol.handle_timer(max(due, asyncio.get_running_loop().time()))
+        # `hello` was not answered in time. A closing handshake would take as long again.
         if not self.protocol.state.connected and self._socket is not None:
             self._socket.transport.abort()
         self._flush()
@@ -453,37 +431,27 @@ async def connect(
     reconnect: bool = True,
     token: str | None = None,
     resume: str | None = None,
-    seed: int | None = None,
 ) -> AsyncIterator[Client]:
-    """A connection to a server, until the context is left; if it is lost, it is sought again and
-    again.
+    """Connect to a server, and reconnect whenever the connection is lost, until the context ends.
 
     Args:
-        url: `ws://` or `wss://`.
-        name: What one wants to be called: 1 to 40 characters.
-        reconnect: Without it, a connection that is lost is over.
-        token: A signed role token, where the server asks for one.
-        resume: The `Client.resume` of a process that stopped: `join` of its episode then gives
-            back its seat.
-        seed: That of the jitter in the pauses between attempts to connect.
+        url: A `ws://` or `wss://` address.
+        name: The requested name, of 1 to 40 characters.
+        reconnect: True to reconnect after a lost connection.
+        token: A signed role token, if the server requires one.
+        resume: The `Client.resume` of a process that stopped. Joining its episode then restores
+            its seat.
 
     Raises:
-        ConnectionFailedError: The server cannot be reached at first, or does not welcome us within
+        ConnectionFailedError: The server cannot be reached, or does not welcome the client within
             15 seconds.
-        NotYetError: It asks us to try again in a moment.
-        StrangerError: It sends us to another host, or away from TLS.
-        ProtocolError: It refuses: `auth/required`, `protocol/version` and others.
-        ValueError: The name, the kind or a token cannot be one.
+        RetryLaterError: The server asks to try again later.
+        UntrustedRedirectError: The server redirects to another host or away from TLS.
+        ProtocolError: `auth/required`, `protocol/version` and others.
+        ValueError: The name, kind or token is invalid.
     """
     codec = MSGPACK if encoding == "msgpack" else JSON
     async with Client(
-        url,
-        name=name,
-        kind=kind,
-        codec=codec,
-        reconnect=reconnect,
-        token=token,
-        resume=resume,
-        seed=seed,
+        url, name=name, kind=kind, codec=codec, reconnect=reconnect, token=token, resume=resume
     ) as client:
         yield client

@@ -1,12 +1,12 @@
-"""Why a connection cannot be had, or is over.
+"""Errors of the client library.
 
-    RobotouilleError                  of everything, in `robotouille.errors`
-    ├── ProtocolError                 the server refuses; `code` says what
-    └── ConnectionFailedError         the server cannot be reached, or does not answer
-        ├── NotYetError               the server asks us to try again in a moment
-        └── StrangerError             the server sends us where our tokens do not go
+    RobotouilleError                      base class, in `robotouille.errors`
+    ├── ProtocolError                     the server refuses; `code` says what
+    └── ConnectionFailedError             the server cannot be reached or does not answer
+        ├── RetryLaterError               the server asks to try again later
+        └── UntrustedRedirectError        the server redirects to where tokens are not sent
 
-All are the peer's or the network's fault, never the caller's.
+All of them are caused by the server or the network, never by the caller.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from robotouille.errors import ProtocolError, RobotouilleError
 
 __all__ = [
     "ConnectionFailedError",
-    "NotYetError",
     "ProtocolError",
+    "RetryLaterError",
     "RobotouilleError",
-    "StrangerError",
+    "UntrustedRedirectError",
 ]
 
 
 class ConnectionFailedError(RobotouilleError):
-    """The server cannot be reached, or would not have us."""
+    """The server cannot be reached, does not answer, or refuses the connection."""
 
 
-class NotYetError(ConnectionFailedError):
-    """The server asks us to try again in a moment."""
+class RetryLaterError(ConnectionFailedError):
+    """The server asks to try again later."""
 
 
-class StrangerError(ConnectionFailedError):
-    """The server sends us to another host, or away from TLS: our tokens do not go there."""
+class UntrustedRedirectError(ConnectionFailedError):
+    """The server redirects to another host or away from TLS, where tokens are not sent."""

@@ -1,137 +1,98 @@
-"""An episode to play in with asyncio: actions and events that one can await."""
+"""An episode for asyncio programs: actions and events that can be awaited."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from typing import Unpack
 
 from robotouille.protocol import messages
-from robotouille_client.sansio.game_events import ActResult, GameEvent, Over
-from robotouille_client.sansio.game_replica import PRESENT, GameReplica
-from robotouille_client.sansio.sent_actions import ActionRequest
+from robotouille_client.sansio.game_events import ActResult, GameEnded, GameEvent
+from robotouille_client.sansio.game_replica import ActDetails, GameReplica
+from robotouille_client.sansio.sent_actions import RequestedAction
 
-__all__ = ["ActionRequest", "Game"]
+__all__ = ["ActDetails", "Game", "RequestedAction"]
 
 
 class Game(GameReplica):
-    """One episode: its state, its events, and what one does in it; made by `Client.join`."""
+    """One episode: its state, its events and its participant's requests.
+
+    `Client.join` returns it.
+    """
 
     def __init__(self, joined: messages.Joined, flush: Callable[[], None]) -> None:
         super().__init__(joined)
         self._flush = flush
         self._futures: dict[int, asyncio.Future[ActResult]] = {}
-        self._news = asyncio.Event()
+        self._new_events = asyncio.Event()
 
     def submit(
-        self,
-        action: ActionRequest,
-        seat: str | None = None,
-        *,
-        think_ms: int = 0,
-        basis: int | None = PRESENT,
-        reasoning: str | None = None,
-        anticipates: bool = False,
-        waits: bool = False,
+        self, action: RequestedAction, seat: str | None = None, **details: Unpack[ActDetails]
     ) -> asyncio.Future[ActResult]:
-        """Send an action (None: do nothing); the future tells what became of it.
+        """Send an action and return a future with its result.
 
-        It stays pending while the connection is away: the action is sent again, and not done
-        twice.
+        The future stays pending while the connection is lost. The action is then sent again, and
+        executed once.
 
         Args:
-            action: A ground action, its name and arguments, its sentence, or its place in the list
-                of valid ones.
-            seat: The one of one's seats that acts; the first if None.
-            think_ms: Milliseconds of thought, which count where thinking is declared.
-            basis: The step on which the choice was made, for the recording; the present one if
-                nothing is said, and left open if None.
-            reasoning: Is recorded, and shown to nobody; at most 8,000 characters.
-            anticipates: It need not be valid yet: another's action in the same step is to make it
-                so. A server that does not know this rejects it where it is not.
-            waits: With no action: one waits for a place or for somebody. It is recorded, and not
-                counted as idle.
+            action: A ground action, its name and arguments, its sentence, its position in the
+                list of valid actions, or None to do nothing.
+            seat: The own seat that acts; the first one by default.
+            details: `think_ms`, `basis`, `reasoning`, `anticipates` and `waits`, as described in
+                `ActDetails`.
 
         Raises:
-            ProtocolError: `seat/none`: spectators do not act; `seat/unknown`: it is not one's own.
-            ValueError: The message cannot have such an argument.
+            ProtocolError: `seat/none`: spectators cannot act; `seat/unknown`: not an own seat.
+            ValueError: The message does not allow one of the details.
         """
         loop = asyncio.get_running_loop()
-        seq = self.propose(
-            action,
-            loop.time(),
-            seat=seat,
-            think_ms=think_ms,
-            basis=basis,
-            reasoning=reasoning,
-            anticipates=anticipates,
-            waits=waits,
-        )
+        seq = self.propose(action, loop.time(), seat, **details)
         future = self._futures[seq] = loop.create_future()
         self.wake()
         self._flush()
         return future
 
     async def act(
-        self,
-        action: ActionRequest,
-        seat: str | None = None,
-        *,
-        think_ms: int = 0,
-        basis: int | None = PRESENT,
-        reasoning: str | None = None,
-        anticipates: bool = False,
-        waits: bool = False,
+        self, action: RequestedAction, seat: str | None = None, **details: Unpack[ActDetails]
     ) -> ActResult:
-        """Send an action and wait until it was taken into a step or rejected.
+        """Send an action, wait until it is applied or rejected, and return its result.
 
-        Arguments are those of `submit`.
-
-        Raises:
-            ProtocolError: `seat/none`: spectators do not act; `seat/unknown`: it is not one's own.
-            ValueError: The message cannot have such an argument.
+        Arguments and errors are the same as those of `submit`.
         """
-        return await self.submit(
-            action,
-            seat=seat,
-            think_ms=think_ms,
-            basis=basis,
-            reasoning=reasoning,
-            anticipates=anticipates,
-            waits=waits,
-        )
+        return await self.submit(action, seat, **details)
 
     def ready(self, ready: bool = True) -> None:
-        """Say that the game may begin, after `Client.join(…, ready=False)`; False takes it back.
+        """Tell the server that the game may begin, after `Client.join(…, ready=False)`.
 
-        It begins when all are there and ready. Once it has, this means nothing; a server of
-        before has begun without.
+        The game begins when all seats are taken and ready. False withdraws the readiness. Both
+        have no effect once the game has begun, and on servers without this feature.
 
         Raises:
-            ProtocolError: `seat/none`: spectators are not waited for.
+            ProtocolError: `seat/none`: games do not wait for spectators.
         """
         super().ready(ready)
         self._flush()
 
     def say(self, text: str) -> None:
-        """Say something to everybody in the episode.
+        """Send a chat message to all participants.
 
         Raises:
-            ValueError: The text has not 1 to 500 characters.
+            ValueError: The text does not have 1 to 500 characters.
         """
         super().say(text)
         self._flush()
 
     def note(self, topic: str, text: str, seat: str | None = None) -> None:
-        """Have a text recorded that nobody is told; a long one is sent in pieces.
+        """Add a text to the recording that no participant sees.
 
         Args:
-            topic: What it is about.
-            text: Of any length; a server takes about 200 KiB a second.
-            seat: The one of one's seats whose it is; the first if None.
+            topic: The topic of the note.
+            text: Text of any length, sent in pieces. A server accepts about 200 KiB/s.
+            seat: The own seat that the note belongs to; the first one by default.
 
         Raises:
-            ProtocolError: `seat/unknown`: it is not one's own.
-            ValueError: The topic has not 1 to 64 characters.
+            ProtocolError: `seat/unknown`: not an own seat.
+            ValueError: The topic does not have 1 to 64 characters.
         """
         super().note(topic, text, seat)
         self._flush()
@@ -140,25 +101,24 @@ class Game(GameReplica):
         return self._iterate()
 
     async def _iterate(self) -> AsyncIterator[GameEvent]:
-        """Events as they come, until the episode is over."""
         while True:
             event = await self.next_event()
             yield event
-            if isinstance(event, Over):
+            if isinstance(event, GameEnded):
                 return
 
     async def next_event(self) -> GameEvent:
-        """The next thing that happens, once it does; nothing comes after `Over`."""
+        """Wait for the next event and return it. No event follows `GameEnded`."""
         while not self._events:
-            self._news.clear()
-            await self._news.wait()
+            self._new_events.clear()
+            await self._new_events.wait()
         return self._events.popleft()
 
     def wake(self) -> None:
-        """Tell those who wait for an event, or for what became of an action."""
+        """Resolve the futures of decided actions and wake up waiters for events."""
         for seq, result in self.results():
             future = self._futures.pop(seq, None)
             if future is not None and not future.done():
                 future.set_result(result)
         if self._events:
-            self._news.set()
+            self._new_events.set()

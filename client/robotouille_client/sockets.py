@@ -1,4 +1,4 @@
-"""A WebSocket to a server, what its address is made of, and why there is none."""
+"""WebSocket connections to a server, checks of its address, and explanations of failures."""
 
 from __future__ import annotations
 
@@ -10,66 +10,68 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidMessage, InvalidStatus, InvalidURI
 from websockets.uri import WebSocketURI, parse_uri
 
-from robotouille_client.errors import ConnectionFailedError, StrangerError
-from robotouille_client.sansio.addresses import check_host
-
-__all__ = ["open_socket", "server_uri", "why_not"]
+from robotouille_client.errors import ConnectionFailedError, UntrustedRedirectError
+from robotouille_client.sansio.addresses import check_redirect
 
 
 class open_socket(connect):  # noqa: N801
-    """`connect` of websockets, which follows HTTP redirects to the same host only."""
+    """`connect` of websockets that follows HTTP redirects to the same host only."""
 
     def process_redirect(self, exc: Exception) -> Exception | str:
-        """Where to go on; an error in place of a host that our tokens do not go to."""
+        """Return the redirect's target, or the error.
+
+        Raises:
+            UntrustedRedirectError: Tokens must not be sent to the target.
+        """
         try:
             target = super().process_redirect(exc)
         except ValueError as error:
-            raise StrangerError(f"{self.uri} sends us to what is no address: {error}") from None
+            raise UntrustedRedirectError(
+                f"{self.uri} redirects to an invalid address: {error}"
+            ) from None
         if isinstance(target, str):
-            check_host(urlsplit(self.uri), target)
+            check_redirect(urlsplit(self.uri), target)
         return target
 
 
-def why_not(error: Exception, url: str) -> str:
-    """That a connection could not be made, why, and what to do."""
-    if _is_refused(error):
-        return f"nobody answers at {url}: is a server running there?"
-    return f"cannot connect to {url}: {_reason(error, url)}"
-
-
-def _is_refused(error: Exception) -> bool:
-    """Whether nothing listens at any of a host's addresses, or nothing has come back."""
+def connection_error(error: Exception, url: str) -> str:
+    """Return why a connection could not be made, and what to do about it."""
+    # asyncio reports a host with several addresses in one error, whatever each attempt raised.
     several = isinstance(error, OSError) and str(error).startswith("Multiple exceptions:")
-    return several or isinstance(error, ConnectionRefusedError | TimeoutError)
+    if several or isinstance(error, ConnectionRefusedError | TimeoutError):
+        return f"no answer from {url}. Is a server running there?"
+    return f"cannot connect to {url}: {_reason(error, url)}"
 
 
 def _reason(error: Exception, url: str) -> str:
     if isinstance(error, InvalidStatus) and error.response.body:
-        said = error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
-        return "that is no Robotouille server, but a web page" if said.startswith("<") else said
+        text = error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
+        return "it is a web page, not a Robotouille server" if text.startswith("<") else text
     if isinstance(error, InvalidMessage) and url.startswith("ws:"):
-        return f"{error}. If it speaks TLS, it is at wss://"
+        return f"{error}. If the server uses TLS, connect to wss://"
     if isinstance(error, ssl.SSLCertVerificationError):
         if "not valid for" in error.verify_message:
-            return f"{error.verify_message} Say --url with a name that is in it"
+            return f"{error.verify_message} Use --url with a name that the certificate contains"
         return (
-            f"its certificate is not trusted here ({error.verify_message}); "
-            "SSL_CERT_FILE=FILE names the file of the authority that signed it, which must exist"
+            f"its certificate is not trusted here ({error.verify_message}); set "
+            "SSL_CERT_FILE=FILE to an existing file with the certificate of the authority that "
+            "signed it"
         )
+    # A server without TLS answers the handshake by closing the connection.
     reset = isinstance(error, ConnectionResetError) and url.startswith("wss:")
     if isinstance(error, ssl.SSLError) or reset:
         reason = getattr(error, "reason", None) or "the handshake was cut off"
-        return f"{reason}. Does the server speak TLS? If not, it is at ws://"
+        return f"{reason}. If the server does not use TLS, connect to ws://"
     if isinstance(error, socket.gaierror):
-        return f"there is no host {urlsplit(url).hostname!r}"
+        return f"unknown host {urlsplit(url).hostname!r}"
     return f"{error}. Is robotouille-server running there?"
 
 
 def server_uri(url: str) -> WebSocketURI:
-    """A server's address, taken apart.
+    """Parse a server's address.
 
     Raises:
-        ConnectionFailedError: It is none; what is wrong with it is said in a line.
+        ConnectionFailedError: The address is invalid; the message explains why on one line.
     """
     try:
         fault = _fault(url)
@@ -77,26 +79,26 @@ def server_uri(url: str) -> WebSocketURI:
             return parse_uri(url)
     except (ValueError, InvalidURI) as error:
         fault = str(error)
-    raise ConnectionFailedError(f"{url!r} is no WebSocket URL like ws://host:8765: {fault}")
+    raise ConnectionFailedError(f"{url!r} is not a WebSocket URL like ws://host:8765: {fault}")
 
 
 def _fault(url: str) -> str:
-    """What is wrong with a server's address that can be said better than by the libraries, which
-    raise ValueError for the rest."""
+    # The libraries' own messages for these mistakes do not help a user. They raise ValueError
+    # for the others.
     parts = urlsplit(url)
     if parts.scheme not in ("ws", "wss"):
         near = f", as in ws://{parts.netloc} or, with TLS, wss://{parts.netloc}"
-        return f"it begins with ws:// or wss://{near if parts.netloc else ''}"
+        return f"it must begin with ws:// or wss://{near if parts.netloc else ''}"
     try:
         port = parts.port
     except ValueError:
         port = 0
     if port == 0:
-        brackets = " (an IPv6 address stands in brackets)" if parts.netloc.count(":") > 1 else ""
+        brackets = " (put an IPv6 address in brackets)" if parts.netloc.count(":") > 1 else ""
         return f"a port is a number from 1 to 65535{brackets}"
     host = parts.hostname or ""
     try:
         host.encode("idna")
     except UnicodeError:
-        return f"no host can be called {host!r}"
-    return "" if host.isprintable() else f"no host can be called {host!r}"
+        return f"{host!r} is not a host name"
+    return "" if host.isprintable() else f"{host!r} is not a host name"

@@ -1,4 +1,4 @@
-"""A catalogue of recordings: episodes, seats, steps and events as tables of a database.
+"""Catalogue of recordings: episodes, seats, steps and events as tables of a database.
 
-Everything in it is derived from recordings, and rebuilt from nothing with the same rows.
+Recordings are the only source of a catalogue, so indexing them again gives the same rows.
 """

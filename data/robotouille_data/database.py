@@ -1,7 +1,7 @@
-"""The database of a catalogue: SQLite in a file, or PostgreSQL by its URL.
+"""Databases of catalogues: SQLite files and PostgreSQL.
 
-Who writes holds the one lock of the catalogue from the beginning of a transaction on, so that two
-indexers at once take turns.
+A writer holds the catalogue's only lock from the start of its transaction, so two indexers take
+turns instead of failing.
 """
 
 from __future__ import annotations
@@ -14,40 +14,42 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import sqlalchemy as sa
+from alembic.config import Config
+from alembic.runtime.environment import EnvironmentContext
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import event, exc
 from sqlalchemy.engine import URL, Connection, Engine, make_url
 from sqlalchemy.pool import NullPool
 
-from robotouille_data.errors import CatalogueError, UnavailableError
+from robotouille.errors import RobotouilleError
 
-__all__ = [
-    "DEFAULT_FILE",
-    "database_errors",
-    "database_url",
-    "driver_errors",
-    "in_pieces",
-    "insert",
-    "read_only_engine",
-    "writing_engine",
-]
+
+class CatalogueError(RobotouilleError):
+    """Invalid catalogue, query or export."""
+
+
+class UnavailableError(CatalogueError):
+    """Database that is unreachable, full, locked or read-only. A retry may succeed."""
+
 
 T = TypeVar("T")
 
 DEFAULT_FILE = "catalogue.sqlite"
 LOCK_SECONDS = 60
-"""How long one waits for who writes at present."""
+"""Time to wait for another writer."""
 CONNECT_SECONDS = 10
 MAX_VALUES = 500
-"""In one list of a statement."""
+"""Values in one `IN` list. SQLite limits the parameters of a statement."""
 LOCK = 0x526F626F
-"""The advisory lock of PostgreSQL that who writes holds."""
+"""Key of the advisory lock that writers hold in PostgreSQL (`Robo` in ASCII)."""
 
 
 def database_url(database: str | None, folder: Path) -> URL:
-    """Where a catalogue is: a URL, or an SQLite file; if nothing is said, one in a folder.
+    """Return the URL of a catalogue, given as a URL, as an SQLite file, or by its folder.
 
     Raises:
-        CatalogueError: It is neither.
+        CatalogueError: The URL is invalid or names another kind of database.
     """
     if database is None:
         database = str(folder / DEFAULT_FILE)
@@ -56,27 +58,27 @@ def database_url(database: str | None, folder: Path) -> URL:
     try:
         url = make_url(database)
     except exc.ArgumentError:
-        raise CatalogueError("the database's URL cannot be read") from None
+        raise CatalogueError("invalid database URL; expected postgresql://USER@HOST/NAME") from None
     match url.get_backend_name():
         case "sqlite":
             return url.set(drivername="sqlite")
         case "postgresql" | "postgres":
             return url.set(drivername="postgresql+psycopg")
-    raise CatalogueError(f"no catalogue in {url.get_backend_name()}: SQLite and PostgreSQL can be")
+    raise CatalogueError(f"{url.get_backend_name()} is not supported; use SQLite or PostgreSQL")
 
 
 def _shown(url: URL) -> str:
-    """A database as messages call it, without its password, also where that is an option."""
+    """Return the URL for messages, without passwords, which may also be in its query."""
     return url.database or "memory" if url.drivername == "sqlite" else str(url.set(query={}))
 
 
 @contextmanager
 def database_errors(url: URL) -> Iterator[None]:
-    """Errors of a database become ours.
+    """Convert errors of the database.
 
     Raises:
-        UnavailableError: It is gone, full, locked or read-only: later it may be there again.
-        CatalogueError: Anything else.
+        UnavailableError: The database is unreachable, full, locked or read-only.
+        CatalogueError: Any other error.
     """
     try:
         yield
@@ -86,17 +88,18 @@ def database_errors(url: URL) -> Iterator[None]:
         passing = isinstance(
             error, exc.OperationalError | exc.InternalError | sqlite3.OperationalError
         )
+        # SQLAlchemy marks lost connections, which drivers report as several kinds of error.
         lost = getattr(error, "connection_invalidated", False)
         kind = UnavailableError if passing or lost else CatalogueError
         raise kind(f"{_shown(url)}: {words}") from None
     except OSError as error:
-        if error.filename is not None:  # Another file, as one that an answer is written to.
+        if error.filename is not None:  # Another file, such as an output file.
             raise
         raise UnavailableError(f"{_shown(url)}: {error.strerror or error}") from None
 
 
 def writing_engine(url: URL) -> Engine:
-    """An engine whose transactions may write; one at a time does."""
+    """Return an engine whose transactions write, one at a time."""
     if url.drivername == "sqlite":
         engine = sa.create_engine(url, poolclass=NullPool, connect_args={"timeout": LOCK_SECONDS})
         event.listen(engine, "connect", _prepare_sqlite)
@@ -104,6 +107,8 @@ def writing_engine(url: URL) -> Engine:
             engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE")
         )
         return engine
+    # No pool: indexing opens a connection for each group of files, and a pooled connection would
+    # not survive a restart of the database.
     engine = sa.create_engine(
         url, poolclass=NullPool, connect_args={"connect_timeout": CONNECT_SECONDS}
     )
@@ -112,7 +117,10 @@ def writing_engine(url: URL) -> Engine:
 
 
 def read_only_engine(url: URL) -> Engine:
-    """An engine that nobody can write with, for PostgreSQL as far as the role's rights go."""
+    """Return an engine that cannot write.
+
+    In PostgreSQL a role could still switch its transaction back, so give it only read rights.
+    """
     if url.drivername != "sqlite":
         options = {
             "connect_timeout": CONNECT_SECONDS,
@@ -122,22 +130,26 @@ def read_only_engine(url: URL) -> Engine:
     path = Path(url.database or "")
     if not path.is_file():
         raise CatalogueError(
-            f"{path}: there is no catalogue: `robotouille data index FOLDER` makes one of the"
-            " recordings in a folder, --folder or --database says where it is"
+            f"{path}: no catalogue; create it with `robotouille data index FOLDER`, or set --folder"
+            " or --database"
         )
 
     mode = "mode=ro"
     if not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists():
-        mode = "immutable=1"  # Else SQLite would make files beside it.
+        mode = "immutable=1"  # SQLite cannot create its WAL files next to it.
 
     def connect() -> sqlite3.Connection:
+        # A URI and not SQLAlchemy's URL, because only a URI can open a file read-only.
         return sqlite3.connect(f"{path.as_uri()}?{mode}", uri=True, timeout=LOCK_SECONDS)
 
     return sa.create_engine("sqlite://", creator=connect, poolclass=NullPool)
 
 
 def insert(connection: Connection, table: sa.Table, rows: Sequence[tuple[Any, ...]]) -> None:
-    """Add rows, each with the values of all columns in order."""
+    """Insert rows, each with the values of all columns in order.
+
+    Drivers' own bulk inserts are several times faster than SQLAlchemy's for millions of steps.
+    """
     if not rows:
         return
     if connection.dialect.name == "sqlite":
@@ -146,6 +158,8 @@ def insert(connection: Connection, table: sa.Table, rows: Sequence[tuple[Any, ..
         connection.exec_driver_sql(statement, list(rows))
         return
     driver: Any = connection.connection.driver_connection
+    # COPY has no parameters, whose number PostgreSQL limits, and sends rows without a statement for
+    # each.
     statement = f"COPY {table.name} FROM STDIN"
     with driver_errors(connection), driver.cursor() as cursor, cursor.copy(statement) as copy:
         for row in rows:
@@ -153,7 +167,7 @@ def insert(connection: Connection, table: sa.Table, rows: Sequence[tuple[Any, ..
 
 
 def in_pieces(values: Collection[T]) -> Iterator[list[T]]:
-    """So many values as one statement takes at once."""
+    """Split values into lists that fit into one statement."""
     everything = list(values)
     for at in range(0, len(everything), MAX_VALUES):
         yield everything[at : at + MAX_VALUES]
@@ -161,7 +175,7 @@ def in_pieces(values: Collection[T]) -> Iterator[list[T]]:
 
 @contextmanager
 def driver_errors(connection: Connection) -> Iterator[None]:
-    """What a database's own driver raises becomes what SQLAlchemy makes of it."""
+    """Convert errors of a database driver into those of SQLAlchemy."""
     base: type[Exception] = connection.dialect.loaded_dbapi.Error
     try:
         yield
@@ -170,7 +184,9 @@ def driver_errors(connection: Connection) -> Iterator[None]:
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: object) -> None:
-    connection.isolation_level = None  # Transactions begin where SQLAlchemy says so, with a lock.
+    connection.isolation_level = None  # SQLAlchemy begins transactions, with a lock.
+    # With a write-ahead log, queries read while an indexer writes. A crash of the machine may lose
+    # the last transactions but never damages the file, and indexing repeats them.
     connection.execute("PRAGMA journal_mode=WAL")
     connection.execute("PRAGMA synchronous=NORMAL")
     connection.execute("PRAGMA cache_size=-65536")
@@ -179,3 +195,54 @@ def _prepare_sqlite(connection: sqlite3.Connection, _: object) -> None:
 def _lock_postgresql(connection: Connection) -> None:
     connection.exec_driver_sql(f"SET LOCAL lock_timeout = '{LOCK_SECONDS}s'")
     connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({LOCK})")
+
+
+MIGRATIONS = Path(__file__).with_name("migrations")
+
+
+def migrate(connection: Connection, folder: Path = MIGRATIONS) -> None:
+    """Create the tables, or migrate them from an earlier version.
+
+    Raises:
+        CatalogueError: The catalogue has a later version.
+    """
+    script = _script(folder)
+    if _is_current(connection, script):
+        return
+
+    def upgrade(revision: Any, _: Any) -> Any:
+        return script._upgrade_revs("head", revision)
+
+    with EnvironmentContext(Config(), script, fn=upgrade) as environment:
+        environment.configure(connection=connection, transactional_ddl=True)
+        environment.run_migrations()
+
+
+def check_version(connection: Connection, folder: Path = MIGRATIONS) -> None:
+    """Check that the catalogue has this version.
+
+    Raises:
+        CatalogueError: The catalogue has another version or does not exist.
+    """
+    if not _is_current(connection, _script(folder)):
+        raise CatalogueError(
+            "the catalogue is missing or has an earlier version;"
+            " run `robotouille data index FOLDER`"
+        )
+
+
+def catalogue_version(connection: Connection) -> str:
+    """Return the version of a catalogue's tables, or an empty text without tables."""
+    return MigrationContext.configure(connection).get_current_revision() or ""
+
+
+def _script(folder: Path) -> ScriptDirectory:
+    return ScriptDirectory(str(MIGRATIONS), version_locations=[str(folder)])
+
+
+def _is_current(connection: Connection, script: ScriptDirectory) -> bool:
+    found = MigrationContext.configure(connection).get_current_revision()
+    known = {each.revision for each in script.walk_revisions()}
+    if found is not None and found not in known:
+        raise CatalogueError(f"the catalogue has a later version ({found}); update robotouille")
+    return found == script.get_current_head()

@@ -1,4 +1,4 @@
-"""Bring a catalogue up to date with folders of recordings, in several processes."""
+"""Indexing folders of recordings into a catalogue, with several processes."""
 
 from __future__ import annotations
 
@@ -13,54 +13,47 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain
 from pathlib import Path
+from threading import Event
 
 from sqlalchemy.engine import URL, Engine, make_url
 from sqlalchemy.exc import DataError, IntegrityError
 
-from robotouille.certification.spawning import spawn_context
 from robotouille.errors import RecordingError
-from robotouille_data.database import database_errors, writing_engine
-from robotouille_data.errors import UnavailableError
-from robotouille_data.recordings.reading import (
+from robotouille.processes import spawn_context
+from robotouille.replay.file_names import CLOSED, OPEN
+from robotouille_data.database import UnavailableError, database_errors, migrate, writing_engine
+from robotouille_data.recording_rows import (
     content_digest,
     episode_id,
     read_content,
     recorded_rows,
 )
-from robotouille_data.store import (
-    ReadFile,
-    Stamp,
-    forget,
-    known_files,
-    lacking_steps_to_go,
-    store,
-)
-from robotouille_data.versions import migrate
+from robotouille_data.store import ReadFile, Stamp, forget, known_files, lacking_steps_to_go, store
 
-__all__ = ["Indexed", "Progress", "has_recordings", "index"]
-
-SUFFIX, UNFINISHED = ".rbt", ".rbt.part"
 FILES_AT_ONCE = 50
-"""Files in one transaction: a database that goes away costs so many."""
+"""Files in one transaction. A lost database connection repeats at most this many."""
 MAX_BYTES = 4 * 1024 * 1024
-"""Bytes of files in one transaction, unless it is a single one."""
+"""Bytes of files in one transaction of several files."""
 MAX_FAULT = 500
 UNFIT = (RecordingError, DataError, IntegrityError, OverflowError, UnicodeError)
-"""What a recording is to blame for, if it is what cannot be written."""
+"""Errors that a damaged recording can cause, as opposed to the database."""
 
 Progress = Callable[[int, int], None]
-"""Is told how many files are done, and how many there are to do."""
+"""Called with the number of finished files and their total."""
 File = tuple[str, Stamp]
 
 
 @dataclass(slots=True)
-class Indexed:
-    """What became of an index: how many files were read, had not changed, are gone, or are
-    unfinished and were left out; and the faults of files that are no episodes of it, by path."""
+class IndexResult:
+    """Counts of files, and the faults of files without an episode by their paths.
+
+    Attributes:
+        unfinished: Files without an end that were left out.
+    """
 
     indexed: int = 0
     unchanged: int = 0
-    forgotten: int = 0
+    removed: int = 0
     unfinished: int = 0
     faults: dict[str, str] = field(default_factory=dict)
 
@@ -71,43 +64,44 @@ def index(
     *,
     jobs: int = 1,
     unfinished: bool = False,
-    anew: bool = False,
+    reindex: bool = False,
     steps_to_go: bool = False,
     progress: Progress = lambda done, total: None,
-) -> Indexed:
-    """Read what is new or has changed below some folders, and forget what is gone.
+) -> IndexResult:
+    """Index new and changed recordings below some folders, and remove deleted ones.
 
     Args:
-        url: Of the database.
-        jobs: Processes that read.
-        unfinished: Also those recordings that have no end yet; those of them that the catalogue
-            has already are kept up to date anyway.
-        anew: Also those that have not changed.
-        steps_to_go: Also how far from the goal episodes ended, which takes a search; of those, too,
-            that have not changed and of which it is not known.
-        progress: Is called when some more are done.
+        url: URL of the database.
+        jobs: Processes that read recordings.
+        unfinished: Index recordings without an end, too. Those that are already in the catalogue
+            are always updated.
+        reindex: Read unchanged recordings again.
+        steps_to_go: Compute the steps to go of failed episodes, which takes a search. Unchanged
+            recordings without a value are read again.
+        progress: Called after each group of files.
 
     Raises:
-        UnavailableError: The database cannot be written now, or a folder not read; what was
-            written before stays.
-        CatalogueError: The catalogue is of a later version.
+        UnavailableError: The database cannot be written or a folder cannot be read now. Earlier
+            transactions remain.
+        CatalogueError: The catalogue has a later version.
     """
-    result, found = Indexed(), dict[str, Stamp]()
+    result, found = IndexResult(), dict[str, Stamp]()
     roots = [str(folder.absolute()) for folder in folders]
     for root in roots:
         for path, stamp in _recordings(root):
             if not _is_text(path):
-                result.faults[path] = "its name is not UTF-8, and no database takes it"
+                result.faults[path] = "the name is not UTF-8, so a database cannot store it"
             else:
                 found[path] = stamp
     known, lacking = _prepare(url, roots, found, result)
+    # An unfinished recording that is already known must be updated, or its rows would go stale.
     if not unfinished:
-        left_out = {p for p in found if p.endswith(UNFINISHED) and p not in known}
+        left_out = {p for p in found if p.endswith(OPEN) and p not in known}
         found = {path: stamp for path, stamp in found.items() if path not in left_out}
         result.unfinished = len(left_out)
     if steps_to_go:
         known = {path: stamp for path, stamp in known.items() if path not in lacking}
-    changed = [(p, s) for p, s in sorted(found.items()) if anew or known.get(p) != s]
+    changed = [(p, s) for p, s in sorted(found.items()) if reindex or known.get(p) != s]
     result.unchanged = len(found) - len(changed)
     done = 0
     progress(done, len(changed))
@@ -120,7 +114,7 @@ def index(
 
 
 def has_recordings(folder: Path) -> bool:
-    """Whether there is any recording below a folder, unfinished ones included.
+    """Return whether a folder contains recordings, including unfinished ones.
 
     Raises:
         UnavailableError: The folder cannot be read.
@@ -129,7 +123,7 @@ def has_recordings(folder: Path) -> bool:
 
 
 def _recordings(root: str) -> Iterator[File]:
-    """The recordings below a folder; links are not followed."""
+    """Yield the recordings below a folder. Links are not followed."""
 
     def fail(error: OSError) -> None:
         raise UnavailableError(f"{error.filename}: cannot be read: {error.strerror}") from None
@@ -137,13 +131,14 @@ def _recordings(root: str) -> Iterator[File]:
     for folder, _, names in os.walk(root, onerror=fail):
         names_here = set(names)
         for name in names:
+            # While a server closes a recording, both files exist. The closed one is complete.
             whole = name.removesuffix(".part")
-            if not name.endswith((SUFFIX, UNFINISHED)) or (whole != name and whole in names_here):
+            if not name.endswith((CLOSED, OPEN)) or (whole != name and whole in names_here):
                 continue
             path = Path(folder, name)
             try:
                 status = path.lstat()
-            except FileNotFoundError:  # It has just been closed, and has another name.
+            except FileNotFoundError:  # The server has just finished and renamed it.
                 continue
             if stat.S_ISREG(status.st_mode):
                 yield str(path), Stamp(status.st_size, status.st_mtime_ns)
@@ -152,16 +147,19 @@ def _recordings(root: str) -> Iterator[File]:
 def _is_text(path: str) -> bool:
     try:
         path.encode()
-    except UnicodeEncodeError:  # Bytes of its name are kept as halves of surrogate pairs.
+    except UnicodeEncodeError:  # Python keeps such bytes as lone surrogates.
         return False
     return True
 
 
 def _prepare(
-    url: URL, roots: Sequence[str], found: Mapping[str, Stamp], result: Indexed
+    url: URL, roots: Sequence[str], found: Mapping[str, Stamp], result: IndexResult
 ) -> tuple[dict[str, Stamp], set[str]]:
-    """Migrate the catalogue and forget what is gone; what it knows of the rest, and of which it
-    lacks steps to go."""
+    """Migrate the catalogue and remove deleted recordings.
+
+    Returns:
+        The known files, and the files whose steps to go are missing.
+    """
     engine, known = writing_engine(url), dict[str, Stamp]()
     with database_errors(url), engine.begin() as connection:
         migrate(connection)
@@ -170,15 +168,16 @@ def _prepare(
         gone = known.keys() - found.keys()
         forget(connection, gone)
         lacking = lacking_steps_to_go(connection)
-    result.forgotten = len(gone)
+    result.removed = len(gone)
     return known, lacking
 
 
 def _read_all(
     url: URL, files: Sequence[File], jobs: int, steps_to_go: bool
 ) -> Iterator[tuple[int, dict[str, str]]]:
-    """How many files were done, and their faults, in pieces."""
+    """Yield the number of files and the faults of each group."""
     pieces = list(_pieces(files))
+    # An engine cannot be pickled, so each reading process gets the URL and makes its own.
     text = url.render_as_string(hide_password=False)
     if min(jobs, len(pieces)) < 2:
         for piece in pieces:
@@ -194,18 +193,22 @@ def _read_all(
         except BrokenProcessPool:
             raise UnavailableError("a process that read recordings was killed") from None
         finally:
+            # Do not wait for groups that have not started, for example after Ctrl+C.
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _begin_reading() -> None:
-    """Ctrl+C is for the parent. Rows and frames have no cycles, and looking for some among tens of
-    thousands of new tuples again and again takes a third of the time."""
+    """Prepare a reading process.
+
+    The parent handles Ctrl+C. Rows and frames have no reference cycles, and collecting garbage
+    among tens of thousands of new tuples takes a third of the time.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.disable()
 
 
 def _pieces(files: Sequence[File]) -> Iterator[list[File]]:
-    """Files that are read and written together."""
+    """Yield groups of files for one transaction."""
     piece: list[File] = []
     size = 0
     for path, stamp in files:
@@ -218,7 +221,7 @@ def _pieces(files: Sequence[File]) -> Iterator[list[File]]:
         yield piece
 
 
-# In the processes that read
+# In the reading processes
 
 
 @cache
@@ -227,7 +230,7 @@ def _engine(url: str) -> Engine:
 
 
 def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str, str]:
-    """Read some files and write their rows; the faults of those that have none."""
+    """Read files and write their rows. Return the faults of files without rows."""
     faults: dict[str, str] = {}
     read = [each for file in files if (each := _read(*file, faults, steps_to_go))]
     engine = _engine(url)
@@ -235,13 +238,16 @@ def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str
         try:
             with engine.begin() as connection:
                 store(connection, read)
-        except UNFIT:  # Maybe a long one is damaged far behind: which one, is seen one by one.
+        except UNFIT:
+            # A long recording may be damaged further on, after its first rows were inserted. The
+            # transaction is rolled back, and storing one file at a time finds the damaged one.
             for each in read:
                 _store_alone(engine, each, faults, steps_to_go)
     return faults | {each.path: each.fault for each in read if each.fault}
 
 
 def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str], steps_to_go: bool) -> None:
+    # The rows of the first attempt are partly consumed, so the file is read again.
     again = _read(file.path, file.stamp, faults, steps_to_go)
     if again is None:
         return
@@ -256,15 +262,17 @@ def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str], steps_t
 
 
 def _read(path: str, stamp: Stamp, faults: dict[str, str], steps_to_go: bool) -> ReadFile | None:
-    """A recording, with its rows or its fault; None if it cannot be read now.
+    """Read a recording. Return None if the file cannot be read now.
 
-    Of a short one all is known then; a long one is read on as it is written.
+    The rows of a short recording are complete. A long one is read further while it is stored.
     """
     digest = ""
     try:
         content = read_content(Path(path))
         digest = content_digest(content)
         parts = recorded_rows(content, episode_id(digest), steps_to_go=steps_to_go)
+        # Reading two parts completes every recording with up to `MAX_ROWS` rows, so its damage is
+        # found before a transaction begins.
         beginning = [part for _, part in zip(range(2), parts, strict=False)]
     except RecordingError as error:
         return ReadFile(path, stamp, digest, _fault(error))
@@ -279,3 +287,48 @@ def _read(path: str, stamp: Stamp, faults: dict[str, str], steps_to_go: bool) ->
 def _fault(error: Exception) -> str:
     why = error.orig if isinstance(error, DataError | IntegrityError) else error
     return str(why).replace("\0", "\N{REPLACEMENT CHARACTER}")[:MAX_FAULT]
+
+
+MAX_PAUSE = 60.0
+"""Longest pause between two attempts to reach the database."""
+
+
+def watch(
+    url: URL,
+    folders: Sequence[Path],
+    stop: Event,
+    *,
+    jobs: int = 1,
+    interval: float = 5.0,
+    report: Callable[[IndexResult], None],
+    trouble: Callable[[str, float], None],
+) -> None:
+    """Index the folders repeatedly.
+
+    Each scan compares the folders with the catalogue, so nothing is missed while the database or
+    this process is down.
+
+    Args:
+        stop: Event that ends the loop after the current scan.
+        interval: Seconds between two scans.
+        report: Called with the result of each scan.
+        trouble: Called with the reason why the database is unavailable, and the seconds until the
+            next attempt.
+
+    Raises:
+        CatalogueError: An error that a retry cannot fix.
+    """
+    failed = 0
+    while not stop.is_set():
+        try:
+            found = index(url, folders, jobs=jobs)
+        except UnavailableError as error:
+            # Exponential backoff, so that a database that restarts is not flooded.
+            pause = min(MAX_PAUSE, 2.0**failed)
+            failed += 1
+            trouble(str(error), pause)
+            stop.wait(pause)
+            continue
+        failed = 0
+        report(found)
+        stop.wait(interval)

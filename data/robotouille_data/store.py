@@ -1,4 +1,4 @@
-"""What is written into a catalogue: recordings, each with all rows of its episode."""
+"""Writing recordings and the rows of their episodes into a catalogue."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from robotouille_data.database import in_pieces, insert
-from robotouille_data.recordings.reading import TableRows, episode_id
+from robotouille_data.recording_rows import TableRows, episode_id
 from robotouille_data.schema import EPISODE_TABLES, EPISODES, MEASURES, RECORDINGS
-
-__all__ = ["ReadFile", "Stamp", "forget", "known_files", "lacking_steps_to_go", "store"]
 
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """A file as its folder shows it: what is alike was not changed."""
+    """Size and modification time of a file. Equal stamps mean an unchanged file."""
 
     size: int
     mtime_ns: int
@@ -26,7 +24,7 @@ class Stamp:
 
 @dataclass(frozen=True, slots=True)
 class ReadFile:
-    """A recording that was read: the rows of its episode, or the fault for which it has none."""
+    """Recording with the rows of its episode, or with the fault that prevented reading."""
 
     path: str
     stamp: Stamp
@@ -36,7 +34,7 @@ class ReadFile:
 
 
 def known_files(connection: Connection, folder: str) -> dict[str, Stamp]:
-    """The files below a folder that the catalogue knows."""
+    """Return the files below a folder that are in the catalogue."""
     columns = RECORDINGS.c.path, RECORDINGS.c.size, RECORDINGS.c.mtime_ns
     below = RECORDINGS.c.path.startswith(folder.rstrip("/") + "/", autoescape=True)
     found = connection.execute(sa.select(*columns).where(below))
@@ -44,7 +42,7 @@ def known_files(connection: Connection, folder: str) -> dict[str, Stamp]:
 
 
 def lacking_steps_to_go(connection: Connection) -> set[str]:
-    """The files whose episodes did not reach the goal, and nobody asked how far it was."""
+    """Return the files of failed episodes whose steps to go were not computed."""
     its = MEASURES.c
     joined = RECORDINGS.join(MEASURES, its.episode_id == RECORDINGS.c.episode_id)
     wanted = (its.success == sa.false()) & its.out_of_reach.is_(None)
@@ -52,13 +50,14 @@ def lacking_steps_to_go(connection: Connection) -> set[str]:
 
 
 def forget(connection: Connection, paths: Collection[str]) -> None:
-    """Delete some recordings, and the episodes of which there is no recording left."""
+    """Delete recordings, and the episodes without any other recording."""
     mine = RECORDINGS.c.episode_id
     orphans = {
         number
         for (number,) in _matching(connection, sa.select(mine), RECORDINGS.c.path, paths)
         if number is not None
     }
+    # An episode remains as long as any copy of its recording does.
     for some in in_pieces(paths):
         connection.execute(sa.delete(RECORDINGS).where(RECORDINGS.c.path.in_(some)))
     orphans -= {number for (number,) in _matching(connection, sa.select(mine), mine, orphans)}
@@ -69,15 +68,17 @@ def forget(connection: Connection, paths: Collection[str]) -> None:
 
 
 def store(connection: Connection, files: Sequence[ReadFile]) -> None:
-    """Write some recordings, in place of what was known of their files.
+    """Write recordings, replacing earlier rows of their files.
 
     Raises:
-        RecordingError: Of a long one, what comes later is damaged: nothing may be committed then.
+        RecordingError: A long recording is damaged further on. The caller must roll back.
     """
+    # Deleting first makes indexing idempotent: a changed file replaces its old rows.
     forget(connection, [file.path for file in files])
     ids = {file.path: None if file.fault else episode_id(file.digest) for file in files}
     rows = [(f.path, f.stamp.size, f.stamp.mtime_ns, f.digest, ids[f.path], f.fault) for f in files]
     insert(connection, RECORDINGS, rows)
+    # Copies of a recording have the same id and are stored once.
     present = {
         number
         for (number,) in _matching(
@@ -94,7 +95,7 @@ def store(connection: Connection, files: Sequence[ReadFile]) -> None:
             continue
         present.add(number)
         for place, part in enumerate(file.parts):
-            if place:  # A long one: what is there is written before more is read.
+            if place:  # A long recording: write these rows before reading more.
                 _insert_all(connection, gathered)
             for table, more in part:
                 gathered.setdefault(table, []).extend(more)
@@ -110,6 +111,6 @@ def _insert_all(connection: Connection, gathered: dict[sa.Table, list[Any]]) -> 
 def _matching(
     connection: Connection, query: sa.Select[Any], column: sa.Column[Any], values: Collection[Any]
 ) -> Iterator[sa.Row[Any]]:
-    """The rows whose column has one of some values."""
+    """Yield the rows whose column has one of the values."""
     for some in in_pieces(values):
         yield from connection.execute(query.where(column.in_(some))).all()

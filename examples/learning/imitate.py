@@ -1,10 +1,10 @@
-"""A policy learns from recordings: behaviour cloning with nothing but NumPy.
+"""Learn a policy from recordings by behaviour cloning, with NumPy only.
 
 python examples/learning/imitate.py [--task TASK] [RECORDING.rbt …]
 
-Without recordings, the planner bot plays some episodes first, now and then doing something else so
-that there is more to learn than one plan, and records them. The policy is a softmax over the valid
-actions, linear in the state's vector; of what was recorded only what was planned is imitated.
+Without recordings, the planner bot first plays and records some episodes. It takes random actions
+now and then, so that the recordings cover more states than one plan. The policy is a softmax over
+the valid actions, linear in the state's vector. It imitates planned actions only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from robotouille import World
 from robotouille.envs import RobotouilleEnv
-from robotouille.episode import Episode, Rules
+from robotouille.episode import ActionRequest, Episode, Rules
 from robotouille.planning import AnytimePlanner
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.replay import Recording, read_recording
@@ -26,7 +26,7 @@ PLANNED = "planned"
 
 
 def record(planner: AnytimePlanner, seed: int, slips: float = 0.3) -> Recording:
-    """An episode by the planner bot, which slips now and then and plans anew."""
+    """Record an episode of the planner bot, which takes random actions with probability `slips`."""
     world, rules, dice = planner.model, Rules(max_steps=100), random.Random(seed)
     player = world.players[0]
     episode, recorder = Episode(world, rules), Recorder(world)
@@ -37,14 +37,14 @@ def record(planner: AnytimePlanner, seed: int, slips: float = 0.3) -> Recording:
         action, why = bot.act(episode.state), PLANNED
         if dice.random() < slips:
             action, why = dice.choice(episode.state.actions(player)), "a slip"
-        episode.submit(player, step + 1, action, now=float(step), reasoning=why)
+        episode.submit(player, ActionRequest(step + 1, action, reasoning=why), float(step))
         if episode.outcome is not None:
             break
     return Recording(stream + recorder.record(episode.events()))
 
 
 def lessons(recordings: list[Recording]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vectors, masks, and the numbers of the actions that were chosen."""
+    """Return state vectors, action masks, and the indices of the chosen actions."""
     rows = [
         (move.state.vector(), move.state.mask(move.seat), move.state.action_number(move.action))
         for recording in recordings
@@ -56,7 +56,7 @@ def lessons(recordings: list[Recording]) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def imitate(recordings: list[Recording], rounds: int = 300, rate: float = 1.0) -> np.ndarray:
-    """Weights: logistic regression by gradient descent, on valid actions only."""
+    """Fit weights by logistic regression over the valid actions, with gradient descent."""
     vectors, masks, numbers = lessons(recordings)
     vectors = np.column_stack([vectors, np.ones(len(vectors))])
     chosen = np.eye(masks.shape[1])[numbers]
@@ -70,7 +70,7 @@ def imitate(recordings: list[Recording], rounds: int = 300, rate: float = 1.0) -
 
 
 def play(weights: np.ndarray, task: str, max_steps: int = 60) -> tuple[bool, int]:
-    """Whether the policy reaches the goal, and after how many steps."""
+    """Play an episode; return whether the policy reached the goal, and the number of steps."""
     env = RobotouilleEnv(task, max_steps=max_steps)
     vector, info = env.reset()
     reached, truncated, step = False, False, 0
@@ -91,6 +91,6 @@ if __name__ == "__main__":
     given = [read_recording(path) for path in asked.recordings]
     recordings = given or [record(planner, seed) for seed in range(40)]
     measures = [recording.measures() for recording in recordings]
-    print(f"{len(recordings)} recordings, {sum(m.success for m in measures)} at the goal")
+    print(f"{len(recordings)} recordings, {sum(m.success for m in measures)} reach the goal")
     reached, steps = play(imitate(recordings), asked.task)
-    print(f"the policy {'reaches the goal in' if reached else 'does not, in'} {steps} steps")
+    print(f"the policy {'reached' if reached else 'did not reach'} the goal in {steps} steps")

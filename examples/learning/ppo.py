@@ -1,10 +1,10 @@
-"""A policy learns synchronous/01 from nothing: proximal policy optimisation with action masks.
+"""Train a policy on synchronous/01 by proximal policy optimisation with action masks.
 
 pip install 'robotouille[rl]' && pip install --group rl-example
 python examples/learning/ppo.py [--task TASK] [--steps N] [--reward sparse] [--curve FILE.png]
 
-Every few thousand steps the policy plays 20 episodes; the curve is how many of them it brought to
-the goal, and in how many steps.
+Every few thousand steps the policy plays 20 episodes. The curve shows the share of these episodes
+that reach the goal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PARALLEL, ROUND, EPISODES, MAX_STEPS, GAMMA = 8, 4096, 20, 60, 0.97
 
 
 def evaluate(model: MaskablePPO, task: str) -> tuple[float, float]:
-    """The share of episodes that reach the goal, and their mean length."""
+    """Return the share of episodes that reach the goal, and their mean length."""
     env, lengths = RobotouilleEnv(task, max_steps=MAX_STEPS), []
     for seed in range(EPISODES):
         observation, _ = env.reset(seed=seed)
@@ -37,7 +37,7 @@ def evaluate(model: MaskablePPO, task: str) -> tuple[float, float]:
 
 
 def learn(task: str, steps: int, reward: str, seed: int = 0) -> list[tuple[int, float, float]]:
-    """Rows of the curve: steps taken, share of episodes at the goal, their mean length."""
+    """Train; return rows of steps taken, share of episodes at the goal, and their mean length."""
     options = {"task": task, "max_steps": MAX_STEPS, "reward": reward, "gamma": GAMMA}
     envs = make_vec_env(RobotouilleEnv, PARALLEL, seed=seed, env_kwargs=options)
     hyper = {"n_steps": 256, "batch_size": 512, "n_epochs": 6, "learning_rate": 1e-3}

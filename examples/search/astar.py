@@ -1,8 +1,9 @@
-"""A* for one player, by the number of the goal's conditions that do not hold yet.
+"""Find a short plan for one player by A*; the heuristic is the number of unmet goal conditions.
 
 python examples/search/astar.py [TASK]
 
-One action can meet several conditions, so the plan is short, and not proven to be shortest.
+One action can meet several conditions, so the heuristic is not admissible and the plan is not
+proven to be shortest.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ def unmet(state: State) -> int:
 
 def astar(start: State) -> list[GroundAction] | None:
     (player,) = start.world.players
-    number = count()  # so that no two entries of the queue compare their states
+    number = count()  # a tie-breaker, because states have no order
     queue = [(unmet(start), next(number), start)]
     plans: dict[State, list[GroundAction]] = {start: []}
     while queue:

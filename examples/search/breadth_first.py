@@ -1,4 +1,4 @@
-"""Breadth-first search: a shortest plan for one player.
+"""Find a shortest plan for one player by breadth-first search.
 
 python examples/search/breadth_first.py [TASK]
 """

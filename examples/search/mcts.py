@@ -1,9 +1,9 @@
-"""Monte Carlo tree search for one player: think, act, think again.
+"""Play a task with one player by Monte Carlo tree search.
 
 python examples/search/mcts.py [TASK]
 
-Nothing here is random but the order in which new states are tried, so the best that was found below
-a state is its value (the mean is for games in which others, or dice, have a say).
+The world is deterministic and has no opponents, so the value of a state is the best result found
+below it, not the mean. Only the order in which new states are tried is random.
 """
 
 from __future__ import annotations

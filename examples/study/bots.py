@@ -1,11 +1,10 @@
-"""Two bots for each episode that `robotouille episodes open --tokens` has opened.
+"""Play the episodes that `robotouille episodes open --tokens` has opened, with two bots in each.
 
     python examples/study/bots.py opened.csv [--url URL] [--at-once 5]
 
-The first bot of an episode plays its part of a plan; the second does so, too, or does anything, as
-the label `condition` says. Where the label `line` says so the second bot's line breaks in the
-middle, and it comes back. Experts plan anew then, both of them: what was done meanwhile is in no
-plan of before.
+The first bot plays its part of a plan. The second bot does the same (label `condition`: expert) or
+acts at random (novice). If the label `line` is `breaks`, the second bot disconnects during the
+episode and returns. Afterwards, experts use the planner, because the plan no longer fits the state.
 """
 
 from __future__ import annotations
@@ -17,26 +16,26 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder
 from robotouille_client import Game, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.seat_policy import MakePolicy
 
 LEAVES_AT = 15
-"""The step in which somebody's line breaks."""
+"""Step in which the second bot disconnects."""
 AWAY_SECONDS = 1.0
 LOOK_SECONDS = 0.05
 PLAYERS = ("robot1", "robot2")
 GOES = "robot2"
-"""Whose line breaks."""
+"""Seat of the bot that disconnects."""
 PLAN = data_folder("problems") / "multi_agent/01_lettuce_burger@2.plan"
 
 Row = Mapping[str, str]
 
 
 async def play_seat(url: str, row: Row, player: str, seed: int) -> None:
-    """A seat of an episode, to its end."""
+    """Play one seat to the end of its episode."""
     novice = row["label.condition"] == "novice"
     breaks = row["label.line"] == "breaks"
     kind = BotKind.RANDOM if novice and player == GOES else BotKind.SCRIPTED
@@ -61,7 +60,7 @@ async def play_seat(url: str, row: Row, player: str, seed: int) -> None:
 
 
 def came_back(game: Game) -> Callable[[], bool]:
-    """Whether who goes was away and is there again."""
+    """Return a function that tests whether the second bot has left and returned."""
     away = False
 
     def there_again() -> bool:
@@ -74,7 +73,7 @@ def came_back(game: Game) -> Callable[[], bool]:
 
 
 async def play_until(game: Game, bot: MakePolicy, over: Callable[[], bool]) -> None:
-    """Play until something is so, or to the end."""
+    """Play until `over` returns true or the episode ends."""
     playing = asyncio.create_task(play(game, bot))
     while not (over() or playing.done()):
         await asyncio.wait([playing], timeout=LOOK_SECONDS)
@@ -84,14 +83,14 @@ async def play_until(game: Game, bot: MakePolicy, over: Callable[[], bool]) -> N
 
 
 async def play_all(url: str, rows: list[Row], at_once: int) -> None:
-    """All episodes, some at a time."""
+    """Play all episodes, at most `at_once` at the same time."""
     free = asyncio.Semaphore(at_once)
 
     async def episode(number: int, row: Row) -> None:
         async with free, asyncio.TaskGroup() as group:
             for player in PLAYERS:
                 group.create_task(play_seat(url, row, player, number))
-        print(f"{row['code']} {row['label.pair']} {row['label.condition']}: over", flush=True)
+        print(f"{row['code']} {row['label.pair']} {row['label.condition']}: ended", flush=True)
 
     async with asyncio.TaskGroup() as group:
         for number, row in enumerate(rows, 1):
@@ -99,10 +98,10 @@ async def play_all(url: str, rows: list[Row], at_once: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Bots for a study.")
-    parser.add_argument("opened", type=Path, help="what `robotouille episodes open` has written")
-    parser.add_argument("--url", default="ws://127.0.0.1:8765", help="the server")
-    parser.add_argument("--at-once", type=int, default=5, help="episodes at a time")
+    parser = argparse.ArgumentParser(description="Play the episodes of a study with bots.")
+    parser.add_argument("opened", type=Path, help="CSV file written by `robotouille episodes open`")
+    parser.add_argument("--url", default="ws://127.0.0.1:8765", help="URL of the server")
+    parser.add_argument("--at-once", type=int, default=5, help="episodes to play at the same time")
     given = parser.parse_args()
     with given.opened.open(encoding="utf-8", newline="") as file:
         rows: list[Row] = list(csv.DictReader(file))

@@ -1,4 +1,4 @@
-"""The asyncio shell around episodes: connections, lobby, rooms, recordings, metrics."""
+"""Server of Robotouille episodes over WebSocket."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Server", "ServerSettings", "serve"]
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, imported when first needed: the bot worker does without most of them."""
+    """Import a public name when it is first used; the substitutes' process needs few of them."""
     if name in ("Server", "serve"):
         from robotouille_server import app
 

@@ -1,4 +1,4 @@
-"""`robotouille-server`: every setting is a flag."""
+"""Command `robotouille-server`. Every setting is a flag."""
 
 from __future__ import annotations
 
@@ -18,25 +18,24 @@ from pydantic_core import ErrorDetails, PydanticUndefined
 from pydantic_settings import BaseSettings
 
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
-from robotouille.program import VersionOption, tell
-from robotouille_server.runtime.gc_policy import rare_collections
+from robotouille.terminal import tell
+from robotouille_server.runtime.process_limits import rare_collections
 from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.version_option import VersionOption
 
 if TYPE_CHECKING:
     from robotouille_server.app import Server
     from robotouille_server.rooms.room import Room
     from robotouille_server.runtime.workers import WorkerSlot
 
-__all__ = ["first_room", "main", "run", "serve_until_stopped"]
-
 SECRET = (SecretStr, SecretStr | None)
-"""Settings of these types are no flags: everybody on the machine can read a command line."""
+"""Types of settings without a flag: all users of the machine can read command lines."""
 SERVER = "<server>"
-"""The owner of the episode that a server opens by itself."""
+"""Owner of the episode that the server opens at startup."""
 
 
 def _flags(model: type[BaseSettings], run: Callable[[BaseSettings], None]) -> Callable[..., None]:
-    """A command with one option for each field of a settings model."""
+    """Return a command with one option for each field of a settings model."""
 
     def command(**given: Any) -> None:
         given.pop("version")
@@ -86,12 +85,14 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
 def _complaint(
     model: type[BaseSettings], name: str, fault: ErrorDetails, values: dict[str, Any]
 ) -> str:
-    """What is wrong with a setting, named as the user has written it."""
+    """Return an error about a setting, which is named as the user has written it."""
     file = _config(values)
     if isinstance(fault["input"], dict):
-        return f"{file}: no table {name!r}; the settings stand by themselves, as in port = 8765"
+        return (
+            f"{file}: unknown table {name!r}; write settings at the top level, such as port = 8765"
+        )
     if name not in model.model_fields:
-        return f"{file}: no setting {name!r}{did_you_mean(name, model.model_fields)}"
+        return f"{file}: unknown setting {name!r}{did_you_mean(name, model.model_fields)}"
     where = f"--{name.replace('_', '-')}"
     variable = f"ROBOTOUILLE_{name.upper()}"
     if name not in values and variable in os.environ:
@@ -108,9 +109,9 @@ def _config(values: dict[str, Any]) -> str:
 def run(settings: BaseSettings) -> None:
     """Serve until SIGINT or SIGTERM; exit status 1 if the server cannot start."""
     from robotouille_server.app import CannotListenError
-    from robotouille_server.runtime.descriptors import raise_limit
     from robotouille_server.runtime.logs import configure_logs
-    from robotouille_server.runtime.supervisor import supervise, this_worker
+    from robotouille_server.runtime.process_limits import raise_limit
+    from robotouille_server.runtime.workers import supervise, this_worker
 
     if not isinstance(settings, ServerSettings):
         raise TypeError("not the server's settings")
@@ -129,7 +130,7 @@ def run(settings: BaseSettings) -> None:
 
 
 def _check_task(settings: ServerSettings) -> None:
-    """Whether there is the task of new episodes: nobody is to be let in before that is known."""
+    """Check that the task of new episodes exists, before any client connects."""
     from robotouille import load_task
     from robotouille_server.runtime.task_folder import read_task_folder
 
@@ -146,9 +147,12 @@ def _check_task(settings: ServerSettings) -> None:
 
 
 async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | None = None) -> None:
-    """Serve until a signal: SIGINT ends all episodes, SIGTERM lets them finish for a while and
-    leaves the rest to the next process; a second signal does so at once."""
-    from robotouille_server.app import serve
+    """Serve until a signal.
+
+    SIGINT ends all episodes. SIGTERM lets them finish for a while and leaves the others to the next
+    process; a second signal does that at once.
+    """
+    from robotouille_server.app import Surroundings, serve
     from robotouille_server.runtime.logs import LoopErrors
 
     signals: asyncio.Queue[signal.Signals] = asyncio.Queue()
@@ -156,7 +160,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, signals.put_nowait, number)
     async with (
-        serve(settings, worker=worker) as server,
+        serve(settings, Surroundings(worker=worker) if worker else None) as server,
         _operator(server) as operator,
         _broker(server),
         rare_collections(lambda: server.open_count, lambda: server.closed_count),
@@ -174,9 +178,9 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
 
 @asynccontextmanager
 async def _operator(server: Server) -> AsyncIterator[str]:
-    """The address of the operator's view; empty where there is none."""
-    from robotouille_server.admin import operator_view
+    """Serve the operator page; yield its address, or an empty string without one."""
     from robotouille_server.app import CannotListenError
+    from robotouille_server.operator import operator_view
     from robotouille_server.runtime.logs import get_logger
 
     settings = server.settings
@@ -195,7 +199,7 @@ async def _operator(server: Server) -> AsyncIterator[str]:
     except (CannotListenError, MissingExtraError) as error:
         if settings.operator_port is not None:
             raise
-        get_logger().warning("no operator's view", reason=str(error))
+        get_logger().warning("no operator page", reason=str(error))
         url = ""
     async with stack:
         yield url
@@ -203,18 +207,22 @@ async def _operator(server: Server) -> AsyncIterator[str]:
 
 @asynccontextmanager
 async def _broker(server: Server) -> AsyncIterator[None]:
-    """The server on the broker of the settings, if there is one."""
+    """Connect the server to its MQTT broker, if the settings name one."""
     if not server.settings.mqtt:
         yield
         return
-    from robotouille_server.mqtt import on_broker
+    try:
+        import aiomqtt  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("--mqtt", "mqtt") from None
+    from robotouille_server.mqtt.service import on_broker
 
     async with on_broker(server):
         yield
 
 
 def _operator_port(server: Server) -> int:
-    """What is set, else the port after all that the server itself uses."""
+    """Return the port that is set, or the first one after the server's own ports."""
     settings, worker = server.settings, server.worker
     if settings.operator_port is not None:
         return settings.operator_port + (worker.index if settings.operator_port else 0)
@@ -232,10 +240,10 @@ async def _drain(server: Server, signals: asyncio.Queue[signal.Signals]) -> None
 
 
 def first_room(server: Server) -> Room | None:
-    """The server's own episode: a new one, or one that was there before.
+    """Return the room of the server's own episode: a new one, or the one from before a restart.
 
-    None where no new one can be recorded, and where a server goes on with those of others alone:
-    their codes are not for everybody.
+    Return None if it cannot be recorded, or if all restored episodes belong to others. Their codes
+    must not be printed.
     """
     from robotouille.protocol import messages
 
@@ -250,12 +258,12 @@ def first_room(server: Server) -> Room | None:
     except ProtocolError as error:
         if error.code != "server/recording":
             raise
-        get_logger().error("no first episode", reason=error.message)
+        get_logger().error("first episode not opened", reason=error.message)
         return None
 
 
 def _greeting(server: Server, room: Room | None, operator: str, restored: int = 0) -> str:
-    """What is told at the start; `restored` episodes were there before."""
+    """Return the text to print at startup; `restored` counts the episodes from before."""
     settings = server.settings
     lines = (
         [f"Robotouille is serving at {server.public_url}"]
@@ -263,11 +271,13 @@ def _greeting(server: Server, room: Room | None, operator: str, restored: int = 
         else _invitation(server, room)
     )
     if operator:
-        lines.append(f"  watch over it:  {operator}")
+        lines.append(f"  operator page:  {operator}")
     if settings.is_local:
-        lines.append("  only programs on this machine can connect (--host 0.0.0.0 for others)")
+        lines.append("  only programs on this machine can connect; --host 0.0.0.0 admits others")
     if restored:
-        lines.append(f"  going on with {restored} earlier episode{'s' * (restored > 1)}")
+        earlier = f"{restored} earlier episode{'s' * (restored > 1)}"
+        lines.append(f"  continuing {earlier}, so no new one was opened;")
+        lines.append("  for a fresh start use another --recordings folder")
     return "\n".join([*lines, "  stop:   Ctrl+C"])
 
 
@@ -286,18 +296,21 @@ def _invitation(server: Server, room: Room) -> list[str]:
 
 
 def _for_others(server: Server, room: Room, token: str) -> list[str]:
-    """How to come from another machine, where that is possible."""
+    """Return how to connect from another machine, if that is possible."""
     if server.settings.host not in ("0.0.0.0", "::") or server.public_url != server.url:  # noqa: S104
         return []
     scheme = server.url.partition(":")[0]
     url = f"{scheme}://{socket.gethostname()}:{server.port}"
-    return [f"  from elsewhere:  robotouille-client {room.code} --url {url}{token}"]
+    return [f"  from other machines:  robotouille-client {room.code} --url {url}{token}"]
 
 
 def main() -> None:
-    """The entry point of `robotouille-server`."""
+    """Run `robotouille-server`."""
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
-    help_text = "Serve Robotouille episodes over WebSocket. Environment: ROBOTOUILLE_<SETTING>."
+    help_text = (
+        "Serve Robotouille episodes over WebSocket. "
+        "Environment variables ROBOTOUILLE_<SETTING> set the same options."
+    )
     app.command(help=help_text)(_flags(ServerSettings, run))
     app()
 

@@ -1,6 +1,6 @@
-"""Functions that are compiled where the extra `fast` is installed, and plain Python else.
+"""Optional compilation of functions with numba, which the extra `fast` installs.
 
-Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
+Without numba, the functions run as plain Python. ROBOTOUILLE_COMPILE=0 disables numba.
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
-
-__all__ = ["COMPILED", "cache_folder", "compiler", "lowest_bit", "unsigned"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -30,18 +28,17 @@ def _numba_module() -> Any:
 _numba: Any = _numba_module()
 
 COMPILED = _numba is not None
-"""Whether functions are compiled."""
+"""True if functions are compiled."""
 
 
 def compiler(folder: Path, bare: bool = False) -> Callable[[F], F]:
-    """A decorator for the functions of a folder: the function, compiled if possible.
+    """Return a decorator that compiles a folder's functions if numba is installed.
 
-    What is compiled is kept on disk for the next time.
+    Compiled functions are cached on disk.
 
     Args:
-        folder: Where all that is called from compiled functions is defined.
-        bare: Whether they make neither arrays nor views of arrays. Then nobody counts who refers to
-            an array, which is half of what calls cost, and other threads run meanwhile.
+        folder: Folder that defines every function that the compiled functions call.
+        bare: The functions create neither arrays nor views of arrays.
     """
 
     def kernel(function: F) -> F:
@@ -50,6 +47,8 @@ def compiler(folder: Path, bare: bool = False) -> Callable[[F], F]:
         before = _numba.config.CACHE_DIR
         _numba.config.CACHE_DIR = str(cache_folder(folder))
         try:
+            # Without arrays, calls need no reference counting, which is half of their cost, and
+            # kernels can release the GIL.
             compiled: F = _numba.njit(cache=True, nogil=bare, _nrt=not bare)(function)
         finally:
             _numba.config.CACHE_DIR = before
@@ -63,7 +62,7 @@ def _plain_lowest_bit(mask: int) -> int:
 
 
 def _compiled_lowest_bit() -> Any:
-    """The processor's own instruction for it."""
+    """Compile to the processor's instruction for counting trailing zeros."""
     intrinsic = import_module("numba.extending").intrinsic
     types = import_module("numba").types
     ir = import_module("llvmlite").ir
@@ -78,7 +77,7 @@ def _compiled_lowest_bit() -> Any:
 
 
 lowest_bit: Callable[[int], int] = _compiled_lowest_bit() if COMPILED else _plain_lowest_bit
-"""The place of the lowest bit of a positive integer of 64 bits, compiled or not."""
+"""Position of the lowest set bit of a positive 64-bit integer."""
 
 
 def _compiled_unsigned() -> Any:
@@ -94,15 +93,16 @@ def _compiled_unsigned() -> Any:
     return intrinsic(same_bits)
 
 
+# For signed indices, numba also handles counting from the end of an array. Skipping that saves
+# kernels with many lookups about a sixth of their time.
 unsigned: Callable[[int], int] = _compiled_unsigned() if COMPILED else int
-"""An index that is not negative: compiled functions need not look whether it counts from an array's
-end, which costs kernels that look up much about a sixth of their time."""
+"""Conversion of a non-negative index to an unsigned integer."""
 
 
 @cache
 def cache_folder(folder: Path) -> Path:
-    """Where the compiled functions of a folder are kept: one for each version of their source,
-    since a function contains those it calls."""
+    """Return the cache folder for a folder's compiled functions."""
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    # The name depends on all sources because numba inlines the functions that a function calls.
     source = b"".join(p.read_bytes() for p in sorted(folder.rglob("*.py")))
     return Path(home) / "robotouille" / hashlib.blake2b(source, digest_size=8).hexdigest()

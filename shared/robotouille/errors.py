@@ -1,21 +1,21 @@
-"""Every error the project raises on purpose.
+"""Errors that the project raises.
 
     RobotouilleError
-    ├── FileError            a file is unreadable or wrong; carries every fault found in it
-    ├── UnknownTaskError     no task goes by that name
+    ├── FileError            a file is unreadable or invalid; has all faults found in it
+    ├── UnknownTaskError     there is no task of this name
     ├── InapplicableError    a caller applied an action whose preconditions do not hold
     ├── UnknownNameError     a world has no such action, object or player; also a KeyError
     ├── WrongWorldError      a state or an action belongs to another task; also a ValueError
-    ├── WrongArgumentError   an argument of the Python API is of no use; also a TypeError
-    ├── SlotOverflowError    play has created more objects than arrays have slots for
-    ├── RecordingError       a recording is damaged or does not re-simulate
-    ├── IllegalEventError    an episode or a seat was told of what cannot happen to it now
-    ├── MissingExtraError    an optional library is needed; the message has the install line
+    ├── WrongArgumentError   an argument of the Python API is invalid; also a TypeError
+    ├── SlotOverflowError    an episode created more objects than arrays have slots for
+    ├── RecordingError       a recording is damaged, or its replay gives other states
+    ├── IllegalEventError    an episode or a seat cannot handle an event in its current state
+    ├── MissingExtraError    an optional library is missing; the message has the install command
     ├── PluginError          an installed plug-in cannot be loaded; the message names it
-    └── ProtocolError        a peer's message cannot be honoured; `code` is stable on the wire
+    └── ProtocolError        a message from a peer cannot be accepted; `code` is stable
 
-`FileError` and `ProtocolError` are somebody else's fault (a file's author, a peer);
-`InapplicableError`, the four after it and `IllegalEventError` are the caller's.
+`FileError` and `ProtocolError` report mistakes in a file or in a peer's message.
+`InapplicableError`, the four errors after it and `IllegalEventError` report mistakes of the caller.
 """
 
 from __future__ import annotations
@@ -24,32 +24,14 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-__all__ = [
-    "Fault",
-    "FileError",
-    "IllegalEventError",
-    "InapplicableError",
-    "MissingExtraError",
-    "PluginError",
-    "ProtocolError",
-    "RecordingError",
-    "RobotouilleError",
-    "SlotOverflowError",
-    "UnknownNameError",
-    "UnknownTaskError",
-    "WrongArgumentError",
-    "WrongWorldError",
-    "did_you_mean",
-]
-
 
 def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
-    """The clause `; did you mean 'x'?`, or nothing where no valid name is near.
+    """Return the clause `; did you mean 'x'?`, or an empty string if no valid name is similar.
 
     Args:
-        name: What was said; its case does not matter.
-        valid: What could have been meant.
-        most: How many of the nearest are given.
+        name: The unknown name; its case is ignored.
+        valid: The known names.
+        most: Largest number of suggestions.
     """
     names = {known.casefold(): known for known in valid}
     near = difflib.get_close_matches(str(name).casefold(), list(names), n=most, cutoff=0.6)
@@ -61,10 +43,10 @@ def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Fault:
-    """One thing wrong with a file: where inside it, and what.
+    """One fault of a file and its place in the file.
 
-    `severity` is `error` (cannot be used so), `warning` (surely not meant) or `note` (works, and
-    may be better).
+    `severity` is `error` (the file cannot be used), `warning` (probably a mistake) or `note` (a
+    suggestion).
     """
 
     path: str
@@ -77,15 +59,15 @@ class Fault:
 
 
 class RobotouilleError(Exception):
-    """Root of the tree above."""
+    """Base of all errors of this project."""
 
 
 MAX_SHOWN = 100
-"""Faults of a file that are put into words."""
+"""Faults of a file that an error's message lists."""
 
 
 class FileError(RobotouilleError):
-    """A file that cannot be used, with all its faults at once."""
+    """A file cannot be used; `faults` has all reasons, so that one correction suffices."""
 
     def __init__(self, file: str, faults: Iterable[Fault]) -> None:
         self.file = file
@@ -100,12 +82,21 @@ class FileError(RobotouilleError):
 
 
 class UnknownTaskError(RobotouilleError):
-    """No shipped task has that name, and no such file is there; `file` is one that may be meant."""
+    """Neither a shipped task nor a file has this name; `file` is a similar file, if any."""
 
     def __init__(self, name: str, valid: Iterable[str], file: str | None = None) -> None:
         self.name = name
-        near = did_you_mean(name, valid) if file is None else f"; did you mean {file!r}?"
-        super().__init__(f"no task or file {name!r}{near}; `robotouille tasks` lists the tasks")
+        names = list(valid)
+        # Tasks may be named by folder and number. A misspelt folder is then nearer to such a short
+        # name than to the right full one.
+        short = {each.partition("_")[0] for each in names if "/" in each}
+        near = (
+            did_you_mean(name, [*names, *sorted(short)])
+            if file is None
+            else f"; did you mean {file!r}?"
+        )
+        hint = f"{near} `robotouille tasks`" if near else "; `robotouille tasks`"
+        super().__init__(f"no task or file {name!r}{hint} lists the tasks")
 
 
 class InapplicableError(RobotouilleError):
@@ -118,17 +109,18 @@ class InapplicableError(RobotouilleError):
 
 
 class UnknownNameError(RobotouilleError, KeyError):
-    """A name that a world does not know; the message gives the nearest one that it does."""
+    """A world has no such name; the message suggests the most similar one."""
 
+    # `KeyError.__str__` would quote the message.
     __str__ = Exception.__str__
 
 
 class WrongWorldError(RobotouilleError, ValueError):
-    """A state, an action or facts that do not belong to this world."""
+    """A state, an action or facts do not belong to this world."""
 
 
 class WrongArgumentError(RobotouilleError, TypeError):
-    """An argument that is none of what a method takes; the message says what it takes."""
+    """An argument is invalid; the message states what is expected."""
 
 
 class SlotOverflowError(RobotouilleError):
@@ -137,8 +129,8 @@ class SlotOverflowError(RobotouilleError):
     def __init__(self, kind: str, found: int, slots: int) -> None:
         self.kind, self.found, self.slots = kind, found, slots
         super().__init__(
-            f"there are {found} of {kind!r}, and slots for {slots}; "
-            f"ask for more: World(task, slots={{{kind!r}: {found}}})"
+            f"the state has {found} objects of kind {kind!r} but there are {slots} slots; "
+            f"use World(task, slots={{{kind!r}: {found}}})"
         )
 
     def __reduce__(self) -> tuple[type[SlotOverflowError], tuple[str, int, int]]:
@@ -146,16 +138,16 @@ class SlotOverflowError(RobotouilleError):
 
 
 class IllegalEventError(RobotouilleError):
-    """Something was to happen that a life cycle has no transition for; nothing has changed."""
+    """A life cycle has no transition for an event in its current state; nothing has changed."""
 
     def __init__(self, whose: str, state: str, event: str) -> None:
         self.state = state
         self.event = event
-        super().__init__(f"{whose} that is {state} has no transition for {event}")
+        super().__init__(f"{whose} in state {state} cannot handle {event}")
 
 
 class RecordingError(RobotouilleError):
-    """A recording that is damaged, or that does not re-simulate."""
+    """A recording is damaged, or its replay gives other states."""
 
 
 class MissingExtraError(RobotouilleError):
@@ -167,7 +159,7 @@ class MissingExtraError(RobotouilleError):
 
 
 class PluginError(RobotouilleError):
-    """A plug-in of another distribution that cannot be loaded."""
+    """A plug-in of another distribution cannot be loaded."""
 
     def __init__(self, group: str, name: str, target: str, why: str) -> None:
         self.group, self.name, self.target, self.why = group, name, target, why
@@ -178,7 +170,7 @@ class PluginError(RobotouilleError):
 
 
 class ProtocolError(RobotouilleError):
-    """A message that cannot be honoured; the connection lives on."""
+    """A message cannot be accepted; the connection stays open."""
 
     def __init__(self, code: str, message: str, field: str = "", ref: int | None = None) -> None:
         self.ref = ref

@@ -1,7 +1,7 @@
-"""Public names of a package that are imported when they are first asked for.
+"""Public names of a package, imported on first access (PEP 562).
 
-A program's `--help` then costs what its options need, and no more. The package also imports the
-names for type checkers, in a block under `if TYPE_CHECKING`.
+A program's `--help` then imports only the modules that its options need. Packages also import the
+names under `if TYPE_CHECKING`, for type checkers.
 """
 
 from __future__ import annotations
@@ -11,16 +11,17 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-__all__ = ["lazy_exports"]
-
 
 def lazy_exports(package: str, *modules: str) -> Callable[[str], Any]:
-    """The `__getattr__` of a package whose `__all__` comes from these modules, the light first."""
+    """Return a `__getattr__` that looks up the names of a package's `__all__` in these modules.
+
+    The modules are tried in order, so list the cheapest to import first.
+    """
 
     def get(name: str) -> Any:
         if name in sys.modules[package].__all__:
             for module in map(import_module, modules):
-                if name in module.__all__:
+                if hasattr(module, name):
                     value = getattr(module, name)
                     setattr(sys.modules[package], name, value)
                     return value

@@ -1,4 +1,4 @@
-"""A batch and the world side by side, on random joint steps: everything is compared on the way."""
+"""Comparison of a batch and the world over random joint steps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Batch", "agree", "world_of"]
 
 
 class Batch(Protocol):
-    """What is compared: `BatchWorld`, or another engine."""
+    """Engine under test: `BatchWorld` or another engine."""
 
     action_counts: tuple[int, ...]
 
@@ -30,7 +30,7 @@ class Batch(Protocol):
 
 
 def world_of(name: str) -> World:
-    """The world of a task; behind its name may stand a timing profile: `workshop/02:people`."""
+    """Return the world of a task, whose name may end in a timing profile: `workshop/02:people`."""
     from robotouille import load_task
     from tests.world.kitchens import bolt_recycler
 
@@ -48,13 +48,13 @@ def agree(
     seed: int,
     states: Sequence[State] | None = None,
 ) -> int:
-    """Take random steps in both: mostly valid actions, some others, some none.
+    """Take random steps in both: mostly valid actions, some invalid ones, and some without action.
 
-    Now and then a copy is put into its own state, or begins anew. The first states are the initial
-    one, or those that are given.
+    Sometimes a copy is set to its own state or to the initial one. The first states are `states`,
+    or the initial state.
 
     Returns:
-        How often a copy reached the goal or overflowed.
+        The number of times a copy reached the goal or overflowed.
     """
     choose = random.Random(seed)
     states = list(states or [world.initial] * copies)
@@ -96,7 +96,7 @@ def agree(
 
 
 def compare(batch: Batch, world: World, states: list[State]) -> None:
-    """Vectors and masks of all copies."""
+    """Compare vectors and masks of all copies."""
     vectors = batch.vectors()
     expected = np.stack([state.vector() for state in states])
     wrong = np.argwhere(vectors != expected)
@@ -107,7 +107,7 @@ def compare(batch: Batch, world: World, states: list[State]) -> None:
 
 
 def check_order(batch: Batch, world: World, state: State, copy: int) -> None:
-    """The timers' order, which is in no vector."""
+    """Compare the order of the timers, which vectors do not contain."""
     names = world.encoding.slots.filled(state.facts)
     slots = {name: slot for slot, name in names.items() if name}
     rows = tuple(
@@ -120,7 +120,7 @@ def check_order(batch: Batch, world: World, state: State, copy: int) -> None:
 
 
 def check_overflow(world: World, before: State, after: State) -> None:
-    """A copy overflows only where a kind has no empty slot before the step, or none after it."""
+    """Check that some kind has no empty slot before or after the step."""
     for kind, slots in world.encoding.slots.by_kind.items():
         there = [
             sum(o.kind == kind and o.tile is None for o in state.objects)
@@ -128,11 +128,11 @@ def check_overflow(world: World, before: State, after: State) -> None:
         ]
         if max(there) >= len(slots):
             return
-    raise AssertionError("it overflowed with empty slots")
+    raise AssertionError("the copy overflowed with empty slots")
 
 
 def chosen(batch: Batch, world: World, state: State, choose: random.Random) -> list[int]:
-    """A number for each player, -1 for nothing; rare actions as often as walks."""
+    """Choose a number for each player (-1: no action), rare actions as often as walks."""
     joint = []
     for seat, player in enumerate(world.players):
         actions = state.actions(player)

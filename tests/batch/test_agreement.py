@@ -1,4 +1,4 @@
-"""The batch engine and the world are the same process."""
+"""The batch engine takes the same steps as the world."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from robotouille import Task, World, task_names
 from robotouille.batch import BatchWorld
 from tests.batch.agreement import agree, world_of
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
 from tests.support.thorough import thorough
 from tests.world.random_tasks import tasks
 
@@ -23,18 +23,18 @@ SMALL = [
     "workshop/02:people", "examples/pancakes", "bolts",
 ]  # fmt: skip
 SEED = int(os.environ.get("GITHUB_SHA", "0")[:8], 16)
-"""Another for each commit, where tests run for all to see."""
+"""In continuous integration, each commit has another seed."""
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_small_tasks(name: str) -> None:
+def test_small_tasks_agree(name: str) -> None:
     world = world_of(name)
     agree(BatchWorld(world, 3), world, 3, 100, SEED)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", first_quickly([*task_names(), "workshop/02"]))
-def test_all_tasks(name: str) -> None:
+@pytest.mark.parametrize("name", quick_sample([*task_names(), "workshop/02"]))
+def test_all_tasks_agree(name: str) -> None:
     world = world_of(name)
     agree(BatchWorld(world, 3), world, 3, 60, SEED)
 
@@ -42,15 +42,15 @@ def test_all_tasks(name: str) -> None:
 @pytest.mark.slow
 @thorough(150)
 @given(task=tasks(), seed=st.integers(0, 2**16))
-def test_random_domains(task: Task, seed: int) -> None:
+def test_random_domains_agree(task: Task, seed: int) -> None:
     world = World(task)
     agree(BatchWorld(world, 2), world, 2, 12, seed)
 
 
 @pytest.mark.process
 @pytest.mark.slow
-def test_compiled_kernels() -> None:
-    """Ten thousands of steps with what trainers use; in `make nightly` there are ten million."""
+def test_compiled_kernels_agree() -> None:
+    """Compare 20,000 steps of compiled kernels; `make nightly` compares ten million."""
     pytest.importorskip("numba")
     environment = {k: v for k, v in os.environ.items() if k != "ROBOTOUILLE_COMPILE"}
     program = [sys.executable, "-m", "tests.programs.batch_agreement"]

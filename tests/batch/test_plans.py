@@ -1,6 +1,6 @@
-"""Along shipped plans, and beside their ends, the goal holds in a batch where it does in the world.
+"""In shipped plans, the goal holds in a batch exactly if it holds in the world.
 
-Plans have orders of their own in a step; batches that of seats.
+Plans order the actions of a step themselves; batches use the order of seats.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import pytest
 
 from robotouille import World, load_task
 from robotouille.batch import BatchWorld
+from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
-from robotouille.resources import data_folder
 from tests.batch.agreement import agree
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
 
 PLANS = sorted(
     str(path.relative_to(data_folder("problems")).with_suffix(""))
@@ -23,7 +23,7 @@ PLANS = sorted(
 )
 
 
-@pytest.mark.parametrize("name", first_quickly(PLANS))
+@pytest.mark.parametrize("name", quick_sample(PLANS))
 def test_plans_reach_the_goal(name: str) -> None:
     world = World(load_task(name))
     batch = BatchWorld(world, 3)

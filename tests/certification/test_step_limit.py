@@ -1,4 +1,4 @@
-"""How many steps people get: six times the certified plan in their own timing, three minutes."""
+"""Step limits for people: six times the certified plan, and at least three minutes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAMES = ["synchronous/01", "asynchronous/07", "multi_agent/01@2", "multi_agent/1
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_in_the_benchmarks_timing_it_is_six_times_the_certified_length(name: str) -> None:
+def test_benchmark_limit_is_six_times_the_certified_length(name: str) -> None:
     task = load_task(name)
     length = load_certificate(task).length
     assert length is not None
@@ -24,14 +24,14 @@ def test_in_the_benchmarks_timing_it_is_six_times_the_certified_length(name: str
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_with_peoples_timing_walks_and_delays_count(name: str) -> None:
+def test_timing_for_people_counts_walks_and_delays(name: str) -> None:
     longer, shorter = retimed_length(load_task(name, timing="people")), load_certificate(name)
     assert longer is not None
     assert shorter.length is not None
     assert shorter.length < longer < 20 * shorter.length
 
 
-def test_three_minutes_at_least_in_real_time() -> None:
+def test_real_time_games_last_three_minutes() -> None:
     task = load_task("multi_agent/01", timing="people")
     length = retimed_length(task)
     assert length is not None
@@ -39,7 +39,7 @@ def test_three_minutes_at_least_in_real_time() -> None:
     assert people_step_limit(task, 0.5) == 6 * length
 
 
-def test_none_where_no_certificate_is_known(tmp_path: Path) -> None:
+def test_no_limit_without_certificate(tmp_path: Path) -> None:
     shipped = load_task("synchronous/01", timing="people")
     problem = tmp_path / "mine.json"
     problem.write_text(Path(shipped.source).read_text("utf-8"), "utf-8")

@@ -1,4 +1,4 @@
-"""`robotouille certify`: what it prints, and when it fails."""
+"""Output and exit status of `robotouille certify`."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typer.testing import CliRunner, Result
 
 from robotouille import State, World
 from robotouille.certification.certificate import read_certificate
+from robotouille.installation import data_folder
 from robotouille.planning import solvers as optimal
-from robotouille.planning.search_result import Proof, SearchResult
-from robotouille.resources import data_folder
+from robotouille.planning.plan import Proof, SearchResult
 from robotouille_client.cli.main import app
 from tests.support.solvers import answering, proving
 
@@ -33,7 +33,7 @@ def certify(*words: str | Path) -> Result:
 
 @pytest.fixture(autouse=True)
 def solver(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Sets the planner; `proving` until another is set."""
+    """Return a function that replaces the planner, which is `proving` at first."""
 
     def use(function: Any) -> None:
         monkeypatch.setattr(optimal, "solve", function)
@@ -51,7 +51,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_table(folder: Path) -> None:
+def test_certify_prints_a_table(folder: Path) -> None:
     done = certify(folder)
     assert (done.exit_code, done.stderr) == (0, "")
     assert done.stdout == (
@@ -84,17 +84,17 @@ def test_gaps_and_unsolved_instances_are_counted(folder: Path, solver: Any) -> N
 
 
 @pytest.mark.slow
-def test_a_second_run_keeps_and_fresh_does_not(folder: Path) -> None:
+def test_second_run_keeps_certificates_unless_told_to_ignore_them(folder: Path) -> None:
     kept = [
         json.loads(certify(folder, "--json", *words).stdout)["kept"]
-        for words in ([], [], ["--fresh"], ["--expansions", "9000000"], ["--jobs", "2"])
+        for words in ([], [], ["--ignore-existing"], ["--expansions", "9000000"], ["--jobs", "2"])
     ]
     assert kept == [0, 2, 0, 0, 2]
     found = read_certificate(folder / "01_cheese_sandwich.certificate.json")
     assert found.limits.expansions == 9_000_000
 
 
-def test_broken_problems_fail_and_the_rest_is_certified(folder: Path) -> None:
+def test_broken_problems_do_not_stop_the_others(folder: Path) -> None:
     (folder / "deep" / FILES[1]).write_text('{"version": "2.0", "goal": []}')
     (folder / "broken.json").write_text("{")
     done = certify(folder)
@@ -104,7 +104,7 @@ def test_broken_problems_fail_and_the_rest_is_certified(folder: Path) -> None:
     assert (folder / "01_cheese_sandwich.certificate.json").exists()
 
 
-def test_a_failed_instance_is_in_the_table(folder: Path, solver: Any) -> None:
+def test_failed_instance_is_in_the_table(folder: Path, solver: Any) -> None:
     def wrong(world: World, start: State | None = None, **options: Any) -> SearchResult:
         bound = 99 if "lettuce" in world.task.name else 8
         return answering(bound=bound)(world, start)
@@ -112,10 +112,10 @@ def test_a_failed_instance_is_in_the_table(folder: Path, solver: Any) -> None:
     solver(wrong)
     done = certify(folder)
     assert (done.exit_code, done.stdout) == (1, FAILING)
-    assert "proving 1.0 is wrong: bound: 99 is above the length 14" in done.stderr
+    assert "wrong result of proving 1.0: bound: 99 is greater than the length 14" in done.stderr
 
 
-def test_the_check(folder: Path, solver: Any) -> None:
+def test_check_finds_changed_and_unproven_certificates(folder: Path, solver: Any) -> None:
     assert certify(folder, "--check").exit_code == 1
     certify(folder)
     solver(None)
@@ -123,7 +123,7 @@ def test_the_check(folder: Path, solver: Any) -> None:
     solver(answering(bound=2))
     again = certify(folder, "--check", "--sample", "1", "--seed", "3")
     assert again.exit_code == 1
-    assert "the bound is not proven again" in again.stderr
+    assert "the bound could not be proven again" in again.stderr
     path = folder / "01_cheese_sandwich.certificate.json"
     path.write_text(path.read_text().replace('"bound": 8', '"bound": 7'))
     done = certify(folder, "--check", "--json")
@@ -132,7 +132,7 @@ def test_the_check(folder: Path, solver: Any) -> None:
     assert fault.startswith(f"{path}: digest: expected ")
 
 
-def test_interrupted(folder: Path, solver: Any) -> None:
+def test_interrupt_keeps_finished_certificates(folder: Path, solver: Any) -> None:
     def interrupted(world: World, start: State | None = None, **options: Any) -> SearchResult:
         if "lettuce" in world.task.name:
             raise KeyboardInterrupt
@@ -145,7 +145,7 @@ def test_interrupted(folder: Path, solver: Any) -> None:
     assert (folder / "01_cheese_sandwich.certificate.json").exists()
 
 
-def test_a_bar_where_there_is_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_bar_is_shown_on_a_terminal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("NO_COLOR", "1")
     done = certify(folder)
@@ -153,11 +153,11 @@ def test_a_bar_where_there_is_a_terminal(folder: Path, monkeypatch: pytest.Monke
     assert "2/2" in done.stderr
 
 
-def test_shipped_folders_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shipped_folder_is_found_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "default").mkdir()
     module = "robotouille_client.cli.certify.data_folder"
     monkeypatch.setattr(module, lambda name: tmp_path)
-    assert "default: there are no problem files in it" in certify("default").stderr
+    assert "default: the folder has no problem files" in certify("default").stderr
     assert "did you mean 'default'" in certify("defualt").stderr
 
 
@@ -166,11 +166,11 @@ def test_shipped_folders_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     [
         (["no/such"], "no/such: is not a folder"),
         (["FOLDER", "--sample", "2"], "--sample needs --check"),
-        (["FOLDER/empty"], "there are no problem files in it"),
+        (["FOLDER/empty"], "the folder has no problem files"),
         (["FOLDER/deep/" + FILES[1]], "is not a folder"),
     ],
 )
-def test_what_is_wrong_is_said(folder: Path, words: list[str], reason: str) -> None:
+def test_invalid_arguments_are_explained(folder: Path, words: list[str], reason: str) -> None:
     (folder / "empty").mkdir()
     done = certify(*[word.replace("FOLDER", str(folder)) for word in words])
     assert (done.exit_code, done.stdout) == (1, "")

@@ -1,4 +1,4 @@
-"""The commands as a user types them."""
+"""Commands as users type them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille import task_names
+from robotouille.installation import data_folder
 from robotouille.replay.recording import read_recording
-from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
 from tests.support.games import recorded_game
 from tests.support.processes import process
@@ -40,7 +39,7 @@ def test_tasks_are_listed_with_seats_and_goals() -> None:
     assert "multi_agent/01" in robotouille("tasks").stdout
 
 
-def test_the_text_that_an_agent_reads() -> None:
+def test_text_prints_the_first_observation() -> None:
     text = robotouille("text", "synchronous/01").stdout
     assert text.startswith("Station ")
     assert "\nValid Actions:\n" in text
@@ -48,7 +47,7 @@ def test_the_text_that_an_agent_reads() -> None:
 
 
 @pytest.mark.parametrize("command", ["play", "plan", "text", "generate"])
-def test_a_kitchen_with_faults_is_refused_as_the_server_does(tmp_path: Path, command: str) -> None:
+def test_commands_refuse_kitchens_with_faults(tmp_path: Path, command: str) -> None:
     path = tmp_path / "mine.json"
     raw = json.loads((data_folder("problems") / "synchronous/01_cheese_sandwich.json").read_text())
     path.write_text(json.dumps(raw))
@@ -58,7 +57,7 @@ def test_a_kitchen_with_faults_is_refused_as_the_server_does(tmp_path: Path, com
     refused = robotouille(command, str(path))
     assert refused.exit_code == 1
     assert refused.output.startswith(f"{path}: robot1: faces")
-    assert "a player begins at one" in refused.output
+    assert "players start at a station" in refused.output
 
 
 def test_replay_info_and_verify(recording: Path) -> None:
@@ -111,7 +110,7 @@ def test_replay_video(recording: Path, tmp_path: Path, ending: str) -> None:
         (["play", "synchronous/01", "--timing", "sundial"], "unknown profile"),
     ],
 )
-def test_what_is_wrong_is_said(recording: Path, words: list[str], reason: str) -> None:
+def test_invalid_arguments_are_explained(recording: Path, words: list[str], reason: str) -> None:
     done = robotouille(*[str(recording) if w == "RECORDING" else w for w in words])
     assert done.exit_code == 1
     assert reason in done.output
@@ -143,7 +142,7 @@ def test_bots_as_processes_cook_together(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_a_bot_says_for_whom_it_waits(tmp_path: Path) -> None:
+def test_bot_prints_the_seats_it_waits_for(tmp_path: Path) -> None:
     flags = ("--task", "multi_agent/01", "--mode", "turn", "--max-steps", "2")
     home = {"XDG_STATE_HOME": str(tmp_path)}
     with process(tmp_path, *flags) as (_, url, code):
@@ -154,35 +153,3 @@ def test_a_bot_says_for_whom_it_waits(tmp_path: Path) -> None:
         second = bot(url, code, "bob", **home)
         for each in (first, second):
             assert json.loads(each.communicate(timeout=90)[0])["steps"] == 2
-
-
-@pytest.mark.slow
-@pytest.mark.process
-def test_a_bot_that_was_killed_comes_back_into_its_seat(tmp_path: Path) -> None:
-    flags = ("--task", "multi_agent/01", "--mode", "realtime", "--absence", "pause")
-    home = {"XDG_STATE_HOME": str(tmp_path / "state")}
-    seats = tmp_path / "state" / "robotouille" / "seats"
-    with process(tmp_path, *flags) as (_, url, code):
-        ada = bot(url, code, "ada", **home)
-        while not any(path.stat().st_size for path in seats.glob("*.seat")):
-            assert ada.poll() is None
-            time.sleep(0.02)
-        bob = bot(url, code, "bob", **home)
-        ada.kill()
-        ada.communicate()
-        again = bot(url, code, "ada", **home)
-        outcomes = [json.loads(each.communicate(timeout=90)[0]) for each in (again, bob)]
-    assert [outcome["reason"] for outcome in outcomes] == ["goal", "goal"]
-    (file,) = tmp_path.glob("*.rbt")
-    assert set(read_recording(file).participants) == {"robot1", "robot2"}
-    assert not list(seats.glob("*.seat"))
-
-
-@pytest.mark.process
-def test_a_bot_without_a_server_or_plan_says_so() -> None:
-    program = "from robotouille_client.bots.cli import main; main()"
-    arguments = [sys.executable, "-c", program, "random", "--url", "ws://127.0.0.1:9"]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 1
-    assert "nobody answers at ws://127.0.0.1:9: is a server running there?" in done.stderr
-    assert "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""`robotouille episodes`: tables in and out."""
+"""Tables of `robotouille episodes`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from robotouille_client.cli.episode_table import (
+from robotouille_client.cli.episodes import (
     TableError,
     closed_codes,
     read_requests,
@@ -31,13 +31,13 @@ def table(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_row_says_who_is_to_have_a_seat(tmp_path: Path) -> None:
+def test_row_assigns_seats_to_participants(tmp_path: Path) -> None:
     text = "task,participant.robot1,participant.robot2\nx,p01,\n"
     _, (request,) = read_requests(table(tmp_path, text))
     assert request.participants == {"robot1": "p01"}
 
 
-def test_a_row_says_what_to_open(tmp_path: Path) -> None:
+def test_row_describes_an_episode(tmp_path: Path) -> None:
     rows, (first, second) = read_requests(table(tmp_path, TABLE), open_for=3600.0)
     assert first.labels == {"condition": "bot", "pair": "p1"}
     assert first.treatments["robot2"].shown_as == "human"
@@ -52,27 +52,27 @@ def test_a_row_says_what_to_open(tmp_path: Path) -> None:
     [
         ("clock\nturn\n", "no column 'task'"),
         ("", "no column 'task'"),
-        ("task;clock\nx;turn\n", "write commas"),
+        ("task;clock\nx;turn\n", "use commas"),
         ("task\n", "no row"),
-        ("task,label\nx,y\n", "'label' is not known"),
-        ("task,colour\nx,red\n", "'colour' is not known"),
-        ("task,task\nx,y\n", "two columns 'task'"),
-        ("task,seats\nx,two\n", "line 2: seats: 'two' is no number"),
+        ("task,label\nx,y\n", "unknown column 'label'"),
+        ("task,colour\nx,red\n", "unknown column 'colour'"),
+        ("task,task\nx,y\n", "duplicate column 'task'"),
+        ("task,seats\nx,two\n", "line 2: seats: 'two' is not a number"),
         ("task,seats\nx,2\nx,99\n", "line 3: seats:"),
         ("task,clock\nx\n", "fewer values"),
         ("task\nx,y\n", "more values"),
-        ("task,open_for\nx,soon\n", "line 2: 'soon' is no duration"),
+        ("task,open_for\nx,soon\n", "line 2: 'soon' is not a duration"),
         ("task,label.a\nx,\x07\n", "line 2: labels.a"),
         ("task\n" + "x\n" * 10_001, "more than 10,000 rows"),
     ],
 )
-def test_what_is_wrong_with_a_table_is_named(tmp_path: Path, text: str, words: str) -> None:
+def test_invalid_table_is_explained(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(TableError) as refused:
         read_requests(table(tmp_path, text))
     assert words in str(refused.value)
 
 
-def test_a_file_that_is_not_there_and_one_that_is_no_text(tmp_path: Path) -> None:
+def test_missing_or_binary_table_is_an_error(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["episodes", "open", str(tmp_path / "none.csv")])
     assert done.exit_code == 1
     assert "cannot be read" in done.output
@@ -82,11 +82,11 @@ def test_a_file_that_is_not_there_and_one_that_is_no_text(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("text", "expected"), [("90", 90), ("1.5h", 5400), ("30d", 2_592_000)])
-def test_durations(text: str, expected: float) -> None:
+def test_durations_have_units(text: str, expected: float) -> None:
     assert seconds(text) == expected
 
 
-def test_what_was_written_names_what_to_close(tmp_path: Path) -> None:
+def test_written_table_lists_codes_to_close(tmp_path: Path) -> None:
     path = tmp_path / "out.csv"
     write_table([{"code": "A", "token.robot1": "x"}, {"code": "B"}], path, secret=True)
     assert path.stat().st_mode & 0o077 == 0
@@ -96,7 +96,7 @@ def test_what_was_written_names_what_to_close(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_the_line_that_a_server_refuses_is_named(tmp_path: Path) -> None:
+def test_refused_line_is_named_and_open_episodes_are_kept(tmp_path: Path) -> None:
     path = table(tmp_path, "task,label.pair\nmulti_agent/01,p1\nmulti_agent/none,p2\n")
     opened, listed = tmp_path / "opened.csv", tmp_path / "listed.csv"
     with server_process(tmp_path) as server:
@@ -110,12 +110,12 @@ def test_the_line_that_a_server_refuses_is_named(tmp_path: Path) -> None:
             app, ["episodes", "open", str(path), "--out", str(opened), *where]
         )
     assert again.exit_code == 2
-    assert "there is such a file" in again.stderr
+    assert "exists and may contain codes" in again.stderr
     assert opened.read_bytes() == kept
     assert refused.exit_code == 1
     assert "line 3: " in refused.stderr
     assert "multi_agent/none" in refused.stderr
-    assert "1 of 2 are open, and written" in refused.stderr
+    assert "1 of 2 episodes are open and were written" in refused.stderr
     (first,) = csv.DictReader(opened.read_text("utf-8").splitlines())
     rows = list(csv.DictReader(listed.read_text("utf-8").splitlines()))
     (found,) = [row for row in rows if row["code"] == first["code"]]

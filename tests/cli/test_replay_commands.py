@@ -1,4 +1,4 @@
-"""What the replay commands say about who played, and about pauses and restarts."""
+"""Output of the replay commands, including controllers, pauses and restarts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
 from robotouille.replay.container import MAGIC, compress, frame_ends, pack_frame, read_frames
-from robotouille.replay.recorder import Recorder, header
+from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
 from robotouille_client.cli.main import app
@@ -28,7 +28,7 @@ def robotouille(*words: str) -> str:
 
 @pytest.fixture
 def eventful(tmp_path: Path) -> Path:
-    """Two steps a second; bob is away and a bot plays, the operator pauses, the server restarts."""
+    """Return a recording with an absence, a pause by the operator and a restart."""
     rules = Rules(clock=Clock.REALTIME, step_rate=2.0, absence=Absence.BOT, max_steps=10)
     episode, events = Episode(TASK, rules), list[Event]()
     episode.join("robot1", "ada", "human", 0.0, session="a")
@@ -51,20 +51,20 @@ def eventful(tmp_path: Path) -> Path:
     episode.tick(3.0)
     episode.pause(PauseReason.STORAGE, 3.0)
     events += episode.events()
-    head = header(TASK.task, rules, episode="e1", code="ABCDE-FGHJK", owner="lab-7")
+    head = header(TASK.task, rules, episode="e1", details=HeaderDetails("ABCDE-FGHJK", "lab-7"))
     recorder = Recorder(TASK)
     path = tmp_path / "eventful.rbt.part"
     path.write_bytes(recorder.begin(head) + recorder.record(events))
     return path
 
 
-def test_info_says_who_moved_which_seat_and_when_it_stood_still(eventful: Path) -> None:
+def test_info_shows_controllers_and_pauses(eventful: Path) -> None:
     lines = [
         " ".join(line.split()) for line in robotouille("replay", "info", str(eventful)).splitlines()
     ]
-    assert "moved by robot1: ada (human) in steps 1-8" in lines
+    assert "played by robot1: ada (human) in steps 1-8" in lines
     bob = next(line for line in lines if line.startswith("robot2: "))
-    assert "in steps 1-2, a stand-in for bob" in bob
+    assert "in steps 1-2, a substitute for bob" in bob
     assert bob.count("in steps") == 3
     assert "paused after step 5 for 7.5 s: by the operator" in lines
     assert "after step 6 for 2 s: the server was restarted" in lines
@@ -72,13 +72,13 @@ def test_info_says_who_moved_which_seat_and_when_it_stood_still(eventful: Path) 
     assert lines[-1] == "restarted after step 6"
 
 
-def test_info_as_json_has_the_same_for_programs(eventful: Path) -> None:
+def test_info_as_json_has_controllers_and_pauses(eventful: Path) -> None:
     info = json.loads(robotouille("replay", "info", str(eventful), "--json"))
     assert info["controllers"]["robot1"] == [
         {"name": "ada", "controller": "human", "first": 1, "last": 8}
     ]
     course = [(s["controller"], s["first"], s["last"]) for s in info["controllers"]["robot2"]]
-    assert course == [("human", 1, 2), ("stand-in", 3, 4), ("human", 5, 8)]
+    assert course == [("human", 1, 2), ("substitute", 3, 4), ("human", 5, 8)]
     assert [(p["step"], p["holds"], p["seconds"]) for p in info["pauses"]] == [
         (5, ["operator"], 7.5),
         (6, ["restart", "deserted"], 2.0),
@@ -88,18 +88,18 @@ def test_info_as_json_has_the_same_for_programs(eventful: Path) -> None:
     assert (info["episode"], info["code"], info["owner"]) == ("e1", "ABCDE-FGHJK", "lab-7")
 
 
-def test_notes_are_listed_in_order_with_their_step_and_time(eventful: Path) -> None:
+def test_notes_are_listed_with_step_and_time(eventful: Path) -> None:
     lines = robotouille("replay", "notes", str(eventful)).splitlines()
     words = [line.split(" s  ", 1)[1] for line in lines]
     expected = [
         "ada (human) takes robot1",
-        "the game begins",
-        "(robot2) is away, a stand-in plays",
+        "the game starts",
+        "(robot2) is away, a substitute plays",
         "(robot2) is back",
         "paused: by the operator",
         "the operator: lunch",
         "ada: good",
-        "the game goes on",
+        "the game resumes",
         "the server was restarted",
         "ada (robot1) is away",
         "paused: the server was restarted",
@@ -113,43 +113,30 @@ def test_notes_are_listed_in_order_with_their_step_and_time(eventful: Path) -> N
     assert notice.split()[:3] == ["5", "3.000", "s"]
 
 
-def test_what_participants_wrote_cannot_steer_the_terminal(eventful: Path) -> None:
+def test_participants_texts_cannot_control_the_terminal(eventful: Path) -> None:
     for command in ("info", "notes"):
         shown = robotouille("replay", command, str(eventful))
         assert "bob" in shown
         assert all(letter.isprintable() or letter == "\n" for letter in shown)
 
 
-def test_a_game_without_interruptions_has_no_such_lines(tmp_path: Path) -> None:
-    episode = Episode(TASK, Rules(clock=Clock.REALTIME, max_steps=3))
-    for player in TASK.players:
-        episode.join(player, player, "bot", 0.0)
-    episode.tick(5.0)
-    path = tmp_path / "plain.rbt.part"
-    path.write_bytes(record(episode, episode.events()))
-    shown = robotouille("replay", "info", str(path))
-    assert "moved by" in shown
-    assert "paused" not in shown
-    assert "restarted" not in shown
-
-
-def test_a_damaged_file_fails_and_what_stands_before_the_damage_can_be_had(tmp_path: Path) -> None:
+def test_damaged_file_can_be_read_up_to_the_damage(tmp_path: Path) -> None:
     whole = recorded_game("multi_agent/01", seed=2, steps=30)
     path = tmp_path / "a.rbt"
     path.write_bytes(compress(whole) + b"garbage")
     done = CliRunner().invoke(app, ["replay", "verify", str(path)])
     assert done.exit_code == 1
-    assert "something follows" in done.stderr
+    assert "data follows the end" in done.stderr
     assert CliRunner().invoke(app, ["replay", "info", str(path)]).exit_code != 0
     told = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
     assert json.loads(told.stdout)["steps"] == 30
-    assert "something follows" in told.stderr
+    assert "data follows the end" in told.stderr
     lines = robotouille("replay", "export", str(path), "--damaged").splitlines()
     assert sum(json.loads(line)["kind"] == "step" for line in lines) == 30
 
 
-def test_of_a_closed_file_that_is_cut_what_stands_before_the_cut_can_be_had(tmp_path: Path) -> None:
-    """Of a short game as well, whose task is most of the file."""
+def test_truncated_file_can_be_read_up_to_the_cut(tmp_path: Path) -> None:
+    """This includes short games, whose task is most of the file."""
     content = compress(recorded_game("multi_agent/01", seed=2, steps=30))
     path = tmp_path / "a.rbt"
     path.write_bytes(content[: len(content) * 4 // 5])
@@ -169,18 +156,17 @@ def test_of_a_closed_file_that_is_cut_what_stands_before_the_cut_can_be_had(tmp_
     assert "cut off, before the first step" in " ".join(refused.stderr.split())
 
 
-@pytest.mark.parametrize("version", [1, 2])
-def test_a_closed_file_without_an_end_does_not_verify(tmp_path: Path, version: int) -> None:
-    whole = recorded_game("multi_agent/01", seed=2, steps=30, version=version)
+def test_closed_file_without_outcome_does_not_verify(tmp_path: Path) -> None:
+    whole = recorded_game("multi_agent/01", seed=2, steps=30)
     path = tmp_path / "a.rbt"
     path.write_bytes(compress(whole[: list(frame_ends(whole))[-2]]))
     done = CliRunner().invoke(app, ["replay", "verify", str(path)])
     assert done.exit_code == 1
-    assert "closed without an end" in done.stderr
+    assert "closed file without a footer" in done.stderr
 
 
 @pytest.mark.parametrize("command", ["info", "export", "verify"])
-def test_moves_of_nobody_are_told_in_a_line(eventful: Path, command: str) -> None:
+def test_move_of_an_unknown_player_is_one_line(eventful: Path, command: str) -> None:
     frames = list(read_frames(eventful.read_bytes()))
     step = next(frame for frame in frames if frame["kind"] == "step")
     action = TASK.initial.actions("robot1")[0]
@@ -189,5 +175,5 @@ def test_moves_of_nobody_are_told_in_a_line(eventful: Path, command: str) -> Non
     eventful.write_bytes(MAGIC + b"".join(map(pack_frame, frames)))
     done = CliRunner().invoke(app, ["replay", command, str(eventful)])
     assert done.exit_code == 1
-    assert "is no move of 'robot9'" in done.stderr
+    assert "is not an action of 'robot9'" in done.stderr
     assert done.stderr.count("\n") == 1

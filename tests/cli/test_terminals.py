@@ -1,4 +1,4 @@
-"""What others wrote (names, chat, errors, files) cannot steer the terminal of who reads it."""
+"""Texts from other people (names, chat, errors, files) cannot control the terminal."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import typer
 from typer.testing import CliRunner
 
 from robotouille.errors import Fault, FileError, ProtocolError
-from robotouille.program import printable, printable_json, tell
+from robotouille.terminal import printable, printable_json, tell
 from robotouille_client.bots import cli as bots
+from robotouille_client.bots import seat_session
 from robotouille_client.console import explain, fail
 from robotouille_client.errors import ConnectionFailedError
 from tests.support.sources import MODULES, parsed
@@ -22,7 +23,7 @@ RAW = set(HOSTILE) - set("abcdefgh") - set("]0;owned31m")
 
 
 def is_safe(call: ast.Call) -> bool:
-    """Whether a call that prints is given JSON, or a constant of the program's own."""
+    """Return whether a printing call prints JSON or a constant."""
     if not call.args:
         return True
     (first, *_) = call.args
@@ -31,7 +32,7 @@ def is_safe(call: ast.Call) -> bool:
 
 
 def prints(path: Path) -> list[str]:
-    """The calls of a module that print, except to files."""
+    """Return the calls of a module that print other texts."""
     found = []
     for node in ast.walk(parsed(path)):
         if not isinstance(node, ast.Call):
@@ -43,12 +44,12 @@ def prints(path: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_all_that_is_no_json_is_printed_by_one_function() -> None:
-    found = [line for path in MODULES if path.name != "program.py" for line in prints(path)]
-    assert not [line for line in found if "worker.py" not in line]
+def test_only_tell_prints_text_that_is_not_json() -> None:
+    found = [line for path in MODULES if path.name != "terminal.py" for line in prints(path)]
+    assert not [line for line in found if "worker" not in line.partition(":")[0]]
 
 
-def test_what_is_told_is_plain(capsys: pytest.CaptureFixture[str]) -> None:
+def test_tell_removes_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
     tell(f"one {HOSTILE}\ntwo", err=True)
     shown = capsys.readouterr().err
     assert not RAW.intersection(shown)
@@ -56,7 +57,7 @@ def test_what_is_told_is_plain(capsys: pytest.CaptureFixture[str]) -> None:
     assert printable("Zoë 愛 🍅") == "Zoë 愛 🍅"
 
 
-def test_json_keeps_its_value() -> None:
+def test_printable_json_keeps_its_value() -> None:
     row = {"name": HOSTILE, "plain": "Zoë"}
     shown = printable_json(json.dumps(row, ensure_ascii=False, indent=1))
     assert json.loads(shown) == row
@@ -72,9 +73,7 @@ def test_json_keeps_its_value() -> None:
         KeyError(f"{HOSTILE}\nnot a line of ours"),
     ],
 )
-def test_an_error_of_a_server_is_one_plain_line(
-    error: Exception, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_server_error_is_one_line(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(typer.Exit):
         fail(explain(error))
     shown = capsys.readouterr().err
@@ -82,7 +81,7 @@ def test_an_error_of_a_server_is_one_plain_line(
     assert shown.count("\n") == 1
 
 
-def test_faults_of_a_file_keep_their_lines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_of_a_file_have_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     error = FileError("a.json", [Fault("x", HOSTILE), Fault("y", "wrong")])
     with pytest.raises(typer.Exit):
         fail(explain(error))
@@ -92,14 +91,14 @@ def test_faults_of_a_file_keep_their_lines(capsys: pytest.CaptureFixture[str]) -
     assert shown.count("\n") == 2
 
 
-def test_a_bot_whose_server_names_things_shows_them_plainly(
+def test_bot_prints_server_texts_without_control_characters(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def run(*_: object) -> dict[str, object]:
         tell(f"{HOSTILE} plays {HOSTILE}", err=True)
         return {"reason": HOSTILE, "steps": HOSTILE}
 
-    monkeypatch.setattr(bots, "_run", run)
+    monkeypatch.setattr(seat_session, "play_seat", run)
     app = typer.Typer()
     app.command()(bots.command)
     result = CliRunner().invoke(app, ["random", "--episode", "x"])

@@ -1,4 +1,4 @@
-"""Every program says which version it is."""
+"""Option `--version` of every program."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PROGRAMS = [
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
-def test_every_program_says_its_version(
+def test_every_program_prints_its_version(
     program: EntryPoint, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name, target = program.name, program.value
@@ -25,7 +25,7 @@ def test_every_program_says_its_version(
     assert capsys.readouterr().out == f"robotouille {version('robotouille')}\n"
 
 
-def test_these_are_the_programs() -> None:
+def test_installed_programs() -> None:
     assert {program.name for program in PROGRAMS} == {
         "robotouille",
         "robotouille-bot",

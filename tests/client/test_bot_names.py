@@ -1,16 +1,16 @@
-"""Bots that nobody named have names of their own."""
+"""Default names of bots."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from robotouille_client.bots.names import given_names
+from robotouille_client.bots.kinds import given_names
 from robotouille_client.console.kept_seat import kept_seat, kept_seat_of
 
 URL, CODE = "ws://127.0.0.1:1", "ABCDE-FGHJK"
 
 
-def test_by_the_seed_and_the_seat() -> None:
+def test_given_names_depend_on_seed_and_seat() -> None:
     assert given_names() == given_names(0) == given_names(0, "robot1")
     assert given_names(0)[1] == given_names(1)[0] == given_names(0, "robot2")[0]
     assert given_names(5, "robot3") == given_names(7)
@@ -19,7 +19,7 @@ def test_by_the_seed_and_the_seat() -> None:
     assert set(given_names(10**9)) == set(names)
 
 
-def test_each_process_has_the_first_name_that_no_other_has(tmp_path: Path) -> None:
+def test_each_process_gets_the_first_unused_name(tmp_path: Path) -> None:
     names = given_names()
     with kept_seat_of(tmp_path, URL, CODE, names) as (first, one):
         assert one is not None
@@ -33,7 +33,7 @@ def test_each_process_has_the_first_name_that_no_other_has(tmp_path: Path) -> No
         assert kept.token == "token"
 
 
-def test_where_all_names_are_taken_it_is_the_first(tmp_path: Path) -> None:
+def test_first_name_is_shared_if_all_are_taken(tmp_path: Path) -> None:
     with kept_seat(tmp_path, URL, CODE, "ada"):
         with kept_seat_of(tmp_path, URL, CODE, ("ada",)) as found:
             assert found == ("ada", None)

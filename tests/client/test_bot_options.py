@@ -1,4 +1,4 @@
-"""Options of `robotouille-bot` that do not go together."""
+"""Conflicting options of `robotouille-bot`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from robotouille_client.bots.cli import command
     ("words", "told"),
     [
         (["planner", "--seats", "all"], "only a language model (llm) plays several --seats"),
-        (["planner", "--seats", "all"], "start a bot for each seat, with --seat"),
+        (["planner", "--seats", "all"], "start one bot with --seat for each seat"),
         (["llm", "--seats", "all", "--seat", "robot1"], "not both"),
-        (["llm", "--control", "joint"], "--control is for one model in several --seats"),
+        (["llm", "--control", "joint"], "--control needs --seats"),
     ],
 )
-def test_options_that_do_not_go_together(words: list[str], told: str) -> None:
+def test_conflicting_bot_options_are_rejected(words: list[str], told: str) -> None:
     app = typer.Typer()
     app.command()(command)
     done = CliRunner().invoke(app, words)

@@ -1,20 +1,15 @@
-"""A client's side of the protocol, by itself: no sockets, no clock."""
+"""Client protocol without sockets and clock."""
 
 from __future__ import annotations
-
-import random
-import subprocess
-import sys
 
 import pytest
 
 from robotouille import ProtocolError
 from robotouille.protocol import messages
-from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
+from robotouille_client.errors import ConnectionFailedError, RetryLaterError, UntrustedRedirectError
 from robotouille_client.sansio.client_protocol import ClientProtocol
-from robotouille_client.sansio.client_requests import RequestDone, RequestFailed
-from robotouille_client.sansio.client_state import ClientState
-from robotouille_client.sansio.game_events import Over
+from robotouille_client.sansio.client_state import ClientState, RequestDone, RequestFailed
+from robotouille_client.sansio.game_events import GameEnded
 from robotouille_client.sansio.game_replica import GameReplica
 from tests.support.scripted_server import CODE, ScriptedServer
 
@@ -29,12 +24,12 @@ def server() -> ScriptedServer:
 
 
 def new(**options: object) -> Protocol:
-    options = {"url": URL, "name": "ada", "rng": random.Random(1), **options}
+    options = {"url": URL, "name": "ada", **options}
     return ClientProtocol(GameReplica, **options)  # type: ignore[arg-type]
 
 
 def sent(client: Protocol) -> list[messages.Message]:
-    """All that there is to send."""
+    """Send and return all queued messages."""
     found = []
     while (message := client.next_message()) is not None:
         found.append(message)
@@ -73,16 +68,7 @@ def failure(client: Protocol) -> Exception:
     return event.error
 
 
-@pytest.mark.process
-def test_it_needs_neither_asyncio_nor_sockets() -> None:
-    program = (
-        "import sys, robotouille_client.sansio.client_protocol\n"
-        "assert not {'asyncio', 'websockets'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", program], check=True)
-
-
-def test_hello_is_first_and_requests_wait_for_its_answer(server: ScriptedServer) -> None:
+def test_requests_wait_until_hello_is_answered(server: ScriptedServer) -> None:
     client = new(token="role")
     ref = client.request(messages.ListEpisodes(), 0.0)
     assert sent(client) == []
@@ -95,7 +81,7 @@ def test_hello_is_first_and_requests_wait_for_its_answer(server: ScriptedServer)
     assert client.events() == [RequestDone(ref, messages.Episodes(ref=ref, episodes=[]))]
 
 
-def test_a_join_is_answered_once_its_first_snapshot_is_there(server: ScriptedServer) -> None:
+def test_join_is_answered_by_its_first_snapshot(server: ScriptedServer) -> None:
     client = in_lobby(server)
     ref = client.request(JOIN, 0.0)
     client.receive(server.joined(ref, resume="seat"), 0.0)
@@ -106,9 +92,7 @@ def test_a_join_is_answered_once_its_first_snapshot_is_there(server: ScriptedSer
     assert client.membership.episode == CODE
 
 
-def test_a_message_that_did_not_go_out_goes_over_the_next_connection(
-    server: ScriptedServer,
-) -> None:
+def test_unsent_message_goes_over_the_next_connection(server: ScriptedServer) -> None:
     client = playing(server)
     assert client.game is not None
     client.game.say("hello?")
@@ -117,9 +101,7 @@ def test_a_message_that_did_not_go_out_goes_over_the_next_connection(
     assert sent(client) == [said]
 
 
-def test_what_was_asked_is_asked_again_but_nothing_is_created_twice(
-    server: ScriptedServer,
-) -> None:
+def test_requests_are_repeated_except_create(server: ScriptedServer) -> None:
     client = in_lobby(server)
     client.request(messages.Create(), 0.0)
     ref = client.request(messages.ListEpisodes(), 0.0)
@@ -128,7 +110,9 @@ def test_what_was_asked_is_asked_again_but_nothing_is_created_twice(
     assert sent(client) == [messages.ListEpisodes(ref=ref)]
 
 
-def test_a_resumed_game_is_told_what_it_has_seen_and_acts_again(server: ScriptedServer) -> None:
+def test_resumed_game_reports_what_it_has_seen_and_repeats_its_action(
+    server: ScriptedServer,
+) -> None:
     client = playing(server)
     game = client.game
     assert game is not None
@@ -147,7 +131,7 @@ def test_a_resumed_game_is_told_what_it_has_seen_and_acts_again(server: Scripted
     assert client.game is game
 
 
-def test_who_was_forgotten_takes_the_seat_anew_without_the_action(server: ScriptedServer) -> None:
+def test_forgotten_client_takes_its_seat_again_without_the_action(server: ScriptedServer) -> None:
     client = playing(server)
     game = client.game
     assert game is not None
@@ -164,9 +148,7 @@ def test_who_was_forgotten_takes_the_seat_anew_without_the_action(server: Script
 
 
 @pytest.mark.parametrize("code", ["server/handover", "server/recording", "rate/limited"])
-def test_a_seat_that_cannot_be_had_now_is_asked_for_again(
-    server: ScriptedServer, code: str
-) -> None:
+def test_rejoin_is_repeated_after_a_temporary_error(server: ScriptedServer, code: str) -> None:
     client = playing(server)
     come_back(client, server, resumed=False, now=1.0)
     (join,) = sent(client)
@@ -179,24 +161,7 @@ def test_a_seat_that_cannot_be_had_now_is_asked_for_again(
     assert sent(client) == [join]
 
 
-def test_a_seat_that_was_to_be_asked_for_again_is_asked_for_once_on_the_next_line(
-    server: ScriptedServer,
-) -> None:
-    client = playing(server)
-    come_back(client, server, resumed=False, now=1.0)
-    (join,) = sent(client)
-    assert isinstance(join, messages.Join)
-    client.receive(server.error("server/handover", join.ref), 1.0)
-    client.connection_lost(1.1)
-    assert client.get_timer() is None
-    client.handle_timer(1.5)
-    client.connection_made(2.0)
-    sent(client)
-    client.receive(server.welcome(), 2.0)
-    assert [type(message) for message in sent(client)] == [messages.Join]
-
-
-def test_a_seat_that_is_lost_ends_the_game_and_not_the_connection(server: ScriptedServer) -> None:
+def test_lost_seat_ends_the_game_but_not_the_connection(server: ScriptedServer) -> None:
     client = playing(server)
     game = client.game
     assert game is not None
@@ -204,12 +169,12 @@ def test_a_seat_that_is_lost_ends_the_game_and_not_the_connection(server: Script
     (join,) = sent(client)
     assert isinstance(join, messages.Join)
     client.receive(server.error("episode/full", join.ref), 1.0)
-    assert game.poll()[-1] == Over({}, "no", "episode/full")
+    assert game.poll()[-1] == GameEnded({}, "no", "episode/full")
     assert (client.state, client.membership) == (ClientState.LOBBY, None)
 
 
 @pytest.mark.parametrize("code", ["auth/expired", "auth/invalid", "auth/required", "auth/revoked"])
-def test_a_resume_token_that_is_worth_nothing_gives_way_to_the_role_token(
+def test_role_token_is_used_when_the_resume_token_is_invalid(
     server: ScriptedServer, code: str
 ) -> None:
     client = new(token="role", resume="old")
@@ -225,7 +190,7 @@ def test_a_resume_token_that_is_worth_nothing_gives_way_to_the_role_token(
     assert isinstance(client.error, ProtocolError)
 
 
-def test_pauses_grow_while_it_is_away_and_begin_anew(server: ScriptedServer) -> None:
+def test_reconnect_delays_grow_and_start_over_after_a_welcome(server: ScriptedServer) -> None:
     client = in_lobby(server)
     client.connection_lost(0.0)
     waits = [client.connect_at]
@@ -240,7 +205,7 @@ def test_pauses_grow_while_it_is_away_and_begin_anew(server: ScriptedServer) -> 
     assert client.connect_at <= 10.2
 
 
-def test_the_first_connection_is_sought_once(server: ScriptedServer) -> None:
+def test_first_connection_is_attempted_once(server: ScriptedServer) -> None:
     client = new()
     client.connection_failed(ConnectionFailedError("nobody there"), 0.0)
     assert client.state is ClientState.CLOSED
@@ -249,27 +214,29 @@ def test_the_first_connection_is_sought_once(server: ScriptedServer) -> None:
         client.request(JOIN, 0.0)
 
 
-def test_without_reconnect_a_lost_connection_is_the_end(server: ScriptedServer) -> None:
+def test_lost_connection_closes_a_client_without_reconnect(server: ScriptedServer) -> None:
     client = playing(server, reconnect=False)
     assert client.game is not None
     client.connection_lost(1.0)
     assert client.state is ClientState.CLOSED
     assert client.farewell == "the connection was closed"
-    assert isinstance(client.game.poll()[-1], Over)
+    assert isinstance(client.game.poll()[-1], GameEnded)
 
 
 @pytest.mark.parametrize(
     ("answer", "kind"),
     [
-        (messages.Error(code="server/handover", message="soon"), NotYetError),
-        (messages.Bye(reason="full", retry=True), NotYetError),
-        (messages.Left(episode="e1"), NotYetError),
+        (messages.Error(code="server/handover", message="soon"), RetryLaterError),
+        (messages.Bye(reason="full", retry=True), RetryLaterError),
+        (messages.Left(episode="e1"), RetryLaterError),
         (messages.Error(code="auth/required", message="a token"), ProtocolError),
         (messages.Bye(reason="stopped"), ProtocolError),
-        (messages.Moved(episode="e1", port=1, url="ws://evil.example"), StrangerError),
+        (messages.Moved(episode="e1", port=1, url="ws://evil.example"), UntrustedRedirectError),
     ],
 )
-def test_hello_may_be_refused(answer: messages.ServerMessage, kind: type[Exception]) -> None:
+def test_refused_hello_closes_the_client(
+    answer: messages.ServerMessage, kind: type[Exception]
+) -> None:
     client = new()
     client.connection_made(0.0)
     client.receive(answer, 0.0)
@@ -277,16 +244,16 @@ def test_hello_may_be_refused(answer: messages.ServerMessage, kind: type[Excepti
     assert type(client.error) is kind
 
 
-def test_hello_without_an_answer_is_given_up() -> None:
+def test_unanswered_hello_times_out() -> None:
     client = new()
     client.connection_made(0.0)
     assert client.get_timer() == 15.0
     client.handle_timer(15.0)
     assert client.state is ClientState.CLOSED
-    assert "did not welcome us" in client.farewell
+    assert "did not welcome the client" in client.farewell
 
 
-def test_hello_is_not_sent_round_and_round(server: ScriptedServer) -> None:
+def test_hello_follows_a_limited_number_of_redirects(server: ScriptedServer) -> None:
     client = new()
     for port in range(9001, 9005):
         assert client.state in (ClientState.OFFLINE, ClientState.MOVING)
@@ -297,7 +264,7 @@ def test_hello_is_not_sent_round_and_round(server: ScriptedServer) -> None:
     assert "from one process to the next" in client.farewell
 
 
-def test_a_join_goes_where_it_is_sent(server: ScriptedServer) -> None:
+def test_join_follows_a_redirect(server: ScriptedServer) -> None:
     client = in_lobby(server, reconnect=False)
     ref = client.request(JOIN, 0.0)
     (join,) = sent(client)
@@ -312,7 +279,7 @@ def test_a_join_goes_where_it_is_sent(server: ScriptedServer) -> None:
     assert sent(client) == [join]
 
 
-def test_a_join_is_not_sent_round_and_round(server: ScriptedServer) -> None:
+def test_join_follows_a_limited_number_of_redirects(server: ScriptedServer) -> None:
     client = in_lobby(server)
     ref = client.request(JOIN, 0.0)
     for _ in range(3):
@@ -324,15 +291,36 @@ def test_a_join_is_not_sent_round_and_round(server: ScriptedServer) -> None:
     assert client.state is ClientState.LOBBY
 
 
-def test_a_join_that_is_sent_to_strangers_fails_alone(server: ScriptedServer) -> None:
+def test_untrusted_redirect_of_a_join_fails_only_the_join(server: ScriptedServer) -> None:
     client = in_lobby(server)
     ref = client.request(JOIN, 0.0)
     client.receive(server.moved(ref, url="ws://evil.example"), 0.0)
-    assert isinstance(failure(client), StrangerError)
+    assert isinstance(failure(client), UntrustedRedirectError)
     assert (client.state, client.url) == (ClientState.LOBBY, URL)
 
 
-def test_a_request_is_repeated_where_the_server_asks_for_it(server: ScriptedServer) -> None:
+def test_untrusted_redirect_of_a_rejoin_closes_the_client(server: ScriptedServer) -> None:
+    client = playing(server)
+    come_back(client, server, resumed=False, now=1.0)
+    (join,) = sent(client)
+    assert isinstance(join, messages.Join)
+    client.receive(server.moved(join.ref, url="ws://evil.example"), 1.0)
+    assert (client.state, client.url) == (ClientState.CLOSED, URL)
+    assert isinstance(client.error, UntrustedRedirectError)
+
+
+def test_message_or_connection_in_the_wrong_state_is_an_error(server: ScriptedServer) -> None:
+    client = in_lobby(server)
+    for cause in (
+        lambda: client.receive(server.welcome(), 0.0),
+        lambda: client.connection_made(0.0),
+    ):
+        with pytest.raises(ProtocolError) as caught:
+            cause()
+        assert (caught.value.code, client.state) == ("message/unexpected", ClientState.LOBBY)
+
+
+def test_request_is_repeated_during_a_handover(server: ScriptedServer) -> None:
     client = in_lobby(server)
     ref = client.request(JOIN, 0.0)
     (join,) = sent(client)
@@ -343,7 +331,7 @@ def test_a_request_is_repeated_where_the_server_asks_for_it(server: ScriptedServ
     assert str(failure(client)) == "episode/full: no"
 
 
-def test_only_time_with_a_connection_counts_for_an_answer(server: ScriptedServer) -> None:
+def test_request_timeout_counts_only_time_with_a_connection(server: ScriptedServer) -> None:
     client = in_lobby(server)
     client.request(JOIN, 0.0)
     client.connection_lost(10.0)
@@ -356,8 +344,8 @@ def test_only_time_with_a_connection_counts_for_an_answer(server: ScriptedServer
 
 
 @pytest.mark.parametrize("code", [CODE, CODE.replace("-", "").lower(), "e1"])
-def test_who_is_in_the_episode_already_has_joined(server: ScriptedServer, code: str) -> None:
-    """A resume token of another process brought us in before we asked."""
+def test_join_of_the_current_episode_succeeds(server: ScriptedServer, code: str) -> None:
+    """The resume token of another process has already entered the episode."""
     client = new(resume="old")
     client.connection_made(0.0)
     client.receive(server.welcome(resumed=True), 0.0)
@@ -369,7 +357,7 @@ def test_who_is_in_the_episode_already_has_joined(server: ScriptedServer, code: 
     assert isinstance(event, RequestDone)
 
 
-def test_who_has_left_already_has_left(server: ScriptedServer) -> None:
+def test_leave_without_an_episode_succeeds(server: ScriptedServer) -> None:
     client = playing(server)
     ref = client.request(messages.Leave(), 0.0)
     client.receive(server.error("episode/none", ref), 0.0)
@@ -377,7 +365,7 @@ def test_who_has_left_already_has_left(server: ScriptedServer) -> None:
     assert client.game is None
 
 
-def test_a_bye_with_retry_is_no_end_and_one_without_is(server: ScriptedServer) -> None:
+def test_only_a_bye_without_retry_closes_the_client(server: ScriptedServer) -> None:
     client = playing(server)
     game = client.game
     assert game is not None
@@ -386,46 +374,19 @@ def test_a_bye_with_retry_is_no_end_and_one_without_is(server: ScriptedServer) -
     ref = client.request(messages.ListEpisodes(), 0.0)
     client.receive(messages.Bye(reason="elsewhere", code="session/elsewhere"), 0.0)
     assert (client.state, client.farewell) == (ClientState.CLOSED, "elsewhere")
-    assert game.poll()[-1] == Over({}, "elsewhere", "session/elsewhere")
+    assert game.poll()[-1] == GameEnded({}, "elsewhere", "session/elsewhere")
     assert [event.ref for event in client.events()] == [ref]
 
 
-def test_what_cannot_be_applied_is_raised_and_the_shell_gives_up(server: ScriptedServer) -> None:
+def test_inconsistent_snapshot_raises_and_fail_closes_the_client(server: ScriptedServer) -> None:
     client = playing(server)
     with pytest.raises(ProtocolError, match="another hash") as caught:
         client.receive(server.snapshot(hash="0" * 16), 0.0)
     client.fail(caught.value)
-    assert client.farewell.startswith("the server's messages cannot be read: state/mismatch")
+    assert client.farewell.startswith("invalid message from the server: state/mismatch")
 
 
-def test_an_answer_that_nobody_waits_for_is_dropped(server: ScriptedServer) -> None:
-    client = in_lobby(server)
-    ref = client.request(messages.ListEpisodes(), 0.0)
-    client.forget(ref)
-    client.receive(messages.Episodes(ref=ref, episodes=[]), 0.0)
-    assert client.events() == []
-
-
-def test_an_action_is_sent_again_in_time_but_only_on_a_good_line(server: ScriptedServer) -> None:
-    client = playing(server)
-    assert client.game is not None
-    assert client.get_timer() is None
-    client.game.propose(None, 1.0)
-    (act,) = sent(client)
-    assert client.get_timer() == 6.0
-    client.connection_lost(2.0)
-    assert client.get_timer() is None
-    come = 5.0
-    client.connection_made(come)
-    client.receive(server.welcome(resumed=True), come)
-    client.receive(server.joined(), come)
-    sent(client)
-    assert client.get_timer() == 10.0
-    client.handle_timer(10.0)
-    assert sent(client) == [act]
-
-
-def test_who_was_forgotten_asks_for_all_of_its_seats_again(server: ScriptedServer) -> None:
+def test_forgotten_client_asks_for_all_its_seats(server: ScriptedServer) -> None:
     client = in_lobby(server)
     ref = client.request(JOIN.model_copy(update={"seats": "all"}), 0.0)
     sent(client)
@@ -437,17 +398,7 @@ def test_who_was_forgotten_asks_for_all_of_its_seats_again(server: ScriptedServe
     assert (join.seat, join.seats) == (None, ["robot1", "robot2"])
 
 
-def test_a_game_in_words_begins_when_each_seat_was_told(server: ScriptedServer) -> None:
-    client = in_lobby(server)
-    ref = client.request(JOIN.model_copy(update={"seats": "all", "view": "text"}), 0.0)
-    client.receive(server.joined(ref, seats=["robot1", "robot2"]), 0.0)
-    client.receive(server.observation(seat="robot1"), 0.0)
-    assert client.events() == []
-    client.receive(server.observation(seat="robot2"), 0.0)
-    assert [event.ref for event in client.events()] == [ref]
-
-
-def test_who_came_by_a_token_alone_and_was_forgotten_asks_for_the_same_view(
+def test_client_resumed_by_token_asks_for_the_same_view_when_forgotten(
     server: ScriptedServer,
 ) -> None:
     tellings = {

@@ -1,4 +1,4 @@
-"""What one can await in a game."""
+"""Awaitable actions and events of a game."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import asyncio
 
 from robotouille.protocol import messages
 from robotouille_client.game import Game
-from robotouille_client.sansio.game_events import Announced, Over
+from robotouille_client.sansio.game_events import Announced, GameEnded
 from tests.support.scripted_server import ScriptedServer
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 
 class Table:
-    """A game with its first snapshot, without a client; `flushed` counts what it wants sent."""
+    """A game with its first snapshot but no client; `flushed` counts its requests to send."""
 
     def __init__(self) -> None:
         self.server = ScriptedServer()
@@ -29,62 +29,43 @@ class Table:
         self.game.wake()
 
 
-def test_an_action_is_awaited_until_it_is_answered() -> None:
-    async def main() -> None:
-        table = Table()
-        acting = asyncio.create_task(table.game.act(table.game.actions[0]))
-        await asyncio.sleep(0)
-        assert table.flushed == 1
-        assert not acting.done()
-        table.tell(table.server.delta([table.game.actions[0]], seq=[1]))
-        assert (await acting).applied
-
-    run(main())
+@virtual
+async def test_act_returns_when_the_action_is_answered() -> None:
+    table = Table()
+    acting = asyncio.create_task(table.game.act(table.game.actions[0]))
+    await asyncio.sleep(0)
+    assert table.flushed == 1
+    assert not acting.done()
+    table.tell(table.server.delta([table.game.actions[0]], seq=[1]))
+    assert (await acting).applied
 
 
-def test_an_action_that_nobody_waits_for_any_more_does_no_harm() -> None:
-    async def main() -> None:
-        table = Table()
-        future = table.game.submit(None)
-        future.cancel()
-        table.tell(table.server.delta())
-        assert future.cancelled()
-
-    run(main())
+@virtual
+async def test_action_after_the_end_is_rejected_at_once() -> None:
+    table = Table()
+    table.tell(messages.Left(episode="e1", reason="removed"))
+    assert (await table.game.act(None)).code == "episode/ended"
 
 
-def test_an_action_after_the_end_is_answered_at_once() -> None:
-    async def main() -> None:
-        table = Table()
-        table.tell(messages.Left(episode="e1", reason="removed"))
-        assert (await table.game.act(None)).code == "episode/over"
+@virtual
+async def test_iteration_ends_with_the_episode() -> None:
+    table = Table()
 
-    run(main())
+    async def listen() -> list[object]:
+        return [event async for event in table.game]
 
-
-def test_events_come_until_the_end() -> None:
-    async def main() -> None:
-        table = Table()
-
-        async def listen() -> list[object]:
-            return [event async for event in table.game]
-
-        listening = asyncio.create_task(listen())
-        await asyncio.sleep(0)
-        table.tell(messages.Notice(text="one"))
-        await asyncio.sleep(0)
-        table.tell(messages.Notice(text="two"))
-        table.tell(messages.Left(episode="e1", reason="removed"))
-        assert await listening == [Announced("one"), Announced("two"), Over({}, "removed")]
-
-    run(main())
+    listening = asyncio.create_task(listen())
+    await asyncio.sleep(0)
+    table.tell(messages.Notice(text="one"))
+    await asyncio.sleep(0)
+    table.tell(messages.Notice(text="two"))
+    table.tell(messages.Left(episode="e1", reason="removed"))
+    assert await listening == [Announced("one"), Announced("two"), GameEnded({}, "removed")]
 
 
-def test_what_is_said_is_flushed() -> None:
-    async def main() -> None:
-        table = Table()
-        table.game.say("hello")
-        assert table.flushed == 1
-        assert table.game.messages_to_send() == [messages.Say(text="hello")]
-
-    run(main())
+@virtual
+async def test_chat_is_flushed() -> None:
+    table = Table()
+    table.game.say("hello")
+    assert table.flushed == 1
+    assert table.game.messages_to_send() == [messages.Say(text="hello")]

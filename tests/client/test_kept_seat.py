@@ -1,4 +1,4 @@
-"""Who opens a window again gets its seat back; a second one of the same name does not."""
+"""Windows and bots that were killed return to their seats."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from typing import Any
 
 import pytest
 
-from robotouille_client.bots import cli as bots
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.seat_session import SeatRequest, play_seat
 from robotouille_client.console.kept_seat import kept_seat
 from robotouille_client.window import cli
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.shell.games.remote_game import RemoteGame
 from robotouille_server import Server
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 
 async def window(server: Server, code: str, name: str) -> None:
     entry = cli.JoinOptions(server.url, code, None, None, watch=False, token=None, ready=False)
-    await cli._run(entry, name, cli.Unattended((320, 240), Preferences(), True, 0.5, None, None))
+    await cli.run_unattended(
+        entry, name, cli.Unattended((320, 240), Preferences(), True, 0.5, None, None)
+    )
 
 
 async def killed(task: asyncio.Task[None]) -> None:
@@ -30,87 +31,44 @@ async def killed(task: asyncio.Task[None]) -> None:
         await task
 
 
-def test_a_window_that_was_killed_comes_back_into_its_seat(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def stay(entered: RemoteGame, _: cli.Unattended) -> None:
-        while not entered.game.ended:
-            await asyncio.sleep(0.1)
-        await asyncio.sleep(1.0)
-
-    monkeypatch.setattr(cli, "_show", stay)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-
-    async def main() -> None:
-        from robotouille.protocol.messages import Create
-
-        async with serving(tmp_path / "recordings") as server:
-            room = server.lobby.create(Create(task="multi_agent/02"))
-            seats = room.episode.seats
-            first = asyncio.create_task(window(server, room.code, "ada"))
-            await asyncio.sleep(1.0)
-            second = asyncio.create_task(window(server, room.code, "ada"))
-            await asyncio.sleep(1.0)
-            assert [seat.present for seat in seats.values()] == [True, True]
-            await killed(first)
-            await asyncio.sleep(1.0)
-            assert [seat.present for seat in seats.values()] == [False, True]
-            again = asyncio.create_task(window(server, room.code.lower(), "ada"))
-            await asyncio.sleep(1.0)
-            assert [seat.present for seat in seats.values()] == [True, True]
-            assert not again.done()
-            room.abort("enough")
-            await asyncio.gather(again, second)
-        assert not list((tmp_path / "state" / "robotouille" / "seats").glob("*.seat"))
-
-    run(main())
-
-
-def test_a_bot_that_was_killed_takes_the_seat_that_it_is_told_to(
+@virtual
+async def test_killed_bot_returns_unless_another_seat_is_requested(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It comes back where it was only if no other seat is asked for, and says so."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
-    async def main() -> None:
-        from robotouille.protocol.messages import Create
+    from robotouille.protocol.messages import Create
 
-        async with serving(tmp_path / "recordings") as server:
-            room = server.lobby.create(Create(task="multi_agent/02", seats=3))
-            seats = room.episode.seats
+    async with serving(tmp_path / "recordings") as server:
+        room = server.lobby.create(Create(task="multi_agent/02", seats=3))
+        seats = room.episode.seats
 
-            async def bot(seat: str | None) -> asyncio.Task[Any]:
-                make = policy_maker(BotKind.RANDOM)
-                playing = bots._run(
-                    bots.SeatChoice(server.url, ("ada",), None, room.code, seat), make
-                )
-                task = asyncio.create_task(playing)
-                await asyncio.sleep(1.0)
-                return task
+        async def bot(seat: str | None) -> asyncio.Task[Any]:
+            make = policy_maker(BotKind.RANDOM)
+            playing = play_seat(SeatRequest(server.url, ("ada",), None, room.code, seat), make)
+            task = asyncio.create_task(playing)
+            await asyncio.sleep(1.0)
+            return task
 
-            def told() -> list[str]:
-                return [
-                    line for line in capsys.readouterr().err.splitlines() if "waits" not in line
-                ]
+        def told() -> list[str]:
+            return [line for line in capsys.readouterr().err.splitlines() if "waits" not in line]
 
-            await killed(await bot("robot1"))
-            assert told() == [f"ada plays robot1 in {room.code}"]
-            for seat in ("robot1", None):
-                await killed(await bot(seat))
-                assert told() == ["came back into robot1", f"ada plays robot1 in {room.code}"]
-            last = await bot("robot2")
-            assert told() == [f"ada 2 plays robot2 in {room.code}"]
-            assert [seat.present for seat in seats.values()] == [False, True, False]
-            await killed(last)
-            last = await bot(None)
-            assert told() == ["came back into robot2", f"ada 2 plays robot2 in {room.code}"]
-            room.abort("enough")
-            await last
-
-    run(main())
+        await killed(await bot("robot1"))
+        assert told() == [f"ada plays robot1 in {room.code}"]
+        for seat in ("robot1", None):
+            await killed(await bot(seat))
+            assert told() == ["returned to robot1", f"ada plays robot1 in {room.code}"]
+        last = await bot("robot2")
+        assert told() == [f"ada 2 plays robot2 in {room.code}"]
+        assert [seat.present for seat in seats.values()] == [False, True, False]
+        await killed(last)
+        last = await bot(None)
+        assert told() == ["returned to robot2", f"ada 2 plays robot2 in {room.code}"]
+        room.abort("enough")
+        await last
 
 
-def test_a_kept_seat_is_its_owners_and_one_windows_alone(tmp_path: Path) -> None:
+def test_kept_seat_is_private_and_locked(tmp_path: Path) -> None:
     with kept_seat(tmp_path, "ws://a", "KQXZB-MMTRW", "ada") as kept:
         assert kept is not None
         assert kept.token is None
@@ -133,7 +91,7 @@ def test_a_kept_seat_is_its_owners_and_one_windows_alone(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_cannot_be_written_keeps_nobody_from_playing(tmp_path: Path) -> None:
+def test_unwritable_state_folder_is_ignored(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with kept_seat(tmp_path / "file" / "seats", "ws://a", "X", "ada") as kept:
         assert kept is None

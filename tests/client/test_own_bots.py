@@ -1,4 +1,4 @@
-"""`robotouille-bot MODULE:NAME`: the page's example plays, and mistakes are told plainly."""
+"""`robotouille-bot MODULE:NAME`: the documented example plays, and mistakes are explained."""
 
 import json
 import subprocess
@@ -9,7 +9,6 @@ from textwrap import dedent, indent
 import pytest
 
 from robotouille import World
-from robotouille.errors import RobotouilleError
 from robotouille.planning.policies import Policy
 from robotouille_client.bots.own_policy import OwnPolicyError, own_policy_maker
 from tests.support.pages import titled
@@ -24,8 +23,8 @@ def run_bot(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.process
-def test_the_bot_of_the_page_plays(tmp_path: Path) -> None:
-    (tmp_path / "my_bot.py").write_text(titled("api.md", "my_bot.py"))
+def test_documented_bot_plays_an_episode(tmp_path: Path) -> None:
+    (tmp_path / "my_bot.py").write_text(titled("write_an_agent.md", "my_bot.py"))
     flags = ("--task", "synchronous/01", "--mode", "turn", "--max-steps", "40")
     with process(tmp_path, *flags) as (_, url, code):
         words = ["my_bot:Curious", "--url", url, "--episode", code, "--json"]
@@ -41,22 +40,22 @@ def test_the_bot_of_the_page_plays(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("bot", "message"),
     [
-        ("plannr", "there is no bot 'plannr'; possible: random, scripted"),
-        ("no_such:Bot", "there is no no_such.py in "),
-        ("no.such:Bot", "there is no no/such.py in "),
+        ("plannr", "unknown bot 'plannr'; choose random, scripted"),
+        ("no_such:Bot", "no no_such.py in "),
+        ("no.such:Bot", "no no/such.py in "),
         ("bots:Curius", "bots.py has no 'Curius'; did you mean 'Curious'?"),
         ("bots:", "'bots:' is not MODULE:NAME, as in my_bot:MyPolicy"),
         ("../bots:Curious", "is not MODULE:NAME"),
-        ("bots:number", "bots:number has to be a class or function that takes (state, player)"),
-        ("bots:Alone", "bots:Alone has to be a class or function that takes (state, player)"),
+        ("bots:number", "bots:number must be a class or function that takes (state, player)"),
+        ("bots:Alone", "bots:Alone must be a class or function that takes (state, player)"),
         ("bots:Idle", "bots:Idle has no method 'act'"),
         ("needy:Bot", "needy needs 'no_such_library', which is not installed"),
         ("broken:Bot", "broken cannot be imported: SyntaxError: "),
         ("failing:Bot", "failing cannot be imported: ZeroDivisionError: division by zero"),
     ],
 )
-def test_mistakes(bot: str, message: str, tmp_path: Path) -> None:
-    curious = titled("api.md", "my_bot.py")
+def test_own_bot_mistakes_are_explained(bot: str, message: str, tmp_path: Path) -> None:
+    curious = titled("write_an_agent.md", "my_bot.py")
     alone = "class Alone:\n    def __init__(self, player): ...\n"
     idle = "class Idle:\n    def __init__(self, state, player): ...\n"
     (tmp_path / "bots.py").write_text(f"{curious}\nnumber = 5\n{alone}{idle}")
@@ -70,7 +69,7 @@ def test_mistakes(bot: str, message: str, tmp_path: Path) -> None:
 
 
 def own(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, body: str) -> Policy:
-    """The policy of a class `Mine` with this body, in a file of a name of its own."""
+    """Return the policy of a class `Mine` with this body, in a module called `name`."""
     heading = "class Mine:\n    def __init__(self, state, player):\n        self.player = player\n"
     (folder / f"{name}.py").write_text(heading + indent(dedent(body), "    "))
     monkeypatch.chdir(folder)
@@ -78,7 +77,7 @@ def own(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, body: str) -> 
     return own_policy_maker(f"{name}:Mine")(STATE, "robot1")
 
 
-def test_a_class_needs_no_more_than_act(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_policy_needs_only_act(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     act = "def act(self, state):\n    return state.actions(self.player)[0]\n"
     policy = own(tmp_path, monkeypatch, "only_act", act)
     policy.observe([])
@@ -86,7 +85,9 @@ def test_a_class_needs_no_more_than_act(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("write", ["a.sentence", "f'[{a.sentence.upper()}]. '", "str(a)"])
-def test_a_sentence_is_read(write: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_policy_may_return_a_sentence(
+    write: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     act = f"def act(self, state):\n    a = state.actions(self.player)[1]\n    return {write}\n"
     policy = own(tmp_path, monkeypatch, f"says_{abs(hash(write))}", act)
     assert policy.act(STATE) == STATE.actions("robot1")[1]
@@ -95,13 +96,13 @@ def test_a_sentence_is_read(write: str, tmp_path: Path, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("name", "returned", "message"),
     [
-        ("flies", "'fly to moon'", r"which is no valid action \(nearest: '"),
-        ("counts", "[5]", r"returned \[5\], which is no valid action \(expected an action, its"),
-        ("hurries", "'cut(robot1, lettuce1, board1)'", r"no valid action \([a-z]+.+\)$"),
-        ("goes_on", "'x' * 10_000", "xxx…, which is no valid action"),
+        ("flies", "'fly to moon'", r"which is not a valid action \(nearest: '"),
+        ("counts", "[5]", r"returned \[5\], which is not a valid action \(expected an action, its"),
+        ("hurries", "'cut(robot1, lettuce1, board1)'", r"not a valid action \([a-z]+.+\)$"),
+        ("goes_on", "'x' * 10_000", "xxx…, which is not a valid action"),
     ],
 )
-def test_what_is_no_action_is_told_in_one_line(
+def test_invalid_action_of_a_policy_is_explained_in_one_line(
     name: str, returned: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     policy = own(tmp_path, monkeypatch, name, f"def act(self, state):\n    return {returned}\n")
@@ -112,7 +113,7 @@ def test_what_is_no_action_is_told_in_one_line(
     assert len(str(caught.value)) < 500
 
 
-def test_what_it_raises_is_told_with_its_own_lines(
+def test_exception_of_a_policy_shows_its_own_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     body = """
@@ -129,15 +130,11 @@ def test_what_it_raises_is_told_with_its_own_lines(
     frames = caught.value.frames
     assert [
         line.strip() for line in frames.splitlines() if "File" not in line and "^" not in line
-    ] == [
-        "return self.go(state)",
-        "return state.step('fly')",
-    ]
+    ] == ["return self.go(state)", "return state.step('fly')"]
 
 
 @pytest.mark.process
-def test_a_policy_that_fails_leaves_its_seat(tmp_path: Path) -> None:
-    """The next one takes it, and is not waited for in the meantime."""
+def test_failed_policy_leaves_its_seat(tmp_path: Path) -> None:
     heading = "class Bad:\n    def __init__(self, state, player): ...\n"
     (tmp_path / "bad.py").write_text(f"{heading}    def act(self, state): return 1 / 0\n")
     with process(tmp_path, "--task", "synchronous/01", "--mode", "turn") as (_, url, code):
@@ -149,12 +146,3 @@ def test_a_policy_that_fails_leaves_its_seat(tmp_path: Path) -> None:
             assert "bad.py" in own[0]
             assert len(own) < 5
             assert last == "bad:Bad.act raised ZeroDivisionError: division by zero"
-
-
-def test_a_policy_without_its_methods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "half_bots.py").write_text("def half(state, player):\n    return player\n")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    make = own_policy_maker("half_bots:half")
-    with pytest.raises(RobotouilleError, match="what half_bots:half gives has no method 'act'"):
-        make(World("synchronous/01").initial, "robot1")

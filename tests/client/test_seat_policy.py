@@ -1,4 +1,4 @@
-"""A policy in a seat: one decision at a time, and what becomes of one that is given up."""
+"""A policy in a seat: one decision at a time, and cancelled decisions."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import pytest
 
 from robotouille_client.bots.seat_policy import SeatPolicy
 from robotouille_client.game import Game
-from tests.support.pondering import Pondering
 from tests.support.scripted_server import ScriptedServer
+from tests.support.slow_policy import SlowPolicy
 
 
 class Seat:
-    """A seat whose policy ponders, in a game without a server."""
+    """A seat with a slow policy, in a game without a server."""
 
     def __init__(self) -> None:
         self._server = ScriptedServer()
         self.game = Game(self._server.joined(), lambda: None)
         self.game.receive(self._server.snapshot(), 0.0)
-        self.policy = Pondering()
+        self.policy = SlowPolicy()
         self.seat = SeatPolicy(self.game, lambda state, player: self.policy)
         self.seat.begin()
         self._heed()
@@ -29,7 +29,7 @@ class Seat:
             self.seat.heed(event)
 
     def step(self) -> None:
-        """Its player does something, and it is told so."""
+        """Take a step with an action of the seat's player."""
         self.game.receive(self._server.delta([self.game.actions[0]]), 0.0)
         self._heed()
 
@@ -42,7 +42,7 @@ class Seat:
             await deciding
 
 
-async def test_after_one_that_was_given_up_the_next_begins_in_the_state_of_then() -> None:
+async def test_decision_after_a_cancelled_one_uses_the_current_state() -> None:
     table = Seat()
     await table.give_up_a_decision()
     table.step()
@@ -59,7 +59,7 @@ async def test_after_one_that_was_given_up_the_next_begins_in_the_state_of_then(
     assert await deciding == used
 
 
-async def test_a_world_of_its_own_that_one_decision_alone_uses() -> None:
+async def test_policy_decides_on_its_own_copy_of_the_world() -> None:
     table = Seat()
     deciding = asyncio.create_task(table.seat.decide())
     shown = await table.policy.asked.get()
@@ -72,7 +72,7 @@ async def test_a_world_of_its_own_that_one_decision_alone_uses() -> None:
     assert len(table.policy.observed) == 2
 
 
-async def test_what_a_decision_that_was_given_up_has_raised_comes_out_of_the_next() -> None:
+async def test_exception_of_a_cancelled_decision_is_raised_by_the_next() -> None:
     table = Seat()
     await table.give_up_a_decision()
     table.policy.answers.put(ZeroDivisionError("in the policy"))

@@ -1,4 +1,4 @@
-"""A delta's rows as players and actions: what each did, and why it was not done."""
+"""Reading the actions of a delta."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robotouille import World
 from robotouille.episode.lifecycle import Controller
 from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
-from robotouille_client.sansio.taken_step import TakenStep, told_unmet
+from robotouille_client.sansio.game_events import TakenStep
 
 WORLD = World("multi_agent/02")
 ONE, OTHER = WORLD.players
@@ -28,27 +28,11 @@ def both(**told: Any) -> TakenStep:
     return taken(did=rows, seq=[7, 3], **told)
 
 
-def test_players_and_what_they_did_in_its_order() -> None:
-    step = both()
-    assert step.did == ((OTHER, OTHER_MOVE, True), (ONE, MOVE, True))
-    assert step.decided == {OTHER: (7, ()), ONE: (3, ())}
-    assert step.waits == ()
-
-
-def test_what_was_not_applied_has_its_reasons() -> None:
+def test_rejected_action_has_its_reasons() -> None:
     step = both(unmet={"1": ["table1 is taken"]}, why={"1": [WHY]})
     assert step.did == ((OTHER, OTHER_MOVE, True), (ONE, MOVE, False))
     seq, (unmet,) = step.decided[ONE]
     assert (seq, unmet.words, unmet.predicate) == (3, "table1 is taken", "empty")
-
-
-def test_an_older_server_gives_words_alone() -> None:
-    (unmet,) = told_unmet(["table1 is taken"], [])
-    assert (unmet.words, unmet.predicate) == ("table1 is taken", "")
-
-
-def test_who_waits() -> None:
-    assert taken(waits=[1]).waits == (OTHER,)
 
 
 @pytest.mark.parametrize(
@@ -64,24 +48,13 @@ def test_who_waits() -> None:
         {"did": [[0, MOVE.name, *MOVE.arguments]], "seq": []},
         {"waits": [2]},
     ],
-    ids=[
-        "player",
-        "below zero",
-        "too many",
-        "waits below zero",
-        "too many wait",
-        "no number",
-        "action",
-        "numbers",
-        "waits",
-    ],
 )
-def test_what_makes_no_sense_is_an_error(told: dict[str, Any]) -> None:
+def test_inconsistent_delta_is_an_error(told: dict[str, Any]) -> None:
     with pytest.raises(RobotouilleError):
         taken(**told)
 
 
-def test_what_was_done_is_added_to_the_roster_unless_others_did_it() -> None:
+def test_step_is_added_to_the_roster_unless_a_substitute_acted() -> None:
     def seats(controller: Controller) -> tuple[messages.SeatInfo, ...]:
         here = {"name": "ada", "acted": 4, "rejected": 2}
         return (
@@ -92,5 +65,5 @@ def test_what_was_done_is_added_to_the_roster_unless_others_did_it() -> None:
     step = both(unmet={"1": ["no"]})
     one, other = step.tallied(seats(Controller.BOT))
     assert [(seat.acted, seat.rejected) for seat in (one, other)] == [(4, 3), (5, 2)]
-    for controller in (Controller.ABSENT, Controller.STAND_IN):
+    for controller in (Controller.ABSENT, Controller.SUBSTITUTE):
         assert step.tallied(seats(controller))[1].acted == 4

@@ -2,13 +2,13 @@
 
 import { readFileSync } from "node:fs";
 
-import { conversation, cuts, partner } from "./games.mjs";
+import { conversation, cuts } from "./games.mjs";
 import { recording } from "./recording.mjs";
 import { closings, compression, fragments, mixups, offers, oversized } from "./sockets.mjs";
 import { violations } from "./violations.mjs";
 
 const TASKS = {
-  closings, compression, conversation, cuts, fragments, mixups, offers, oversized, partner,
+  closings, compression, conversation, cuts, fragments, mixups, offers, oversized,
   recording, violations,
 };
 

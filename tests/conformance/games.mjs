@@ -131,19 +131,3 @@ async function catchUp(session, facts, step) {
     if (message.type === "snapshot") Object.assign(facts, new Facts(message));
   }
 }
-
-/** Takes a free seat beside somebody else and plays its share of a plan, one action a step. */
-export async function partner({ url, name, code, actions }) {
-  const session = await Session.open(url, [JSON_PROTOCOL]);
-  await session.hello(name);
-  const joined = await session.ask({ type: "join", episode: code }, "joined");
-  if (joined.type !== "joined") throw new Error(JSON.stringify(joined));
-  while ((await session.expect("roster")).phase !== "running");
-  for (const [step, action] of actions.entries()) {
-    session.send({ type: "act", seq: step + 1, action, basis: step });
-    await session.expect("delta");
-  }
-  const { outcome } = await session.expect("ended");
-  await session.close();
-  return { seat: joined.seat, outcome };
-}

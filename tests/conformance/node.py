@@ -1,4 +1,4 @@
-"""Runs the Node client; installs its two libraries when they are not there yet."""
+"""Runs the Node client, and installs its two libraries if they are missing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OLDEST = 18
 
 
 def run_node(task: str, **options: Any) -> Any:
-    """What the client gives for a task of `client.mjs`; the test is skipped without Node."""
+    """Return the result of a task of `client.mjs`, or skip the test without Node."""
     _installed()
     done = subprocess.run(
         ["node", str(FOLDER / "client.mjs")],
@@ -36,7 +36,7 @@ def run_node(task: str, **options: Any) -> Any:
 
 @cache
 def _installed() -> None:
-    """Make sure that the libraries are there, once for each change of the lock file."""
+    """Install the libraries once for each change of the lock file."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         _without("Node and npm are not installed")
     version = subprocess.run(["node", "--version"], capture_output=True, text=True).stdout

@@ -1,21 +1,21 @@
-"""Shipped plans as a client sends them."""
+"""Shipped plans in the form in which a client sends them."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from robotouille import GroundAction, World, load_task
+from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
-from robotouille.resources import data_folder
 
 __all__ = ["Orders", "played_plan"]
 
 Orders = list[list[tuple[int, dict[str, Any] | None]]]
-"""For each step what each seat asks for; None is nothing."""
+"""The action of each seat for each step; None does nothing."""
 
 
 def played_plan(task: str) -> tuple[World, Orders, list[list[str]]]:
-    """A world, the orders of its shipped plan, and the fluent facts at each step.
+    """Return a world, the actions of its shipped plan, and the fluent facts at each step.
 
     Each step is played in seat order, as the lockstep clock does.
     """
@@ -42,6 +42,6 @@ def _plan_of(world: World) -> str:
 
 
 def _fluents(names: Any, world: World) -> list[str]:
-    """What play can change, sorted, as the state view has it."""
+    """Return the sorted fluent facts, as in the state view."""
     fluents = set(world.table.fluents)
     return sorted(name for name in names if name.partition("(")[0] in fluents)

@@ -1,4 +1,4 @@
-// The frames of a recording that is being written, read by docs/recordings.md alone.
+// Reads the frames of a recording being written, using only docs/recording_format.md.
 
 import { readFileSync } from "node:fs";
 
@@ -21,11 +21,11 @@ export function recording({ path }) {
   const file = readFileSync(path);
   if (file.toString("latin1", 0, 4) !== "RBTL") throw new Error("not a recording");
   const frames = [];
-  const head = file[4] === 1 ? 8 : 12;
+  const head = 12;
   let position = 5;
   while (position + head <= file.length) {
     const size = file.readUInt32LE(position);
-    if (head > 8 && crc32(file.subarray(position, position + 8)) !== file.readUInt32LE(position + 8)) {
+    if (crc32(file.subarray(position, position + 8)) !== file.readUInt32LE(position + 8)) {
       throw new Error(`byte ${position}: the checksum of the length does not match`);
     }
     const payload = file.subarray(position + head, position + head + size);

@@ -1,4 +1,4 @@
-"""An independent client in another language, with an independent MessagePack, plays whole games."""
+"""An independent JavaScript client with its own MessagePack library plays whole games."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from tests.support.server_process import ServerProcess
 pytestmark = pytest.mark.process
 
 TASK = "multi_agent/09_two_lettuce_cheeseburgers@2"
-"""Its plan can be played in seat order, each action valid when it is sent."""
+"""Task with a plan that can be played in seat order with valid actions only."""
 CREATE = {"task": TASK, "clock": "lockstep", "seed": 7, "max_steps": 200, "move_budget": 600.5}
 ELSEWHERE = {
     "moved": "with several worker processes",
     "notice": "when an operator says it",
     "picture": "where a server has kitchens of its own",
 }
-"""Types that this conversation does not bring about."""
+"""Message types that this conversation does not cause."""
 
 PRIVATE = ("session", "resume", "episode", "code")
-"""What names one game or participant and no other."""
+"""Fields that identify a game or participant."""
 OF_TIME = ("left", "seconds")
 
 
 @pytest.fixture(scope="module")
 def talks(server: ServerProcess) -> dict[str, dict[str, Any]]:
-    """The same conversation in both subprotocols."""
+    """Return the same conversation in both subprotocols."""
     world, plan, _ = played_plan(TASK)
     options = {"url": server.url, "create": CREATE, "seats": list(world.players), "plan": plan}
     return {
@@ -47,7 +47,7 @@ def heard(talk: dict[str, Any]) -> list[dict[str, Any]]:
     return [row for rows in talk["transcript"].values() for row in rows]
 
 
-def test_a_whole_game_is_played_with_every_type_of_message(talks: dict[str, Any]) -> None:
+def test_game_uses_every_type_of_message(talks: dict[str, Any]) -> None:
     sent = {str(model.model_fields["type"].default) for model in messages.CLIENT_MESSAGES}
     told = {str(model.model_fields["type"].default) for model in messages.SERVER_MESSAGES}
     for name, talk in talks.items():
@@ -56,20 +56,20 @@ def test_a_whole_game_is_played_with_every_type_of_message(talks: dict[str, Any]
         assert {row["message"]["type"] for row in heard(talk)} >= told - ELSEWHERE.keys()
 
 
-def test_the_facts_followed_by_delta_are_those_of_the_world(talks: dict[str, Any]) -> None:
+def test_deltas_reproduce_the_facts_of_the_world(talks: dict[str, Any]) -> None:
     _, _, facts = played_plan(TASK)
     for talk in talks.values():
         assert talk["states"] == facts
 
 
-def test_both_subprotocols_say_the_same(talks: dict[str, Any]) -> None:
-    """Message by message, for each participant; only names of games and times may differ."""
+def test_both_subprotocols_have_the_same_messages(talks: dict[str, Any]) -> None:
+    """Only identifiers and times may differ."""
     one, other = (anonymous(talk["transcript"]) for talk in talks.values())
     for name, rows in one.items():
         assert rows == other[name], name
 
 
-def test_the_other_messagepack_reads_what_ours_reads(talks: dict[str, Any]) -> None:
+def test_messagepack_implementations_agree(talks: dict[str, Any]) -> None:
     rows = heard(talks[MSGPACK.name])
     assert len(rows) > 100
     for row in rows:
@@ -79,7 +79,7 @@ def test_the_other_messagepack_reads_what_ours_reads(talks: dict[str, Any]) -> N
         check(MSGPACK.decode_server(raw), row["message"])
 
 
-def test_the_other_json_reads_what_ours_reads(talks: dict[str, Any]) -> None:
+def test_json_implementations_agree(talks: dict[str, Any]) -> None:
     for row in heard(talks[JSON.name]):
         assert not row["binary"]
         assert json.loads(row["raw"]) == row["message"]
@@ -90,7 +90,7 @@ def check(message: messages.Message, plain: dict[str, Any]) -> None:
     assert message.model_dump(mode="json", exclude_unset=True) == plain
 
 
-def test_a_second_connection_with_a_token_ends_the_first(talks: dict[str, Any]) -> None:
+def test_second_connection_with_a_token_ends_the_first(talks: dict[str, Any]) -> None:
     for talk in talks.values():
         assert talk["resumed"]
         assert talk["bye"]["type"] == "bye"
@@ -98,7 +98,7 @@ def test_a_second_connection_with_a_token_ends_the_first(talks: dict[str, Any]) 
 
 
 def anonymous(transcript: dict[str, Any]) -> dict[str, list[Any]]:
-    """The plain messages without what names this game and without times."""
+    """Return the plain messages without identifiers and times."""
     names: dict[str, str] = {}
     for row in (row for rows in transcript.values() for row in rows):
         for key in PRIVATE:
@@ -131,9 +131,13 @@ def scrubbed(value: Any, names: dict[str, str]) -> Any:
 
 @pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=["json", "msgpack"])
 @pytest.mark.parametrize("seen", [True, False], ids=["what-was-missed", "a-snapshot"])
-def test_a_game_goes_on_after_every_cut(server: ServerProcess, codec: Any, seen: bool) -> None:
-    """The token of the last welcome brings the seat back, and what was missed with it; the action
-    that was in flight is sent again and acts once."""
+def test_game_continues_after_each_lost_connection(
+    server: ServerProcess, codec: Any, seen: bool
+) -> None:
+    """The token of the last welcome restores the seat and the missed messages.
+
+    The action in flight is sent again and is executed once.
+    """
     world, plan, facts = played_plan("synchronous/01")
     result = run_node(
         "cuts",

@@ -1,4 +1,4 @@
-"""WebSocket as Node's `ws` and a bare socket see it."""
+"""WebSocket behaviour towards Node's `ws` and a plain socket."""
 
 from __future__ import annotations
 
@@ -18,26 +18,24 @@ TOO_BIG = 1009
 
 
 @pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=["json", "msgpack"])
-def test_a_message_may_come_in_any_pieces(server: ServerProcess, codec: Any) -> None:
+def test_message_may_be_split_anywhere(server: ServerProcess, codec: Any) -> None:
     result = run_node("fragments", url=server.url, subprotocol=codec.name)
     assert result["welcome"]["type"] == "welcome"
     assert result["welcome"]["ref"] == 7
     assert result["pongs"] == [f"ping {i}" for i in range(0, result["frames"], 10)]
 
 
-def test_a_close_code_is_echoed(server: ServerProcess) -> None:
+def test_close_code_is_echoed(server: ServerProcess) -> None:
     codes = [1000, 1001, 3000, 4000, 4999]
     assert run_node("closings", url=server.url, codes=codes) == codes
 
 
-def test_the_wrong_kind_of_frame_is_named_and_the_connection_lives_on(
-    server: ServerProcess,
-) -> None:
+def test_wrong_frame_type_is_an_error_but_not_fatal(server: ServerProcess) -> None:
     answers = run_node("mixups", url=server.url)
     assert answers == {codec.name: ["message/frame", "welcome"] for codec in (JSON, MSGPACK)}
 
 
-def test_the_first_known_subprotocol_is_chosen(server: ServerProcess) -> None:
+def test_first_known_subprotocol_is_chosen(server: ServerProcess) -> None:
     offers = [
         [JSON.name, MSGPACK.name],
         [MSGPACK.name, JSON.name],
@@ -55,18 +53,18 @@ def test_the_first_known_subprotocol_is_chosen(server: ServerProcess) -> None:
     assert chosen[4] == "Server sent no subprotocol", "an unknown one is not chosen"
 
 
-def test_a_large_message_is_refused_and_a_huge_one_closes(server: ServerProcess) -> None:
+def test_large_message_is_refused_and_a_huge_one_closes(server: ServerProcess) -> None:
     result = run_node(
         "oversized", url=server.url, large=MAX_CLIENT_BYTES + 1, huge=2 * MAX_CLIENT_BYTES + 1
     )
     assert result == {"error": "message/too-large", "then": "episodes", "code": TOO_BIG}
 
 
-def test_no_compression_is_agreed_upon(server: ServerProcess) -> None:
+def test_compression_is_not_negotiated(server: ServerProcess) -> None:
     assert run_node("compression", url=server.url) == {"extensions": "", "type": "welcome"}
 
 
-def test_frames_that_break_the_rules_fail_the_connection(server: ServerProcess) -> None:
+def test_invalid_frames_fail_the_connection(server: ServerProcess) -> None:
     results = run_node("violations", url=server.url)
     expected = {name: {BROKEN} for name in results}
     expected["text that is not UTF-8"] = {NOT_TEXT}

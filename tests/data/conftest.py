@@ -1,4 +1,4 @@
-"""The databases that a catalogue can lie in."""
+"""Databases for catalogues."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def server() -> Iterator[PostgreSQL]:
 
 @pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.process)])
 def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
-    """A database with nothing in it."""
+    """Return the path or URL of an empty database."""
     if request.param == "sqlite":
         yield str(tmp_path / "catalogue.sqlite")
         return

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 from robotouille_client.cli.main import app
-from robotouille_data.answers.report import sections
+from robotouille_data.report import page
 from tests.support.random_play import write_recordings
 
 
@@ -29,13 +29,13 @@ def run(*arguments: str | Path) -> Any:
     return CliRunner().invoke(app, ["data", *map(str, arguments)])
 
 
-def test_index_then_sql(folder: Path) -> None:
+def test_index_reports_faults_and_sql_reads_rows(folder: Path) -> None:
     (folder / "broken.rbt").write_bytes(b"\x1b[2J no recording")
     (folder / "open.rbt.part").write_bytes(b"")
     result = run("index", folder, "--jobs", "1")
     assert result.exit_code == 0, result.output
-    assert "indexed 3, unchanged 0, forgotten 0" in result.stdout
-    assert "1 without an end were left out" in result.stdout
+    assert "indexed 3, unchanged 0, removed 0" in result.stdout
+    assert "1 unfinished recording left out" in result.stdout
     assert "broken.rbt: not a recording" in result.stderr
     out = folder / "out.json"
     query = "SELECT episode, count(*) AS n FROM steps JOIN episodes ON id = episode_id GROUP BY 1"
@@ -52,15 +52,13 @@ def test_index_then_sql(folder: Path) -> None:
 
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports are written quickly."""
-    monkeypatch.setattr(sections, "all_figures", lambda groups: {})
+    """Skip drawing, which is slow."""
+    monkeypatch.setattr(page, "all_figures", lambda groups: {})
 
 
 @pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("command", ["sql", "report", "export"])
-def test_what_is_new_is_in_every_answer(command: str, folder: Path, tmp_path: Path) -> None:
-    """Nobody needs to index first."""
-
+def test_commands_index_new_recordings_first(command: str, folder: Path, tmp_path: Path) -> None:
     def answer(name: str) -> Any:
         if command == "sql":
             return run("sql", "SELECT count(*) AS n FROM episodes", "--folder", folder)
@@ -68,7 +66,7 @@ def test_what_is_new_is_in_every_answer(command: str, folder: Path, tmp_path: Pa
         return run(command, *out, "--folder", folder)
 
     first = answer("first")
-    assert (first.exit_code, first.stderr) == (0, "indexed 3, forgotten 0\n"), first.output
+    assert (first.exit_code, first.stderr) == (0, "indexed 3, removed 0\n"), first.output
     assert "3" in first.stdout.replace(str(tmp_path), "")
     assert answer("again").stderr == ""
     write_recordings(folder, 1, first=50)
@@ -76,13 +74,15 @@ def test_what_is_new_is_in_every_answer(command: str, folder: Path, tmp_path: Pa
     (folder / "broken.rbt").write_bytes(b"no recording")
     told = answer("last").stderr.splitlines()
     assert "broken.rbt: not a recording" in told[0]
-    assert told[1:] == ["indexed 1, forgotten 1"]
+    assert told[1:] == ["indexed 1, removed 1"]
     assert answer("unchanged").stderr == ""
 
 
 @pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("command", ["sql", "report", "export"])
-def test_a_named_database_is_taken_as_it_is(command: str, folder: Path, tmp_path: Path) -> None:
+def test_database_option_uses_the_catalogue_unchanged(
+    command: str, folder: Path, tmp_path: Path
+) -> None:
     database = tmp_path / "own.sqlite"
     run("index", folder, "--database", database)
     write_recordings(folder, 1, first=50)
@@ -98,23 +98,23 @@ def test_a_named_database_is_taken_as_it_is(command: str, folder: Path, tmp_path
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_catalogue_that_cannot_be_written_is_asked_as_it_is(folder: Path) -> None:
+def test_unwritable_catalogue_is_used_with_a_warning(folder: Path) -> None:
     run("index", folder)
     write_recordings(folder, 1, first=50)
     folder.chmod(0o500)
     result = run("sql", "SELECT count(*) AS n FROM episodes", "--folder", folder)
     folder.chmod(0o700)
     assert (result.exit_code, result.stdout.split()[-1]) == (0, "3")
-    assert "not brought up to date" in result.stderr
+    assert "catalogue not updated" in result.stderr
 
 
-def test_where_nothing_is_nothing_is_made(tmp_path: Path) -> None:
+def test_folder_without_recordings_gets_no_catalogue(tmp_path: Path) -> None:
     result = run("sql", "SELECT 1", "--folder", tmp_path)
-    assert (result.exit_code, "no recording" in result.stderr) == (1, True)
+    assert (result.exit_code, "no recordings" in result.stderr) == (1, True)
     assert not list(tmp_path.iterdir())
 
 
-def test_errors_are_a_line(folder: Path) -> None:
+def test_errors_are_one_line_without_passwords(folder: Path) -> None:
     (folder.parent / "empty").mkdir()
     for arguments in (
         ["sql", "SELECT 1", "--folder", folder / "nowhere"],
@@ -130,13 +130,7 @@ def test_errors_are_a_line(folder: Path) -> None:
         assert "secret" not in result.output
 
 
-def test_a_query_that_writes_is_refused(folder: Path) -> None:
-    run("index", folder)
-    result = run("sql", "DELETE FROM steps", "--folder", folder)
-    assert (result.exit_code, result.stdout) == (1, "")
-
-
-def test_a_missing_extra_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_names_the_extra(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = builtins.__import__
 
     def without(name: str, *rest: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A catalogue has what the recordings have, however it came about; on both databases."""
+"""Indexing recordings into both kinds of database."""
 
 from __future__ import annotations
 
@@ -15,18 +15,21 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 import sqlalchemy as sa
 
-from robotouille.planning.search_result import Limits
+from robotouille.planning.plan import Limits
 from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.replay import read_recording
 from robotouille.replay.container import MAGIC, MAX_FILE, compress, pack_frame, read_frames
 from robotouille_data import indexing
-from robotouille_data.answers.query import asking
-from robotouille_data.database import database_url, insert, writing_engine
-from robotouille_data.errors import CatalogueError, UnavailableError
-from robotouille_data.indexing import Indexed, index
-from robotouille_data.recordings import reading
-from robotouille_data.recordings.row_builder import RowBuilder
-from robotouille_data.schema import LABELS, METADATA
+from robotouille_data import recording_rows as reading
+from robotouille_data.database import (
+    CatalogueError,
+    UnavailableError,
+    database_url,
+    writing_engine,
+)
+from robotouille_data.indexing import IndexResult, index
+from robotouille_data.query import asking
+from robotouille_data.schema import METADATA
 from tests.support.postgresql import PostgreSQL
 from tests.support.random_play import random_stream, write_recordings
 
@@ -41,7 +44,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def dump(database: str) -> Dump:
-    """All rows of all tables, in an order of their own."""
+    """Return all rows of all tables in a fixed order."""
     engine, found = writing_engine(database_url(database, Path())), Dump()
     with engine.connect() as connection:
         for table in METADATA.sorted_tables:
@@ -50,7 +53,7 @@ def dump(database: str) -> Dump:
     return found
 
 
-def indexed(database: str, folder: Path, **options: Any) -> Indexed:
+def indexed(database: str, folder: Path, **options: Any) -> IndexResult:
     return index(database_url(database, folder), [folder], **options)
 
 
@@ -59,14 +62,14 @@ def ask(database: str, query: str) -> list[tuple[Any, ...]]:
         return [tuple(row) for row in answer.rows]
 
 
-def test_incremental_and_anew_give_the_same_rows(
+def test_incremental_indexing_gives_the_same_rows_as_a_new_catalogue(
     database: str, folder: Path, tmp_path: Path
 ) -> None:
-    """Files come, change, are copied and go; then the same from nothing."""
+    """Files are added, changed, copied and deleted."""
     other = str(tmp_path / "other.sqlite")
     (folder / "random6.rbt.part").write_bytes(random_stream(6)[:-30])
-    assert indexed(database, folder) == Indexed(indexed=6, unfinished=1)
-    assert indexed(database, folder) == Indexed(unchanged=6, unfinished=1)
+    assert indexed(database, folder) == IndexResult(indexed=6, unfinished=1)
+    assert indexed(database, folder) == IndexResult(unchanged=6, unfinished=1)
     write_recordings(folder / "below", 3, first=7)
     (folder / "random0.rbt").unlink()
     (folder / "random1.rbt").write_bytes(compress(random_stream(20)))
@@ -75,16 +78,16 @@ def test_incremental_and_anew_give_the_same_rows(
     (folder / "random3.rbt").write_bytes(b"no recording")
     (folder / "link.rbt").symlink_to(folder / "random4.rbt")
     report = indexed(database, folder)
-    assert (report.indexed, report.unchanged, report.forgotten) == (5, 2, 2)
+    assert (report.indexed, report.unchanged, report.removed) == (5, 2, 2)
     assert list(report.faults) == [str(folder / "random3.rbt")]
     indexed(other, folder)
     assert dump(database) == dump(other)
-    indexed(database, folder, anew=True)
+    indexed(database, folder, reindex=True)
     assert dump(database) == dump(other)
     assert ask(database, "SELECT count(*) FROM episodes") == [(7,)]
 
 
-def test_unfinished_recordings_are_there_if_asked_for(database: str, folder: Path) -> None:
+def test_unfinished_recordings_are_indexed_on_request(database: str, folder: Path) -> None:
     stream = random_stream(6)
     part = folder / "random6.rbt.part"
     part.write_bytes(stream[:-30])
@@ -92,25 +95,13 @@ def test_unfinished_recordings_are_there_if_asked_for(database: str, folder: Pat
     query = "SELECT state, count(*) FROM episodes GROUP BY state ORDER BY state"
     assert ask(database, query) == [("ended", 6), ("unfinished", 1)]
     part.write_bytes(stream[:-20])
-    assert indexed(database, folder) == Indexed(indexed=1, unchanged=6)
+    assert indexed(database, folder) == IndexResult(indexed=1, unchanged=6)
     (folder / "random6.rbt").write_bytes(compress(stream))
-    assert indexed(database, folder, unfinished=True) == Indexed(
-        indexed=1, unchanged=6, forgotten=1
+    assert indexed(database, folder, unfinished=True) == IndexResult(
+        indexed=1, unchanged=6, removed=1
     )
     part.unlink()
     assert ask(database, query) == [("ended", 7)]
-
-
-def test_copies_are_one_episode(database: str, folder: Path) -> None:
-    copy = folder / "copy.rbt"
-    copy.write_bytes((folder / "random2.rbt").read_bytes())
-    indexed(database, folder)
-    before = dump(database)
-    assert (len(before["episodes"]), len(before["recordings"])) == (6, 7)
-    (folder / "random2.rbt").unlink()
-    indexed(database, folder)
-    after = dump(database)
-    assert {**before, "recordings": after["recordings"]} == after
 
 
 @pytest.mark.slow
@@ -118,7 +109,7 @@ def test_copies_are_one_episode(database: str, folder: Path) -> None:
 def test_two_processes_give_the_same_rows(
     database: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of files that are good and damaged; what is told, too."""
+    """The files include damaged ones, whose faults must be equal, too."""
     write_recordings(folder / "below", 3, first=7)
     (folder / "random3.rbt").write_bytes(b"no recording")
     stream = bytearray(random_stream(10))
@@ -153,10 +144,10 @@ def test_two_indexers_at_once(database: str, folder: Path, tmp_path: Path) -> No
     assert dump(database) == dump(other)
 
 
-def test_damage_far_behind_leaves_no_row(
+def test_late_damage_leaves_no_rows(
     database: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Long recordings are written before they are read to their end."""
+    """The first rows of a long recording are written before its end is read."""
     monkeypatch.setattr(reading, "MAX_ROWS", 10)
     stream = bytearray(random_stream(9))
     stream[-10] ^= 1
@@ -170,7 +161,7 @@ def test_damage_far_behind_leaves_no_row(
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), 2**64 - 1, -1.5])
-def test_a_number_that_no_table_takes_spoils_its_own_recording_alone(
+def test_number_out_of_range_is_a_fault_of_its_recording_only(
     database: str, folder: Path, seconds: float
 ) -> None:
     frames = list(read_frames(random_stream(7)))
@@ -183,30 +174,16 @@ def test_a_number_that_no_table_takes_spoils_its_own_recording_alone(
     assert indexed(database, folder, unfinished=True).unchanged == 7
 
 
-def test_what_a_database_refuses_spoils_its_own_recording_alone(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Unchecked(RowBuilder):
-        def measures(self, left: Any = ()) -> tuple[Any, ...]:
-            row = super().measures()
-            return row if self._header["episode"] != "random3" else (*row[:2], 2**64, *row[3:])
-
-    monkeypatch.setattr(reading, "RowBuilder", Unchecked)
-    report = indexed(str(tmp_path / "c.sqlite"), folder)
-    assert report.indexed == 5
-    assert list(report.faults) == [str(folder / "random3.rbt")]
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="file names are text elsewhere")
-def test_a_file_whose_name_is_no_text_is_told(database: str, folder: Path) -> None:
+def test_file_name_that_is_not_utf8_is_a_fault(database: str, folder: Path) -> None:
     strange = os.fsdecode(os.fsencode(folder) + b"/\xff.rbt")
     Path(strange).write_bytes((folder / "random0.rbt").read_bytes())
-    assert indexed(database, folder) == Indexed(
-        indexed=6, faults={strange: "its name is not UTF-8, and no database takes it"}
+    assert indexed(database, folder) == IndexResult(
+        indexed=6, faults={strange: "the name is not UTF-8, so a database cannot store it"}
     )
 
 
-def test_a_file_of_a_gibibyte_is_not_read(folder: Path, tmp_path: Path) -> None:
+def test_oversized_file_is_not_read_into_memory(folder: Path, tmp_path: Path) -> None:
     huge = folder / "huge.rbt"
     with huge.open("wb") as file:
         file.truncate(1024**3)
@@ -217,25 +194,24 @@ def test_a_file_of_a_gibibyte_is_not_read(folder: Path, tmp_path: Path) -> None:
     assert grown < 1.5 * MAX_FILE
 
 
-def test_a_folder_that_is_away_is_no_empty_one(database: str, folder: Path) -> None:
+def test_missing_folder_is_an_error_and_removes_nothing(database: str, folder: Path) -> None:
     indexed(database, folder)
     folder.rename(folder.with_name("away"))
     with pytest.raises(UnavailableError, match="recordings"):
         indexed(database, folder)
     folder.with_name("away").rename(folder)
-    assert indexed(database, folder) == Indexed(unchanged=6)
+    assert indexed(database, folder) == IndexResult(unchanged=6)
 
 
-def test_control_characters_stay_in_the_database_alone(database: str, folder: Path) -> None:
+def test_chat_with_control_characters_is_stored(database: str, folder: Path) -> None:
     indexed(database, folder)
     said = {text for (text,) in ask(database, "SELECT text FROM events WHERE kind = 'said'")}
     assert said == {"hello", "\x1b[2J", "=1+1", "\ufffd"}
 
 
-def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
+def test_full_disk_is_an_error_and_keeps_the_catalogue(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A limit on the size of the database is what a full disk is to SQLite."""
     database = str(tmp_path / "c.sqlite")
     indexed(database, folder)
     before = dump(database)
@@ -243,7 +219,7 @@ def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
 
     def limited(url: str) -> sa.Engine:
         engine = writing_engine(sa.make_url(url))
-        # No page more than there are.
+        # SQLite reports this limit like a full disk.
         sa.event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA max_page_count=1"))
         return engine
 
@@ -252,10 +228,10 @@ def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
         indexed(database, folder)
     assert dump(database) == before
     monkeypatch.undo()
-    assert indexed(database, folder) == Indexed(indexed=10, unchanged=6)
+    assert indexed(database, folder) == IndexResult(indexed=10, unchanged=6)
 
 
-def test_a_database_that_cannot_be_written_is_told(folder: Path, tmp_path: Path) -> None:
+def test_unwritable_database_is_an_error_without_the_password(folder: Path, tmp_path: Path) -> None:
     database = tmp_path / "c.sqlite"
     database.mkdir()
     with pytest.raises(UnavailableError, match=r"c\.sqlite"):
@@ -270,31 +246,10 @@ def test_a_database_that_cannot_be_written_is_told(folder: Path, tmp_path: Path)
 
 
 @pytest.mark.process
-def test_a_read_only_database_is_told(server: PostgreSQL, folder: Path) -> None:
+def test_read_only_database_is_an_error(server: PostgreSQL, folder: Path) -> None:
     options = "options=-c%20default_transaction_read_only%3Don"
     with pytest.raises(UnavailableError, match="read-only"):
         indexed(f"{server.url}&{options}", folder)
-
-
-def test_a_read_only_file_is_told(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """To SQLite a connection that may only read is what such a file is."""
-    database = str(tmp_path / "c.sqlite")
-    indexed(database, folder)
-    before = dump(database)
-
-    def read_only(url: sa.URL) -> sa.Engine:
-        engine = writing_engine(url)
-        sa.event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA query_only=ON"))
-        return engine
-
-    monkeypatch.setattr(indexing, "writing_engine", read_only)
-    (folder / "random0.rbt").unlink()
-    with pytest.raises(UnavailableError, match="readonly"):
-        indexed(database, folder)
-    monkeypatch.undo()
-    assert dump(database) == before
 
 
 @pytest.mark.parametrize("database_name", ["mysql://x/y", "://", "oracle://"])
@@ -304,31 +259,7 @@ def test_other_databases_are_refused(database_name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_label_is_found_among_100_000_episodes(database: str, folder: Path) -> None:
-    """Both databases look it up in an index; benchmarks/catalogue.py says how long that takes."""
-    indexed(database, folder)
-    rows = [
-        (number, name, value)
-        for number in range(100_000)
-        for name, value in (("condition", f"c{number % 500}"), ("pair", f"p{number // 2}"))
-    ]
-    engine = writing_engine(database_url(database, folder))
-    with engine.begin() as connection:
-        insert(connection, LABELS, rows)
-    with engine.connect() as connection:
-        connection.exec_driver_sql("ANALYZE labels")
-        connection.commit()
-        query = "SELECT episode_id FROM labels WHERE name = 'condition' AND value = 'c7'"
-        assert len(connection.exec_driver_sql(query).all()) == 200
-        explain = "EXPLAIN QUERY PLAN" if connection.dialect.name == "sqlite" else "EXPLAIN"
-        assert "labels_value" in str(connection.exec_driver_sql(f"{explain} {query}").all())
-
-
-@pytest.mark.slow
-def test_steps_to_go_are_the_same_whenever_they_are_asked_for(
-    database: str, folder: Path, tmp_path: Path
-) -> None:
-    """At once, or later. And they are what is known of the last state."""
+def test_steps_to_go_can_be_computed_later(database: str, folder: Path, tmp_path: Path) -> None:
     for number in range(3, 6):
         (folder / f"random{number}.rbt").unlink()
     query = """SELECT e.episode, m.success, m.steps_to_go_least, m.steps_to_go_most, m.out_of_reach
@@ -336,8 +267,8 @@ def test_steps_to_go_are_the_same_whenever_they_are_asked_for(
     other = str(tmp_path / "other.sqlite")
     indexed(database, folder)
     assert {row[2:] for row in ask(database, query)} == {(None, None, None)}
-    assert indexed(database, folder, steps_to_go=True) == Indexed(indexed=3)
-    assert indexed(database, folder, steps_to_go=True) == Indexed(unchanged=3)
+    assert indexed(database, folder, steps_to_go=True) == IndexResult(indexed=3)
+    assert indexed(database, folder, steps_to_go=True) == IndexResult(unchanged=3)
     indexed(other, folder, steps_to_go=True)
     assert dump(database) == dump(other)
     for episode, success, least, most, dead in ask(database, query)[:2]:

@@ -1,4 +1,4 @@
-"""Answers as pictures: what is drawn by what, and what cannot be."""
+"""Plots of answers."""
 
 from __future__ import annotations
 
@@ -12,45 +12,39 @@ import pytest
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 pytest.importorskip("matplotlib", reason="needs the extra `data`")
 
-from robotouille_data.answers.plotting import MAX_BARS, save_plot
-from robotouille_data.answers.query import Answer
-from robotouille_data.errors import CatalogueError
+from robotouille_data.database import CatalogueError
+from robotouille_data.query import QueryAnswer
+from robotouille_data.query_output import MAX_BARS, save_plot
 
 HOSTILE = "<script>$x^2$\x07</script>"
 
 
 def plot(path: Path, columns: str, *rows: tuple[Any, ...]) -> str:
-    """The texts of a picture, in order."""
-    assert save_plot(Answer(tuple(columns.split()), iter(rows)), path) == len(rows)
+    """Draw a plot and return its texts in order."""
+    assert save_plot(QueryAnswer(tuple(columns.split()), iter(rows)), path) == len(rows)
     return " | ".join(re.findall(r"<text[^>]*>([^<]*)</text>", path.read_text(encoding="utf-8")))
 
 
-def test_words_have_bars(tmp_path: Path) -> None:
+def test_text_column_gives_bars(tmp_path: Path) -> None:
     rows = [("apart", 1, Decimal("2.5")), ("together", 3, None)]
     texts = plot(tmp_path / "a.svg", "group steps share", *rows)
     for word in ("apart", "together", "group", "steps", "share"):
         assert word in texts
 
 
-def test_words_are_found_behind_numbers(tmp_path: Path) -> None:
-    texts = plot(tmp_path / "a.svg", "steps group", (1, "apart"), (2, None))
-    assert "apart" in texts
-    assert "(none)" in texts
-
-
-def test_numbers_have_lines(tmp_path: Path) -> None:
+def test_number_column_gives_lines(tmp_path: Path) -> None:
     texts = plot(tmp_path / "a.svg", "round steps", (2, 5.0), (1, 7), (3, None))
     assert "round" in texts
     assert "steps" in texts
 
 
-def test_the_same_answer_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_equal_answers_give_equal_bytes(tmp_path: Path) -> None:
     rows = [(HOSTILE, 1, True), ("日本語", 2, False)]
     for suffix in ("svg", "png"):
         content = set()
         for name in ("a", "b"):
             path = tmp_path / f"{name}.{suffix}"
-            save_plot(Answer(("x", HOSTILE, "z"), iter(rows)), path)
+            save_plot(QueryAnswer(("x", HOSTILE, "z"), iter(rows)), path)
             content.add(path.read_bytes())
         assert len(content) == 1
     assert b"<script>" not in (tmp_path / "a.svg").read_bytes()
@@ -58,10 +52,10 @@ def test_the_same_answer_gives_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
+def test_answers_that_cannot_be_drawn_are_refused(tmp_path: Path) -> None:
     many = [(f"g{number}", 1) for number in range(MAX_BARS + 1)]
     for name, columns, rows, told in (
-        ("a.jpg", ("x", "y"), [("a", 1)], "called .svg or .png"),
+        ("a.jpg", ("x", "y"), [("a", 1)], "end in .svg or .png"),
         ("a.svg", ("x", "y"), [], "no rows"),
         ("a.svg", ("x", "y"), [("a", "b")], "no column of numbers"),
         ("a.svg", ("x",), [(1,)], "no column of numbers"),
@@ -69,5 +63,5 @@ def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
         ("a.svg", ("x", "y"), many, "room for 60 bars"),
     ):
         with pytest.raises(CatalogueError, match=re.escape(told)):
-            save_plot(Answer(columns, iter(rows)), tmp_path / name)
+            save_plot(QueryAnswer(columns, iter(rows)), tmp_path / name)
     assert not list(tmp_path.iterdir())

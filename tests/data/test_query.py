@@ -1,4 +1,4 @@
-"""Queries read and nothing else, on both databases; answers are printed and saved."""
+"""Read-only queries on both kinds of database, and output of their answers."""
 
 from __future__ import annotations
 
@@ -12,42 +12,31 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
-from robotouille.domain.files import whole_file
-from robotouille_data.answers.query import Answer, asking
-from robotouille_data.answers.saving import save_csv, save_json, save_parquet, table_lines
-from robotouille_data.database import database_url, insert, writing_engine
-from robotouille_data.errors import CatalogueError, UnavailableError
+from robotouille_data.database import (
+    CatalogueError,
+    UnavailableError,
+    database_url,
+    insert,
+    migrate,
+    writing_engine,
+)
+from robotouille_data.query import QueryAnswer, asking
+from robotouille_data.query_output import save_csv, save_json, save_parquet, table_lines
 from robotouille_data.schema import LABELS
-from robotouille_data.versions import migrate
 
 ROWS = [(number, "condition", f"c{number}") for number in range(2500)]
 ALL = "SELECT * FROM labels ORDER BY episode_id"
 WRITING = [
-    "DELETE FROM labels",
-    "INSERT INTO labels VALUES (1, 'a', 'b')",
-    "UPDATE labels SET value = ''",
-    "DROP TABLE labels",
-    "CREATE TABLE more (x int)",
-    "SELECT 1; DELETE FROM labels",
-    "COMMIT; DELETE FROM labels",
-    "WITH x AS (SELECT 1) INSERT INTO labels SELECT 1, 'a', 'b'",
-    "BEGIN",
-    "COMMIT",
-    "VACUUM",
-    "PRAGMA query_only = OFF",
-    "PRAGMA journal_mode = DELETE",
-    "ATTACH '/tmp/other.sqlite' AS other",
-    "VACUUM INTO '/tmp/other.sqlite'",
-    "SELECT load_extension('x')",
-    "SET TRANSACTION READ WRITE",
-    "SET default_transaction_read_only = off",
-    "COPY labels TO '/tmp/labels'",
+    "DELETE FROM labels", "INSERT INTO labels VALUES (1, 'a', 'b')", "UPDATE labels SET value = ''",
+    "DROP TABLE labels", "CREATE TABLE more (x int)", "SELECT 1; DELETE FROM labels",
+    "COMMIT; DELETE FROM labels", "WITH x AS (SELECT 1) INSERT INTO labels SELECT 1, 'a', 'b'",
+    "BEGIN", "COMMIT", "VACUUM", "PRAGMA query_only = OFF", "PRAGMA journal_mode = DELETE",
+    "ATTACH '/tmp/other.sqlite' AS other", "VACUUM INTO '/tmp/other.sqlite'",
+    "SELECT load_extension('x')", "SET TRANSACTION READ WRITE",
+    "SET default_transaction_read_only = off", "COPY labels TO '/tmp/labels'",
     "WITH gone AS (DELETE FROM labels RETURNING *) SELECT * FROM gone",
-    "SELECT nextval('nothing')",
-    "nonsense",
-    "",
-    " ; ",
-]
+    "SELECT nextval('nothing')", "nonsense", "", " ; ",
+]  # fmt: skip
 
 
 @pytest.fixture
@@ -63,12 +52,12 @@ def ask(database: str, query: str, seconds: float = 60) -> list[tuple[Any, ...]]
         return [tuple(row) for row in answer.rows]
 
 
-def test_all_rows_come(filled: str) -> None:
+def test_query_returns_all_rows(filled: str) -> None:
     assert ask(filled, f"{ALL};") == ROWS
 
 
 @pytest.mark.parametrize("query", WRITING)
-def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
+def test_statements_other_than_queries_are_refused(filled: str, query: str) -> None:
     with pytest.raises(CatalogueError):
         ask(filled, query)
     assert ask(filled, ALL) == ROWS
@@ -77,12 +66,12 @@ def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
 @pytest.mark.parametrize(
     ("query", "told"),
     [
-        ("SELECT episode FROM seats", ["no column `episode` in seats; there is one in episodes"]),
+        ("SELECT episode FROM seats", ["no column `episode` in seats; it is in episodes"]),
         ("SELECT episod_id FROM seats", ["`episod_id` in seats", "did you mean `episode_id`"]),
         ("SELECT s.waitng FROM episodes e JOIN seats AS s ON s.episode_id = e.id",
          ["no column `waitng` in seats", "did you mean `waiting`"]),
         ("SELECT stepz FROM episodes, measures", ["in episodes, measures", "did you mean `steps`"]),
-        ("SELECT x.steps FROM seats s", ["no table of the query is called `x`; it has seats, s"]),
+        ("SELECT x.steps FROM seats s", ["the query has no table `x`; it has seats, s"]),
         ("SELECT condition FROM seats", ["`condition`", "labels are rows of the table labels"]),
         ("SELECT count(*) FROM seat", ["no table `seat`; did you mean `seats`. The tables: "]),
         ('SELECT steps FROM episodes WHERE "stepz" > 3', ["`stepz`", "did you mean `steps`"]),
@@ -91,7 +80,7 @@ def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
         ("SELECT * FROM zzzz", ["no table `zzzz`. The tables: "]),
     ],
 )  # fmt: skip
-def test_unknown_names_are_told_with_the_nearest(filled: str, query: str, told: list[str]) -> None:
+def test_unknown_names_get_a_suggestion(filled: str, query: str, told: list[str]) -> None:
     with pytest.raises(CatalogueError) as error:
         ask(filled, query)
     for words in told:
@@ -99,7 +88,7 @@ def test_unknown_names_are_told_with_the_nearest(filled: str, query: str, told: 
     assert "LINE" not in str(error.value)
 
 
-def test_names_in_double_quotes_are_names_and_texts_stay_texts(filled: str) -> None:
+def test_double_quotes_delimit_names_and_never_strings(filled: str) -> None:
     query = (
         'SELECT "value" AS "a ""b` c", \'x "y" \'\'z\'\'\' AS text -- "nothing" \'in\' here\n'
         'FROM "labels" /* "nor here" */ WHERE "episode_id" = 7'
@@ -109,16 +98,7 @@ def test_names_in_double_quotes_are_names_and_texts_stay_texts(filled: str) -> N
         assert [tuple(row) for row in answer.rows] == [("c7", "x \"y\" 'z'")]
 
 
-@pytest.mark.parametrize("query", ["DELETE FROM labels", "PRAGMA query_only = OFF"])
-def test_what_writes_is_told_that_a_query_only_reads(tmp_path: Path, query: str) -> None:
-    database = str(tmp_path / "catalogue.sqlite")
-    with writing_engine(database_url(database, Path())).begin() as connection:
-        migrate(connection)
-    with pytest.raises(CatalogueError, match="a query only reads"):
-        ask(database, query)
-
-
-def test_time_is_limited(filled: str) -> None:
+def test_query_has_a_time_limit(filled: str) -> None:
     endless = (
         "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x % 9 + 1 FROM n) SELECT sum(x) FROM n"
     )
@@ -126,12 +106,12 @@ def test_time_is_limited(filled: str) -> None:
         ask(filled, endless, seconds=0.2)
 
 
-def test_columns_that_are_called_alike_have_numbers(filled: str) -> None:
+def test_repeated_column_names_get_numbers(filled: str) -> None:
     with asking(database_url(filled, Path()), "SELECT 1 AS a, 2 AS a, 3 AS b") as answer:
         assert answer.columns == ("a", "a_2", "b")
 
 
-def test_a_catalogue_in_a_folder_that_cannot_be_written_is_read(
+def test_catalogue_in_a_read_only_folder_can_be_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     database = str(tmp_path / "catalogue.sqlite")
@@ -144,8 +124,8 @@ def test_a_catalogue_in_a_folder_that_cannot_be_written_is_read(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_no_catalogue_is_told(tmp_path: Path) -> None:
-    with pytest.raises(CatalogueError, match="there is no catalogue"):
+def test_missing_catalogue_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(CatalogueError, match="no catalogue"):
         ask(str(tmp_path / "none.sqlite"), "SELECT 1")
     (tmp_path / "text.sqlite").write_text("something else, which is no database")
     with pytest.raises(CatalogueError):
@@ -153,7 +133,7 @@ def test_no_catalogue_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "none.sqlite").exists()
 
 
-def test_a_table_shows_no_control_characters(filled: str) -> None:
+def test_table_replaces_control_characters_and_limits_rows(filled: str) -> None:
     query = "SELECT 'a' || chr(27) || '[2J' AS x, NULL AS y, 0.5 AS z"
     if filled.startswith("/"):
         query = query.replace("chr", "char")
@@ -167,7 +147,7 @@ def test_a_table_shows_no_control_characters(filled: str) -> None:
     assert more
 
 
-def test_files_hold_the_same(filled: str, tmp_path: Path) -> None:
+def test_csv_json_and_parquet_contain_all_rows(filled: str, tmp_path: Path) -> None:
     def saved(save: Any, name: str) -> Path:
         with asking(database_url(filled, Path()), ALL) as answer:
             assert save(answer, tmp_path / name) == len(ROWS)
@@ -183,7 +163,7 @@ def test_files_hold_the_same(filled: str, tmp_path: Path) -> None:
     assert polars.read_parquet(saved(save_parquet, "a.parquet")).rows() == ROWS
 
 
-def test_an_empty_answer_has_its_columns(filled: str, tmp_path: Path) -> None:
+def test_empty_answer_keeps_its_columns(filled: str, tmp_path: Path) -> None:
     query = "SELECT name FROM labels WHERE name = 'x'"
     for save, name in ((save_csv, "a.csv"), (save_json, "a.json")):
         with asking(database_url(filled, Path()), query) as answer:
@@ -192,25 +172,8 @@ def test_an_empty_answer_has_its_columns(filled: str, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "a.json").read_text()) == []
 
 
-def test_a_file_that_cannot_be_written_is_as_before(filled: str, tmp_path: Path) -> None:
-    with (
-        asking(database_url(filled, Path()), ALL) as answer,
-        pytest.raises(FileNotFoundError),
-    ):
-        save_csv(answer, tmp_path / "nowhere" / "a.csv")
-
-
-def test_what_lies_beside_a_file_stays(tmp_path: Path) -> None:
-    mine = tmp_path / "a.csv.tmp"
-    mine.write_text("mine")
-    with whole_file(tmp_path / "a.csv") as file:
-        file.write("x")
-    assert mine.read_text() == "mine"
-    assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "a.csv.tmp"}
-
-
-def test_endless_numbers_are_null_in_json(tmp_path: Path) -> None:
-    answer = Answer(("a", "b", "c"), iter([(float("inf"), float("nan"), 1.5)]))
+def test_infinite_numbers_are_null_in_json(tmp_path: Path) -> None:
+    answer = QueryAnswer(("a", "b", "c"), iter([(float("inf"), float("nan"), 1.5)]))
     assert save_json(answer, tmp_path / "a.json") == 1
     (row,) = json.loads((tmp_path / "a.json").read_text())
     assert row == {"a": None, "b": None, "c": 1.5}

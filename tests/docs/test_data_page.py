@@ -1,4 +1,4 @@
-"""docs/data.md describes the tables as they are, and its queries are answered."""
+"""docs/data.md describes all tables, and its queries and commands work."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 from robotouille.replay import read_recording
 from robotouille.replay.container import compress
 from robotouille_client.cli.main import app
-from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url
 from robotouille_data.indexing import index
-from robotouille_data.recordings.seat import ACTIVITIES
-from robotouille_data.schema import METADATA, VIEWS
+from robotouille_data.query import asking
+from robotouille_data.recorded_seats import ACTIVITIES
+from robotouille_data.schema import EPISODE_SEATS, METADATA, VIEWS
 from tests.support.pages import blocks, read
 from tests.support.random_play import random_stream, write_recordings
 
@@ -29,26 +29,20 @@ QUERIES = re.findall(r"```sql\n(.*?)```", PAGE, re.DOTALL)
 
 
 def test_every_column_is_described() -> None:
-    for name, its in {**METADATA.tables, **VIEWS.tables}.items():
-        rows = {
-            column.name: (
-                f"`{column.name}`",
-                type(column.type).__name__.lower() + (", or null" if column.nullable else ""),
-                column.doc,
-            )
-            for column in its.columns
-        }
-        section = PAGE.partition(f"### {name}\n")[2].partition("\n#")[0]
-        described = [
-            tuple(cell.strip() for cell in line.strip("|").split(" | "))
-            for line in section.splitlines()
-            if line.startswith("| `")
-        ]
-        assert described == list(rows.values()), name
+    described = {
+        name: re.findall(
+            r"^\| `(\w+)` \|", PAGE.partition(f"### {name}\n")[2].partition("\n#")[0], re.M
+        )
+        for name in {*METADATA.tables, *VIEWS.tables}
+    }
+    for name, table in METADATA.tables.items():
+        assert described[name] == table.columns.keys()
+    assert {*described["episode_seats"], *described["seats"]} == {*EPISODE_SEATS.columns.keys()}
+    assert all(column.doc for table in METADATA.tables.values() for column in table.columns)
 
 
 def test_every_activity_is_described() -> None:
-    section = PAGE.partition("## What a seat did with a step")[2].partition("\n## ")[0]
+    section = PAGE.partition("## Activities")[2].partition("\n## ")[0]
     assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == {*ACTIVITIES, "activity"}
 
 
@@ -60,8 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return found
 
 
-def test_the_view_is_what_the_schema_says(folder: Path) -> None:
-    """And holds what the tables do."""
+def test_the_view_matches_the_schema_and_the_tables(folder: Path) -> None:
     its = VIEWS.tables["episode_seats"].columns.keys()
     with asking(database_url(None, folder), "SELECT * FROM episode_seats") as answer:
         assert list(answer.columns) == its
@@ -81,13 +74,13 @@ def test_the_view_is_what_the_schema_says(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("query", QUERIES)
-def test_queries_are_answered(folder: Path, query: str) -> None:
+def test_queries_return_rows(folder: Path, query: str) -> None:
     with asking(database_url(None, folder), query) as answer:
         assert list(answer.rows)
 
 
-def test_the_table_of_a_study_is_what_recordings_say(folder: Path) -> None:
-    """Rejections, chat and decision time, by other code; activities have a test of their own."""
+def test_the_query_for_seats_matches_recordings(folder: Path) -> None:
+    """Compare rejections, chat and decision time; activities have their own tests."""
     with asking(database_url(None, folder), QUERIES[0]) as answer:
         rows = [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
     assert len(rows) == 8
@@ -108,18 +101,20 @@ def test_the_table_of_a_study_is_what_recordings_say(folder: Path) -> None:
         lost = sum(own and gone for own, gone, _ in moves)
         assert row["rejected"] == asked["rejected"] + lost
         times = [ms for own, gone, ms in moves if own and not gone]
-        if row["acted"] == len(times):  # None came just before a connection was lost.
+        if row["acted"] == len(
+            times
+        ):  # False if an action was applied after its connection was lost.
             assert row["decision_ms"] == pytest.approx(sum(times) / len(times))
 
 
 @pytest.mark.slow
-def test_exports_are_made_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its commands one after the other, and then what reads the arrays."""
+def test_export_commands_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the commands in order, then the code that reads the arrays."""
     np = pytest.importorskip("numpy", reason="needs the extra `rl`")
     pytest.importorskip("pyarrow", reason="needs the extra `data`")
     monkeypatch.chdir(tmp_path)
     Path("recordings").mkdir()
-    for seed in (1, 3, 6):  # Of one timing, and so of one task.
+    for seed in (1, 3, 6):  # These seeds have the same timing, and so the same task.
         people = [(f"{name}{seed}", f"{name}{seed}") for name in ("ada", "bob")]
         stream = random_stream(seed, people=people)
         Path(f"recordings/{seed}.rbt").write_bytes(compress(stream))

@@ -1,4 +1,4 @@
-"""The docstrings of the public API, of which the reference pages are made."""
+"""Docstrings of the public API, from which the reference pages are generated."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import inspect
 import re
 from collections.abc import Iterator
 from functools import cached_property
+from types import ModuleType
 from typing import Any
 
 import pytest
 
 from robotouille import errors
 
-FACES = (
+PACKAGES = (
     "robotouille",
     "robotouille.episode",
     "robotouille.planning",
@@ -32,7 +33,7 @@ FACES = (
 
 
 def members(thing: type) -> Iterator[tuple[str, Any]]:
-    """The public methods and properties of a class, also those that it has from ours."""
+    """Yield the public methods and properties of a class, inherited ones included."""
     for base in thing.__mro__:
         if base.__module__.startswith("robotouille"):
             for name, member in vars(base).items():
@@ -40,53 +41,61 @@ def members(thing: type) -> Iterator[tuple[str, Any]]:
                     yield f"{thing.__name__}.{name}", getattr(member, "__func__", member)
 
 
+def public_names(module: ModuleType) -> list[str]:
+    """Return the names of `__all__`, or those that a module without it defines."""
+    if "__all__" in vars(module):
+        return list(module.__all__)
+    own = [n for n, thing in vars(module).items() if inspect.getmodule(thing) is module]
+    return [name for name in own if not name.startswith("_")]
+
+
 def exported() -> Iterator[tuple[str, str, Any]]:
-    """Every class, function, method and property of the faces: the face, its name and itself."""
-    for face in FACES:
-        module = importlib.import_module(face)
-        for name in module.__all__:
+    """Yield every public class, function, method and property with its package and name."""
+    for package in PACKAGES:
+        module = importlib.import_module(package)
+        for name in public_names(module):
             thing = getattr(module, name)
             if inspect.isclass(thing):
-                yield face, name, thing
-                yield from ((face, *member) for member in members(thing))
+                yield package, name, thing
+                yield from ((package, *member) for member in members(thing))
             elif inspect.isfunction(thing):
-                yield face, name, thing
+                yield package, name, thing
 
 
 DOCUMENTED = [
-    (face, name, thing)
-    for face, name, thing in exported()
+    (package, name, thing)
+    for package, name, thing in exported()
     if isinstance(thing, type | property | cached_property) or inspect.isfunction(thing)
 ]
 
 
 def docstring(thing: Any) -> str:
-    """What the reference shows of a thing: nothing of an overridden method's."""
+    """Return the docstring without indentation, as the reference shows it."""
     return inspect.cleandoc(thing.__doc__ or "")
 
 
 def section(text: str, title: str) -> list[str]:
-    """The names that a section of a docstring explains."""
+    """Return the names that a section of a docstring explains."""
     found = re.search(rf"^{title}:\n((?:    .*\n|\n)+)", f"{text}\n", re.MULTILINE)
     return re.findall(r"^    (\S+): ", found[1], re.MULTILINE) if found else []
 
 
 def parameters(thing: Any) -> set[str]:
-    """The names of what a function, or a class, takes."""
+    """Return the names of the parameters of a function or class."""
     return set(inspect.signature(thing).parameters) - {"self", "cls"}
 
 
-def test_faces_are_found() -> None:
-    names = {f"{face}.{name}" for face, name, _ in DOCUMENTED}
+def test_public_names_are_found() -> None:
+    names = {f"{package}.{name}" for package, name, _ in DOCUMENTED}
     assert {"robotouille.World.step", "robotouille_client.Game.poll"} <= names
     assert len(names) > 300
 
 
-@pytest.mark.parametrize("face", FACES)
-def test_docstrings_speak_of_what_there_is(face: str) -> None:
-    """Whatever takes arguments has one, and it explains no other arguments."""
+@pytest.mark.parametrize("package", PACKAGES)
+def test_docstrings_explain_real_parameters(package: str) -> None:
+    """Everything that takes arguments has a docstring, which explains only real parameters."""
     wrong = []
-    for name, thing in things_of(face):
+    for name, thing in things_of(package):
         text = docstring(thing)
         explained = {argument.lstrip("*") for argument in section(text, "Args")}
         needless = inspect.isfunction(thing) and not parameters(thing)
@@ -95,24 +104,24 @@ def test_docstrings_speak_of_what_there_is(face: str) -> None:
     assert wrong == []
 
 
-@pytest.mark.parametrize("face", FACES)
-def test_errors_of_docstrings_exist(face: str) -> None:
+@pytest.mark.parametrize("package", PACKAGES)
+def test_documented_errors_exist(package: str) -> None:
     unknown = [
         (name, error)
-        for name, thing in things_of(face)
+        for name, thing in things_of(package)
         for error in section(docstring(thing), "Raises")
-        if not is_error(error, thing, face)
+        if not is_error(error, thing, package)
     ]
     assert unknown == []
 
 
-def things_of(face: str) -> list[tuple[str, Any]]:
-    return [(name, thing) for of, name, thing in DOCUMENTED if of == face]
+def things_of(package: str) -> list[tuple[str, Any]]:
+    return [(name, thing) for of, name, thing in DOCUMENTED if of == package]
 
 
-def is_error(name: str, thing: Any, face: str) -> bool:
-    """Whether a docstring's error is one that a reader finds: ours, Python's or the module's."""
+def is_error(name: str, thing: Any, package: str) -> bool:
+    """Return whether a documented error is one of ours, Python's or the module's."""
     own = inspect.getmodule(getattr(thing, "func", None) or getattr(thing, "fget", None) or thing)
-    places = (errors, builtins, own, importlib.import_module(face))
+    places = (errors, builtins, own, importlib.import_module(package))
     found = next((getattr(p, name) for p in places if hasattr(p, name)), None)
     return isinstance(found, type) and issubclass(found, Exception)

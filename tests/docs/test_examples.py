@@ -3,6 +3,8 @@
 import json
 import random
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +14,9 @@ from typer.testing import CliRunner
 from robotouille import Task, World, load_task
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import InputFile
-from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.search_result import Limits
+from robotouille.installation import data_folder
+from robotouille.planning.plan import Limits, Plan, read_plan, replay
 from robotouille.planning.solvers import solve
-from robotouille.planning.validation import replay
-from robotouille.resources import data_folder
 from robotouille_client import connect
 from robotouille_client.cli.main import app
 from robotouille_server import ServerSettings, serve
@@ -39,7 +39,7 @@ def settings(**changes: Any) -> ServerSettings:
 
 
 def test_recordings_examples() -> None:
-    names = run_blocks("recordings.md")
+    names = run_blocks("recording_format.md")
     assert names["recording"].verify().ok
     assert names["recording"].outcome["steps"] == 3
 
@@ -49,13 +49,25 @@ def test_packs_examples() -> None:
     assert names["world"].task.name == names["instance"].id
 
 
-def test_batch_example() -> None:
-    assert run_blocks("batch.md")["vectors"].shape[0] == 64
-
-
 def test_api_examples() -> None:
-    """The page's own assertions hold, and its bots play a game on a real server."""
-    names = run_blocks("api.md")
+    assert run_blocks("api.md")["result"].optimal
+
+
+@pytest.mark.process
+def test_the_states_of_the_page_travel_between_processes(tmp_path: Path) -> None:
+    script = tmp_path / "in_processes.py"
+    script.write_text(titled("api.md", "in_processes.py"), encoding="utf-8")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "successors" in done.stdout
+
+
+def test_the_bots_of_the_guide_play() -> None:
+    names = run_blocks("write_an_agent.md")
+    for title in ("my_bot.py", "planner.py"):
+        exec(compile(titled("write_an_agent.md", title), title, "exec"), names)
+    assert names["play_alone"](names["Planner"]) == 8
+    assert names["play_alone"](names["Curious"]) >= 8
 
     async def play() -> list[dict[str, Any]]:
         async with serve(settings()) as server:
@@ -95,58 +107,80 @@ def test_the_json_bot_plays(mode: str, seats: int) -> None:
         assert all(seat["acted"] > 5 for seat in outcome["seats"])
 
 
+GUIDE = "make_a_kitchen.md"
 NEW_DISH = ("diner.json", "pancakes.json", "diner.input.json", "diner.rendering.json")
 
 
 @pytest.fixture
 def diner(tmp_path: Path) -> Path:
-    """The first two files of the page's new dish, made as it says."""
+    """Folder with the guide's domain and problem of the new station."""
     for name in NEW_DISH[:2]:
-        (tmp_path / name).write_text(titled("formats.md", name), encoding="utf-8")
+        (tmp_path / name).write_text(titled(GUIDE, name), encoding="utf-8")
     return tmp_path
 
 
 @pytest.fixture
 def whole_diner(diner: Path) -> Path:
-    """The same with its keys and pictures."""
+    """Folder with all files of the new station, keys and pictures included."""
     for name in NEW_DISH[2:]:
-        (diner / name).write_text(titled("formats.md", name), encoding="utf-8")
+        (diner / name).write_text(titled(GUIDE, name), encoding="utf-8")
     shutil.copytree(data_folder("assets") / "diner", diner / "diner")
     return diner
 
 
 def lint_lines(folder: Path, *names: str) -> list[str]:
-    """What `robotouille lint` prints in a folder."""
+    """Return the lines that `robotouille lint` prints for files in a folder."""
     result = CliRunner().invoke(app, ["lint", *(str(folder / name) for name in names)])
     assert result.exit_code == 0
     return result.stdout.replace(f"{folder}/", "").splitlines()
 
 
-def test_lint_says_of_the_new_dish_what_the_page_says(diner: Path) -> None:
+def lint_output(command: str) -> list[str]:
+    """Return the lines that the guide shows below a command."""
+    shown = read(GUIDE).split(f"$ {command}\n")[1]
+    return shown.split("\n```")[0].split("\n$ ")[0].split("\n…")[0].splitlines()
+
+
+def test_the_guide_shows_the_lint_output_of_its_ingredient(tmp_path: Path) -> None:
+    name = "avocado_toast.json"
+    (tmp_path / name).write_text(titled(GUIDE, name), encoding="utf-8")
+    assert lint_lines(tmp_path, name) == lint_output(f"robotouille lint {name}")
+
+
+def test_the_ingredient_of_the_guide_takes_as_many_steps_as_it_says(tmp_path: Path) -> None:
+    path = tmp_path / "avocado_toast.json"
+    path.write_text(titled(GUIDE, path.name), encoding="utf-8")
+    result = solve(World(load_task(str(path))))
+    assert result.optimal and result.plan is not None
+    assert f"takes {len(result.plan)} steps" in read(GUIDE)
+
+
+def test_the_guide_shows_the_lint_output_of_its_station(diner: Path) -> None:
     lines = lint_lines(diner, *NEW_DISH[:2])
-    shown = read("formats.md").split("$ robotouille lint diner.json pancakes.json\n")[1]
-    assert lines[:3] == shown.splitlines()[:3]
+    shown = lint_output("robotouille lint diner.json pancakes.json")
+    assert lines[: len(shown)] == shown
     assert all(": note: " in line for line in lines)
     without = {line.split("'")[1] for line in lines if "has no picture" in line}
     assert without == {"griddle", "batter", "syrup", "pancake"}
 
 
-def test_the_new_dish_has_no_faults(whole_diner: Path) -> None:
+def test_lint_finds_no_faults_in_the_complete_example(whole_diner: Path) -> None:
     lines = lint_lines(whole_diner, *NEW_DISH)
     assert lines == [f"{name}: no faults" for name in NEW_DISH]
-    assert "\n".join(lines) in read("formats.md")
+    assert "\n".join(lines) in read(GUIDE)
 
 
-def test_the_new_dish_can_be_cooked(diner: Path) -> None:
-    world = World(load_task(str(diner / "pancakes.json")))
-    plan = read_plan(titled("formats.md", "pancakes.plan"), world)
+def test_the_example_can_be_cooked_in_as_many_steps_as_the_guide_says() -> None:
+    world = World(load_task("examples/pancakes"))
+    shipped = data_folder("problems") / "examples/pancakes.plan"
+    plan = read_plan(shipped.read_text(encoding="utf-8"), world)
     report = replay(plan, world)
     assert report.ok, report
-    assert f"in {len(plan)} steps" in read("formats.md")
+    assert f"in {len(plan)} steps" in read(GUIDE)
 
 
-def test_the_new_dish_is_shipped_as_it_is_shown() -> None:
-    """But for the names of its files, which lie in other folders."""
+def test_the_shipped_example_equals_the_guide() -> None:
+    """The shipped domain also names its input file and rendering, which are in other folders."""
     shipped = {
         "diner.json": data_folder("domains") / "diner.json",
         "diner.input.json": data_folder("domains") / "diner.input.json",
@@ -156,13 +190,13 @@ def test_the_new_dish_is_shipped_as_it_is_shown() -> None:
     for name, path in shipped.items():
         value = json.loads(path.read_text(encoding="utf-8"))
         names = {key: value.pop(key, None) for key in ("input_json", "rendering_json")}
-        assert value == json.loads(titled("formats.md", name)), name
+        assert value == json.loads(titled(GUIDE, name)), name
         if name == "diner.json":
             assert names == {"input_json": "diner.input.json", "rendering_json": "diner.json"}
 
 
-def test_the_new_dish_travels(diner: Path) -> None:
-    """A task of one's own is complete in itself, as clients get it."""
+def test_a_task_with_an_extending_domain_is_sent_complete(diner: Path) -> None:
+    """The JSON that clients receive needs no other file."""
     task = load_task(str(diner / "pancakes.json"))
     sent = task.to_json()
     assert "extends" not in sent["domain"]
@@ -170,8 +204,8 @@ def test_the_new_dish_travels(diner: Path) -> None:
 
 
 def test_plan_example() -> None:
-    names = run_blocks("formats.md")
-    assert f"{names['report'].ok} {names['report']}" in read("formats.md")
+    names = run_blocks("file_formats.md")
+    assert f"{names['report'].ok} {names['report']}" in read("file_formats.md")
 
 
 @pytest.mark.skipif(not PUBLISHED.is_dir(), reason="the published files are not shipped")
@@ -192,26 +226,17 @@ def test_short_plans_for_published_layouts(name: str) -> None:
     assert f"`{name}`, {len(plan)} steps:" in read("plan_lengths.md")
 
 
-def test_certificate_example() -> None:
-    """The page's own assertions hold."""
-    assert run_blocks("certificates.md")["certificate"].optimal
-
-
-def test_generation_example() -> None:
-    assert run_blocks("generation.md")["instance"].name == "01_lettuce_burger_s42"
-
-
-def test_pddl_example() -> None:
-    assert len(run_blocks("pddl.md")["plan"]) == 1
-
-
 def test_planner_examples() -> None:
-    planner, world = run_blocks("planners.md")["WAITING"], World("synchronous/01")
+    names = run_blocks("planners.md")
+    assert names["certificate"].optimal
+    assert names["instance"].name == "01_lettuce_burger_s42"
+    assert len(names["plan"]) == 1
+    planner, world = names["WAITING"], World("synchronous/01")
     end = replay(solve(world).plan or Plan(()), world).final
     assert planner.solve(world, end, Limits(), None).optimal
     assert planner.anytime(world, end) is None
 
 
 def test_parts_of_files_are_valid() -> None:
-    RenderingFile.model_validate(json.loads(titled("formats.md", "part of a rendering")))
-    InputFile.model_validate(json.loads(titled("formats.md", "part of an input file")))
+    RenderingFile.model_validate(json.loads(titled("file_formats.md", "part of a rendering")))
+    InputFile.model_validate(json.loads(titled("file_formats.md", "part of an input file")))

@@ -25,8 +25,8 @@ def example(name: str) -> dict[str, Any]:
 
 def test_the_examples_of_the_page() -> None:
     names: dict[str, Any] = {}
-    for block in blocks("learning.md", "python"):
-        exec(compile(block, "learning.md", "exec"), names)
+    for block in blocks("train.md", "python"):
+        exec(compile(block, "train.md", "exec"), names)
     assert names["env"].action_masks().any()
     imitation = example("imitate")
     recording = imitation["record"](AnytimePlanner(World("synchronous/01")), seed=1)
@@ -36,9 +36,9 @@ def test_the_examples_of_the_page() -> None:
 def test_every_option_and_name_is_on_the_page() -> None:
     from robotouille import envs
 
-    page = read("learning.md")
+    page = read("train.md")
     for name in (*envs.EnvOptions.__annotations__, *envs.__all__):
-        if name not in ("EnvOptions", "InvalidAction", "Observation", "Reward", "env_id",
+        if name not in ("EnvOptions", "InvalidAction", "EnvObservation", "Reward", "env_id",
                         "register_envs", "RobotouilleParallelEnv"):  # fmt: skip
             assert re.search(rf"\b{name}\b", page), name
 

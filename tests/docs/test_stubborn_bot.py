@@ -16,7 +16,7 @@ from robotouille_client import connect
 from robotouille_server import Server
 from robotouille_server.rooms.room import Room
 from tests.support.pages import titled
-from tests.support.samples import each_quickly_once
+from tests.support.samples import quick_sample_of_pairs
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 
@@ -71,7 +71,7 @@ async def restart(server: Server) -> None:
 
 @pytest.mark.parametrize(
     ("mode", "calamity"),
-    each_quickly_once(["turn", "lockstep", "realtime"], [cut, crash, restart]),
+    quick_sample_of_pairs(["turn", "lockstep", "realtime"], [cut, crash, restart]),
 )
 def test_it_comes_back(
     tmp_path: Path, mode: str, calamity: Callable[[Server], Awaitable[None]]

@@ -1,4 +1,4 @@
-"""Files that extend others: what comes of it, and what is refused."""
+"""Files that extend other files: results and errors."""
 
 import json
 from pathlib import Path
@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from robotouille import FileError, Task, World, load_task
-from robotouille.domain.extends import MAX_EXTENDS, read_extending
 from robotouille.domain.input_bindings import INPUT_FILES
+from robotouille.domain.related_files import MAX_EXTENDS, read_extending
 from robotouille.domain.rendering import RENDERING_FILES
 from robotouille.domain.schema import DomainFile
-from robotouille.domain.task import DOMAIN_FILES, read_domain
-from robotouille.resources import data_folder
+from robotouille.domain.task import read_domain
+from robotouille.installation import data_folder
 from robotouille_client.cli.main import lint_file
 from tests.support.broken_files import DOMAIN, PROBLEM, changed, published_domain, write
 
@@ -60,7 +60,7 @@ def test_definitions_are_merged_by_name(tmp_path: Path) -> None:
     ]
 
 
-def test_names_are_united_and_the_rest_is_replaced(tmp_path: Path) -> None:
+def test_name_lists_are_merged_and_other_fields_replaced(tmp_path: Path) -> None:
     domain = extended(
         tmp_path,
         object_types=["tool", "item"],
@@ -75,8 +75,8 @@ def test_names_are_united_and_the_rest_is_replaced(tmp_path: Path) -> None:
     assert domain.version == "2.1"
 
 
-def test_the_result_is_as_if_written_in_one_file(tmp_path: Path) -> None:
-    """So recordings and messages carry a whole domain, and the same hash."""
+def test_result_equals_a_single_file(tmp_path: Path) -> None:
+    """Recordings and messages contain the complete domain, with the same hash."""
     extended(tmp_path, predicate_defs=[PEELED], action_defs=[peel()])
     whole = {
         **DOMAIN,
@@ -93,7 +93,7 @@ def test_the_result_is_as_if_written_in_one_file(tmp_path: Path) -> None:
     assert {a.name for a in World(task).initial.actions("robot1")} == {"cut", "peel"}
 
 
-def test_a_chain(tmp_path: Path) -> None:
+def test_chain_of_three_files(tmp_path: Path) -> None:
     extended(tmp_path, predicate_defs=[PEELED], action_defs=[peel()])
     (tmp_path / "parts").mkdir()
     write(tmp_path / "parts", "last.json", {"name": "last", "extends": "middle"})
@@ -112,7 +112,7 @@ def test_a_file_of_the_same_name_can_extend_the_shipped_one(tmp_path: Path) -> N
     assert read_domain("robotouille", tmp_path).kinds["station"][-1] == "bar"
 
 
-def test_what_the_published_dialect_leaves_unsaid_is_extended_too(tmp_path: Path) -> None:
+def test_defaults_of_the_published_dialect_are_extended(tmp_path: Path) -> None:
     write(tmp_path, "old.json", published_domain())
     own = {
         "name": "new",
@@ -141,44 +141,37 @@ def refusal(folder: Path, **own: Any) -> list[str]:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("smal", "extends: there is no file 'smal.json' beside it, and none is shipped"),
+        ("smal", "extends: no file 'smal.json' in its folder or among the shipped files"),
         ("robotouile", "did you mean 'robotouille'?"),
-        ("../small", "extends: '../small' leaves the folder"),
-        ("..\\small.json", "leaves the folder"),
-        ("/etc/passwd", "leaves the folder"),
-        ("a/../../small.json", "leaves the folder"),
-        ("C:small.json", "leaves the folder"),
-        ("x" * 5000, "there is no file"),
-        ("\0", "there is no file"),
-        (7, "extends: should be a name, found 7"),
-        ("", "extends: should be a name, found ''"),
-        ("larger", "extends: goes round in a circle: larger.json → larger.json"),
+        ("../small", "extends: '../small' is outside the folder"),
+        ("..\\small.json", "is outside the folder"),
+        ("/etc/passwd", "is outside the folder"),
+        ("a/../../small.json", "is outside the folder"),
+        ("C:small.json", "is outside the folder"),
+        ("x" * 5000, "no file"),
+        ("\0", "no file"),
+        (7, "extends: expected a name, found 7"),
+        ("", "extends: expected a name, found ''"),
+        ("larger", "extends: files extend each other in a circle: larger.json → larger.json"),
     ],
 )
-def test_names_that_are_refused(name: Any, message: str, tmp_path: Path) -> None:
+def test_invalid_names_raise(name: Any, message: str, tmp_path: Path) -> None:
     (fault,) = refusal(tmp_path, extends=name)
     assert message in fault
 
 
-def test_a_circle_is_named(tmp_path: Path) -> None:
-    for name, other in [("a", "b"), ("b", "c"), ("c", "a")]:
-        write(tmp_path, f"{name}.json", {"name": name, "extends": other})
-    with pytest.raises(FileError, match=r"a\.json → b\.json → c\.json → a\.json"):
-        read_domain("a", tmp_path)
-
-
-def test_a_chain_has_an_end(tmp_path: Path) -> None:
+def test_long_chain_is_refused(tmp_path: Path) -> None:
     write(tmp_path, "d1.json", DOMAIN)
     for number in range(2, MAX_EXTENDS + 2):
         own = {"name": "d", "extends": f"d{number - 1}"}
         write(tmp_path, f"d{number}.json", own)
     assert read_domain(f"d{MAX_EXTENDS}", tmp_path).action_defs
-    with pytest.raises(FileError, match=f"more than {MAX_EXTENDS} files extend one another: d9"):
+    with pytest.raises(FileError, match=f"more than {MAX_EXTENDS} files extend each other: d9"):
         read_domain(f"d{MAX_EXTENDS + 1}", tmp_path)
 
 
-def test_faults_are_named_where_they_are(tmp_path: Path) -> None:
-    """At their place in the file that extends, not in the result."""
+def test_faults_have_places_in_the_extending_file(tmp_path: Path) -> None:
+    """The place is not the one in the merged file."""
     assert refusal(tmp_path, action_defs=[peel(predicate="ispeeld")], predicate_defs=[PEELED]) == [
         "action_defs[0].immediate_fx[0].predicate: unknown predicate 'ispeeld'; "
         "did you mean 'ispeeled'?"
@@ -191,30 +184,26 @@ def test_faults_are_named_where_they_are(tmp_path: Path) -> None:
     ]
 
 
-def test_what_breaks_the_extended_is_named_there(tmp_path: Path) -> None:
+def test_fault_in_an_extended_definition_names_it(tmp_path: Path) -> None:
     broken = {"name": "loc", "param_types": ["player"]}
     first, *_ = refusal(tmp_path, predicate_defs=[broken])
     assert first.startswith("action_defs.precons[0].params: 'loc' takes 1, found 2")
-    assert "('cut' is in 'small', extended here)" in first
+    assert "('cut' comes from 'small')" in first
 
 
-def test_a_fault_in_the_extended_file_is_that_files(tmp_path: Path) -> None:
+def test_fault_in_the_extended_file_names_that_file(tmp_path: Path) -> None:
     write(tmp_path, "base.json", changed(DOMAIN, "action_defs", 0, "nme", to="x"))
     path = write(tmp_path, "own.json", {"name": "own", "extends": "base"})
     fault, *_ = lint_file(path)
     assert str(fault) == "base.json: action_defs[0].nme: unknown field 'nme'; did you mean 'name'?"
 
 
-def test_a_domain_without_a_name(tmp_path: Path) -> None:
-    write(tmp_path, "own.json", {"extends": "robotouille"})
-    with pytest.raises(FileError, match="name: Field required"):
-        read_extending(tmp_path / "own.json", DOMAIN_FILES)
-
-
-def test_a_domain_in_a_message_sends_for_no_files() -> None:
+def test_domain_in_a_message_cannot_extend_files() -> None:
     raw = load_task("examples/pancakes").to_json()
     raw["domain"]["extends"] = "robotouille"
-    with pytest.raises(FileError, match="extends: is for files: here the domain has to be whole"):
+    with pytest.raises(
+        FileError, match="extends: is allowed in files only; send the complete domain"
+    ):
         Task.from_json(raw)
 
 

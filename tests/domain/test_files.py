@@ -1,4 +1,4 @@
-"""Files that are no JSON, too large, too deep or no files are refused with one clear word."""
+"""Files that are not JSON, too large, too deeply nested or unreadable are refused."""
 
 import os
 from pathlib import Path
@@ -30,7 +30,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("content", BROKEN.values(), ids=BROKEN.keys())
-def test_broken_files(content: tuple[bytes, str], tmp_path: Path) -> None:
+def test_invalid_files_raise(content: tuple[bytes, str], tmp_path: Path) -> None:
     path = tmp_path / "problem.json"
     path.write_bytes(content[0])
     with pytest.raises(FileError, match=content[1]) as error:
@@ -40,7 +40,7 @@ def test_broken_files(content: tuple[bytes, str], tmp_path: Path) -> None:
     assert len(error.value.faults) == 1
 
 
-def test_a_huge_file_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_huge_file_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "huge.json"
     with path.open("wb") as file:
         file.truncate(100 * 1024 * 1024)
@@ -49,7 +49,7 @@ def test_a_huge_file_is_refused_unread(tmp_path: Path, monkeypatch: pytest.Monke
         load_task(str(path))
 
 
-def test_no_file_a_folder_and_a_forbidden_file(tmp_path: Path) -> None:
+def test_unreadable_files_raise(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"cannot be read: No such file"):
         read_json(tmp_path / "nothing.json")
     with pytest.raises(FileError, match=r"cannot be read: Is a directory"):
@@ -65,23 +65,23 @@ def test_no_file_a_folder_and_a_forbidden_file(tmp_path: Path) -> None:
             read_json(secret)
 
 
-def test_a_file_without_an_end_is_not_read_to_its_end() -> None:
+def test_endless_file_is_not_read_completely() -> None:
     with pytest.raises(FileError, match=f"longer than {MAX_FILE_BYTES:,} bytes"):
         read_json(Path("/dev/zero"))
 
 
-def test_a_name_that_no_file_can_have() -> None:
+def test_name_that_no_file_can_have() -> None:
     with pytest.raises(FileError, match="cannot be read: embedded null"):
         read_json(Path("a\0b"))
 
 
-def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
+def test_byte_order_mark_is_accepted(tmp_path: Path) -> None:
     path = tmp_path / "problem.json"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
     assert read_json(path)["width"] == 3
 
 
-def test_brackets_in_strings_are_no_nesting() -> None:
+def test_brackets_in_strings_do_not_count_as_nesting() -> None:
     deep = '{"words": "' + "[" * 200 + '\\"' + "{" * 200 + '"}'
     assert parse_json(deep, "here")["words"].count("[") == 200
     at_most = "[" * MAX_NESTING + "]" * MAX_NESTING

@@ -1,6 +1,5 @@
-"""What is said of a rendering that names what is not there: alone, beside a problem, chosen."""
+"""Findings about renderings with unknown names: alone, next to a problem, or chosen."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,8 @@ import typer
 from typer.testing import CliRunner
 
 from robotouille import FileError, load_task
-from robotouille.resources import data_folder
-from robotouille.world.lint.looks import lint_look, lint_rendering
+from robotouille.installation import data_folder
+from robotouille.world.lint.looks import lint_look
 from robotouille_client.cli.main import lint_file
 from robotouille_client.cli.play import play
 from robotouille_client.window.cli import command as client
@@ -50,14 +49,14 @@ WRONG: dict[str, Any] = {
 SAID = {
     "assets: there is no folder of pictures 'chlk'; did you mean 'chalk'?",
     "redraws[0]: there is no rendering 'dinner'; did you mean 'diner'?",
-    "item.entities.lettuse.assets: nothing is of the kind 'lettuse'; did you mean 'lettuce'?",
+    "item.entities.lettuse.assets: there is no kind 'lettuse'; did you mean 'lettuce'?",
     "item.entities.lettuce.assets.cut: there is no predicate 'iscutt'; did you mean 'iscut'?",
     "item.entities.lettuce.assets.now: there is no action 'cutt'; did you mean 'cut'?",
-    "container.entities.pot.assets.watre: nothing is of the kind 'watre'; did you mean 'water'?",
-    "player.robbot: nothing is of the kind 'robbot'; did you mean 'robot'?",
+    "container.entities.pot.assets.watre: there is no kind 'watre'; did you mean 'water'?",
+    "player.robbot: there is no kind 'robbot'; did you mean 'robot'?",
     "progress.cokk: there is no action 'cokk'; did you mean 'cook'?",
     "during.fryy: there is no action 'fryy'; did you mean 'fry'?",
-    "language.kinds.tomatoe: nothing is of the kind 'tomatoe'; did you mean 'tomato'?",
+    "language.kinds.tomatoe: there is no kind 'tomatoe'; did you mean 'tomato'?",
     "language.kinds.bread: there is no predicate 'iscookedd'; did you mean 'iscooked'?",
     "language.actions.moove: there is no action 'moove'; did you mean 'move'?",
     "language.actions.cut: cut has no parameter 'i11'; did you mean 'i1'?",
@@ -75,12 +74,12 @@ def told(errors: list[FileError]) -> set[str]:
 
 
 @pytest.mark.parametrize("name", ["robotouille", "diner", "workshop", "chalk"])
-def test_nothing_is_wrong_with_those_that_are_shipped(name: str) -> None:
+def test_shipped_renderings_have_no_faults(name: str) -> None:
     assert lint_look(None, name) == []
     assert lint_file(str(data_folder("renderings") / f"{name}.json")) == []
 
 
-def test_each_wrong_name_of_a_chosen_look_is_told_with_the_nearest(renderings: Path) -> None:
+def test_wrong_names_suggest_the_nearest(renderings: Path) -> None:
     path = write(renderings, "mine.json", WRONG)
     (error,) = lint_look(load_task("multi_agent/01"), "mine")
     assert error.file == path
@@ -91,7 +90,7 @@ def test_each_wrong_name_of_a_chosen_look_is_told_with_the_nearest(renderings: P
     assert {str(fault) for fault in lint_file(path)} == told([error])
 
 
-def test_a_look_may_speak_of_every_domain_that_it_redraws(renderings: Path) -> None:
+def test_a_rendering_may_name_everything_it_redraws(renderings: Path) -> None:
     gear = {"part": {"assets": "gear.svg"}}
     look = {
         "extends": "robotouille",
@@ -107,28 +106,15 @@ def test_a_look_may_speak_of_every_domain_that_it_redraws(renderings: Path) -> N
     assert any("no action 'bake'" in words for words in said)
 
 
-def test_what_is_wrong_in_an_extended_look_is_told_of_that(renderings: Path) -> None:
+def test_faults_of_an_extended_rendering_name_its_file(renderings: Path) -> None:
     write(renderings, "base.json", {"extends": "robotouille", "progress": {"cokk": "icon_fry.svg"}})
     write(renderings, "mine.json", {"extends": "base"})
     (said,) = told(lint_look(None, "mine"))
-    assert said.endswith("did you mean 'cook'? (in base.json, extended here)")
+    assert said.endswith("did you mean 'cook'? (in base.json)")
 
 
-def test_the_same_is_told_of_a_rendering_beside_a_problem(tmp_path: Path) -> None:
-    write(tmp_path, "mine.json", {"name": "mine", "extends": "robotouille"})
-    shipped = data_folder("problems") / "synchronous/01_cheese_sandwich.json"
-    problem = {**json.loads(shipped.read_text()), "domain": "mine"}
-    path = write(tmp_path, "mine.rendering.json", WRONG)
-    (error,) = lint_look(load_task(write(tmp_path, "problem.json", problem)))
-    assert error.file == path
-    said = {words.replace("mine has", "there is") for words in told([error])}
-    assert said >= SAID
-    assert len(said) == len(SAID) + 1
-    assert {str(f).replace("mine has", "there is") for f in lint_file(path)} == said
-
-
-def test_a_wrong_kind_beside_the_real_one_is_told(tmp_path: Path) -> None:
-    """And one that is like none; not what another problem of the folder has."""
+def test_unknown_kinds_are_reported(tmp_path: Path) -> None:
+    """A kind like no other is reported too; those of other problems in the folder are known."""
     write(tmp_path, "small.json", DOMAIN)
     task = load_task(write(tmp_path, "problem.json", {**PROBLEM, "domain": "small"}))
     write(tmp_path, "other.json", {**PROBLEM, "objects": {"item": [{"name": "cress"}]}})
@@ -138,19 +124,9 @@ def test_a_wrong_kind_beside_the_real_one_is_told(tmp_path: Path) -> None:
     entities = {kind: {"assets": "leek.svg"} for kind in kinds}
     write(tmp_path, "small.rendering.json", {"assets": "mine", "item": {"entities": entities}})
     assert told(lint_look(task)) == {
-        "item.entities.leeek.assets: nothing is of the kind 'leeek'; did you mean 'leek'?",
-        "item.entities.xylophone.assets: nothing is of the kind 'xylophone'",
+        "item.entities.leeek.assets: there is no kind 'leeek'; did you mean 'leek'?",
+        "item.entities.xylophone.assets: there is no kind 'xylophone'",
     }
-
-
-def test_what_is_taken_over_from_the_kitchen_is_not_judged(tmp_path: Path) -> None:
-    write(tmp_path, "small.json", DOMAIN)
-    path = Path(write(tmp_path, "small.rendering.json", {"extends": "robotouille"}))
-    assert lint_rendering(path, load_small(tmp_path), tmp_path) == []
-
-
-def load_small(folder: Path) -> Any:
-    return load_task(write(folder, "problem.json", {**PROBLEM, "domain": "small"})).domain
 
 
 # In a command
@@ -163,9 +139,7 @@ def played(*words: str, command: Callable[..., None] = play) -> Any:
     return CliRunner().invoke(app, list(words))
 
 
-def test_a_chosen_look_is_told_a_line_for_each_fault_or_drawn(
-    renderings: Path, tmp_path: Path
-) -> None:
+def test_faults_of_a_chosen_look_are_listed(renderings: Path, tmp_path: Path) -> None:
     path = write(renderings, "mine.json", WRONG)
     picture = tmp_path / "picture.png"
     words = ("synchronous/01", "--rendering", "mine", "--screenshot", str(picture))
@@ -175,7 +149,7 @@ def test_a_chosen_look_is_told_a_line_for_each_fault_or_drawn(
     *faults, hint = done.output.splitlines()
     assert len(faults) == len(SAID) + 1
     assert all(line.startswith(f"{path}: ") for line in faults)
-    assert hint.startswith("--lenient draws tiles")
+    assert hint.startswith("Use --lenient to draw tiles")
     assert not picture.exists()
     for task in ("synchronous/01", "examples/pancakes"):
         picture.unlink(missing_ok=True)
@@ -184,16 +158,14 @@ def test_a_chosen_look_is_told_a_line_for_each_fault_or_drawn(
         assert picture.exists()
 
 
-def test_a_chosen_look_is_told_before_a_server_is_asked(renderings: Path) -> None:
+def test_a_chosen_look_is_checked_before_connecting(renderings: Path) -> None:
     write(renderings, "mine.json", {"extends": "robotouille", "progress": {"cokk": "icon_fry.svg"}})
     done = played("--headless", "--rendering", "mine", command=client)
     assert done.exit_code == 1
     assert "there is no action 'cokk'; did you mean 'cook'?" in done.output
 
 
-def test_a_rendering_that_cannot_be_used_is_told_of_itself(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unusable_rendering_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write(tmp_path, "small.json", DOMAIN)
     write(tmp_path, "problem.json", {**PROBLEM, "domain": "small"})
@@ -205,17 +177,3 @@ def test_a_rendering_that_cannot_be_used_is_told_of_itself(
         assert done.output.splitlines() == [
             "small.rendering.json: during.cut: there is no effect 'sizle'; did you mean 'sizzle'?"
         ]
-
-
-def test_the_folder_of_pictures_is_told_by_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine").mkdir()
-    write(tmp_path, "small.json", DOMAIN)
-    write(tmp_path, "problem.json", {**PROBLEM, "domain": "small"})
-    looks = {"assets": "mine", "icons": {"app": "no.svg"}}
-    write(tmp_path, "small.rendering.json", looks)
-    done = played("problem.json", "--screenshot", "picture.png")
-    said = f"small.rendering.json: icons.app: there is no picture 'no.svg' in {tmp_path.name}/mine"
-    assert said in done.output

@@ -1,4 +1,4 @@
-"""Files that are whole, or as they were."""
+"""Files are replaced completely or not at all."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from robotouille.domain.files import whole_file
 
 
-def test_what_is_written_is_there_in_the_end(tmp_path: Path) -> None:
+def test_written_file_replaces_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     with whole_file(path) as file:
         file.write("é\r\n")
@@ -22,7 +22,7 @@ def test_what_is_written_is_there_in_the_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), ValueError("x")])
-def test_after_an_error_it_is_as_it_was(tmp_path: Path, error: Exception) -> None:
+def test_error_leaves_the_old_file(tmp_path: Path, error: Exception) -> None:
     path = tmp_path / "a.txt"
     path.write_text("before")
     with pytest.raises(type(error)), whole_file(path) as file:
@@ -32,7 +32,7 @@ def test_after_an_error_it_is_as_it_was(tmp_path: Path, error: Exception) -> Non
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_error_names_the_file_and_not_its_draft(tmp_path: Path) -> None:
+def test_error_names_the_file(tmp_path: Path) -> None:
     path = tmp_path / "nowhere" / "a.txt"
     with pytest.raises(FileNotFoundError) as told, whole_file(path):
         pass

@@ -1,4 +1,4 @@
-"""A small drill: a real server is killed a few times while bots, and a person, play."""
+"""A small drill: a real server is killed a few times while bots and a person play."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LARGER = Plan(kills=5, games=6, processes=2, seed=7, steps=(15, 40), patience=15
 @pytest.mark.process
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", [SMALL, pytest.param(LARGER, marks=pytest.mark.nightly)])
-def test_games_go_on_through_kills(tmp_path: Path, plan: Plan) -> None:
+def test_episodes_survive_kills(tmp_path: Path, plan: Plan) -> None:
     result = asyncio.run(run_drill(plan, tmp_path / "drill", print))
     assert result.ok, table(result)
     write_json(result, tmp_path / "figures.json")
@@ -44,7 +44,7 @@ def test_games_go_on_through_kills(tmp_path: Path, plan: Plan) -> None:
 @pytest.mark.skipif(
     not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="needs Xvfb and xdotool"
 )
-def test_a_persons_window_goes_on_through_kills(tmp_path: Path) -> None:
+def test_window_of_a_person_survives_kills(tmp_path: Path) -> None:
     pytest.importorskip("pygame")
     plan = Plan(kills=3, games=1, windows=1, seed=3, steps=(20, 60), patience=150.0)
     result = asyncio.run(run_drill(plan, tmp_path / "drill", print))

@@ -1,4 +1,4 @@
-"""Whether a picture shows a game: the drill must not take any window for a living one."""
+"""Recognition of an episode in a picture, so that the drill accepts no dead window."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def start() -> State:
 
 
 def recognized(picture: Any, state: State) -> bool:
-    """Whether a picture is taken for that of a game in this state."""
+    """Return whether a picture is recognized as an episode in this state."""
     from robotouille_client.window.drawing.painter import Painter
     from tests.support.screens import likeness
 
@@ -42,7 +42,7 @@ def recognized(picture: Any, state: State) -> bool:
 
 
 def window(state: State | None, **changes: Any) -> Any:
-    """A picture of a window at a state; black without one."""
+    """Draw a window at a state, or a black window without one."""
     import pygame
 
     from robotouille_client.window.drawing.painter import Painter
@@ -57,18 +57,9 @@ def window(state: State | None, **changes: Any) -> Any:
     return surface
 
 
-def test_the_same_state_is_recognized(start: State) -> None:
+def test_only_a_live_window_at_the_same_state_is_recognized(start: State) -> None:
     assert recognized(window(start), start)
-
-
-def test_a_window_that_stands_at_an_earlier_state_is_not(start: State) -> None:
     action = next(a for a in start.actions(PLAYER) if a.name == "move")
-    assert not recognized(window(start), start.step(action).state)
-
-
-def test_a_window_without_a_connection_is_not(start: State) -> None:
-    assert not recognized(window(start, offline=5.0), start)
-
-
-def test_a_black_window_is_not(start: State) -> None:
-    assert not recognized(window(None), start)
+    assert not recognized(window(start), start.step(action).state), "an earlier state"
+    assert not recognized(window(start, offline=5.0), start), "no connection"
+    assert not recognized(window(None), start), "a black window"

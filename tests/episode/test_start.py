@@ -1,10 +1,11 @@
-"""When a game begins: everybody is there, and has been counted down to where people play."""
+"""Start of a game: all participants present, and a countdown for people."""
 
 from __future__ import annotations
 
 import pytest
 
 from robotouille.episode import (
+    ActionRequest,
     Clock,
     CountdownChanged,
     Departure,
@@ -22,7 +23,7 @@ def countdowns(episode: Episode) -> list[float | None]:
 
 class TestEverybodyIsThere:
     @pytest.mark.parametrize("clock", list(Clock))
-    def test_no_game_begins_without_somebody_who_joined_and_is_gone(self, clock: Clock) -> None:
+    def test_start_waits_for_an_absent_participant(self, clock: Clock) -> None:
         episode = opened(clock=clock, countdown=0)
         episode.join("robot1", "ada", "bot", 0.0)
         episode.set_present("robot1", False, 1.0)
@@ -31,9 +32,9 @@ class TestEverybodyIsThere:
         assert not episode.in_progress
         assert not any(isinstance(event, Started | Stepped) for event in episode.events())
         with pytest.raises(ProtocolError, match="waits for 1 more player"):
-            episode.submit("robot2", 1, first(episode, "robot2"), 30.0)
+            episode.submit("robot2", ActionRequest(1, first(episode, "robot2")), 30.0)
 
-    def test_it_begins_when_the_absent_one_is_back(self) -> None:
+    def test_game_starts_when_the_absent_participant_is_back(self) -> None:
         episode = opened(countdown=0)
         episode.join("robot1", "ada", "bot", 0.0)
         episode.set_present("robot1", False, 1.0)
@@ -41,18 +42,9 @@ class TestEverybodyIsThere:
         episode.set_present("robot1", True, 9.0)
         assert episode.running
 
-    def test_it_begins_when_somebody_else_takes_the_seat_that_was_given_up(self) -> None:
-        episode = opened(countdown=0)
-        episode.join("robot1", "ada", "bot", 0.0)
-        episode.set_present("robot1", False, 1.0)
-        episode.join("robot2", "bob", "bot", 5.0)
-        episode.tick(31.0)
-        episode.join(None, "carol", "bot", 32.0)
-        assert episode.running
-
 
 class TestCountdown:
-    def test_a_game_with_a_person_is_counted_down_to(self) -> None:
+    def test_countdown_before_a_game_with_a_person(self) -> None:
         episode = opened()
         episode.join("robot1", "ada", "human", 0.0)
         episode.join("robot2", "bob", "bot", 5.0)
@@ -60,14 +52,14 @@ class TestCountdown:
         assert (episode.starts_at, episode.due()) == (8.0, 8.0)
         episode.tick(7.9)
         assert not episode.in_progress
-        with pytest.raises(ProtocolError, match="begins in a moment"):
-            episode.submit("robot1", 1, first(episode, "robot1"), 7.9)
+        with pytest.raises(ProtocolError, match="starts in a moment"):
+            episode.submit("robot1", ActionRequest(1, first(episode, "robot1")), 7.9)
         episode.tick(8.0)
         assert episode.running
         assert episode.starts_at is None
         assert episode.due() == pytest.approx(8.1)
 
-    def test_who_is_lost_meanwhile_calls_it_off_and_it_begins_anew(self) -> None:
+    def test_lost_connection_restarts_the_countdown(self) -> None:
         episode = opened()
         episode.join("robot1", "ada", "human", 0.0)
         episode.join("robot2", "bob", "human", 0.0)
@@ -78,7 +70,7 @@ class TestCountdown:
         assert countdowns(episode) == [3.0, None, 3.0]
         assert episode.starts_at == 14.0
 
-    def test_who_leaves_meanwhile_calls_it_off(self) -> None:
+    def test_departure_stops_the_countdown(self) -> None:
         episode = opened()
         episode.join("robot1", "ada", "human", 0.0)
         episode.join("robot2", "bob", "human", 0.0)
@@ -98,7 +90,7 @@ class TestCountdown:
             ("human", {"thinking": "declared"}),
         ],
     )
-    def test_others_begin_at_once(self, kind: str, rules: dict[str, object]) -> None:
+    def test_other_games_start_without_countdown(self, kind: str, rules: dict[str, object]) -> None:
         episode = opened(**rules)
         episode.join("robot1", "ada", kind, 0.0)
         episode.join("robot2", "bob", kind, 0.0)

@@ -1,13 +1,12 @@
-"""What a seat did with a step: one of six things, the first that holds."""
+"""Activities of seats, and their counts."""
 
 from __future__ import annotations
-
-from itertools import product
 
 import pytest
 
 from robotouille.episode import (
     Absence,
+    ActionRequest,
     Activity,
     Clock,
     Controller,
@@ -31,8 +30,8 @@ def judged(controller: Controller = Controller.HUMAN, **told: bool | None) -> Ac
 @pytest.mark.parametrize(
     ("controller", "told", "expected"),
     [
-        (Controller.STAND_IN, {"applied": True}, Activity.SUBSTITUTED),
-        (Controller.STAND_IN, {"busy": True}, Activity.SUBSTITUTED),
+        (Controller.SUBSTITUTE, {"applied": True}, Activity.SUBSTITUTED),
+        (Controller.SUBSTITUTE, {"busy": True}, Activity.SUBSTITUTED),
         (Controller.ABSENT, {"applied": True}, Activity.AWAY),
         (Controller.FREE, {"busy": True}, Activity.AWAY),
         (Controller.HUMAN, {"applied": True, "refused": True}, Activity.ACTED),
@@ -44,28 +43,10 @@ def judged(controller: Controller = Controller.HUMAN, **told: bool | None) -> Ac
         (Controller.HUMAN, {}, Activity.IDLE),
     ],
 )
-def test_the_first_that_holds_counts(
+def test_first_applicable_activity_counts(
     controller: Controller, told: dict[str, bool | None], expected: Activity
 ) -> None:
     assert judged(controller, **told) is expected
-
-
-def test_every_step_counts_once() -> None:
-    tally = SeatTally(ADA)
-    flags = [(False, True)] * 3
-    every = product(Controller, (None, False, True), *flags)
-    for number, (controller, applied, busy, refused, turn) in enumerate(every, 1):
-        tally.count(
-            judged(controller, applied=applied, busy=busy, refused=refused, others_turn=turn)
-        )
-        assert tally.steps == number
-
-
-def test_tallies_of_earlier_versions_are_read() -> None:
-    row = {"player": ADA, "applied": 3, "rejected": 2, "idle": 4, "said": 1}
-    assert SeatTally.from_json(row) == SeatTally(ADA, acted=3, rejected=2, idle=4, said=1)
-    tally = SeatTally(ADA, acted=1, substituted=2, invalid=3, rejected=3)
-    assert SeatTally.from_json(tally.to_json()) == tally
 
 
 def played(rules: Rules) -> Episode:
@@ -82,10 +63,9 @@ def outcome(episode: Episode) -> dict[str, SeatTally]:
     return {tally.player: tally for tally in episode.outcome.seats}
 
 
-def test_a_substitute_counts_apart_from_its_person() -> None:
-    """What it does, and what it asks for in vain."""
+def test_substitutes_steps_are_counted_separately() -> None:
     episode = played(Rules(clock=Clock.REALTIME, step_rate=1.0, absence=Absence.BOT, max_steps=99))
-    episode.submit(ADA, 1, WALK, 0.5)
+    episode.submit(ADA, ActionRequest(1, WALK), 0.5)
     episode.tick(1.0)
     episode.set_present(ADA, False, 1.0)
     taken = episode.state.actions(ADA)[0]
@@ -100,23 +80,23 @@ def test_a_substitute_counts_apart_from_its_person() -> None:
     assert (bob.idle, bob.steps) == (4, 4)
 
 
-def test_the_other_waits_for_its_turn() -> None:
+def test_other_seat_waits_for_its_turn() -> None:
     episode = played(Rules(clock=Clock.TURN, max_steps=99))
     for seq in (1, 2, 3):
         player = episode.on_turn
         assert player is not None
-        episode.submit(player, seq, None, float(seq))
+        episode.submit(player, ActionRequest(seq), float(seq))
     ada, bob = outcome(episode).values()
     assert (ada.idle, ada.waiting, ada.steps) == (2, 1, 3)
     assert (bob.idle, bob.waiting, bob.steps) == (1, 2, 3)
 
 
-def test_a_refusal_makes_one_step_one_of_waiting() -> None:
+def test_rejected_request_makes_one_step_a_waiting_one() -> None:
     episode = played(Rules(clock=Clock.REALTIME, step_rate=1.0, absence=Absence.WAIT, max_steps=99))
-    episode.submit(ADA, 1, "juggle", 0.5)
-    episode.submit(ADA, 2, "juggle", 0.6)
-    episode.submit(BOB, 1, episode.state.actions(BOB)[0], 0.5)
-    episode.submit(BOB, 2, None, 0.6)  # Replaced by nothing: nobody has stood in its way.
+    episode.submit(ADA, ActionRequest(1, "juggle"), 0.5)
+    episode.submit(ADA, ActionRequest(2, "juggle"), 0.6)
+    episode.submit(BOB, ActionRequest(1, episode.state.actions(BOB)[0]), 0.5)
+    episode.submit(BOB, ActionRequest(2), 0.6)  # Replaced by nothing: nobody has stood in its way.
     episode.tick(1.0)
     episode.tick(2.0)
     episode.set_present(BOB, False, 2.5)

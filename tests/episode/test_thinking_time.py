@@ -1,4 +1,4 @@
-"""How long a move took: from when the seat could act, while the game ran."""
+"""Decision time: from the moment a seat may act, while the game runs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from itertools import product
 import pytest
 
 from robotouille import World, load_task
-from robotouille.episode import Absence, Clock, Episode, PauseReason, Rules, Stepped
-from robotouille.episode.pauses import Stopwatch
+from robotouille.episode import Absence, ActionRequest, Clock, Episode, PauseReason, Rules, Stepped
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
@@ -19,7 +18,7 @@ REAL = Rules(clock=Clock.REALTIME, step_rate=1.0, max_steps=99)
 
 
 class Game:
-    """Two people, and the milliseconds of every move of theirs."""
+    """Recorded game of two people."""
 
     def __init__(self, rules: Rules) -> None:
         self.episode, self.recorder = Episode(WORLD, rules), Recorder(WORLD)
@@ -36,7 +35,7 @@ class Game:
         actions = self.episode.state.actions(player)
         action = next(a for a in actions if name is None or a.name == name)
         self.seq += 1
-        self.episode.submit(player, self.seq, action, now)
+        self.episode.submit(player, ActionRequest(self.seq, action), now)
         self.flush()
 
     def tick(self, now: float) -> None:
@@ -45,16 +44,16 @@ class Game:
 
     @property
     def took(self) -> list[int]:
-        """Of the first one's moves, in the recording."""
+        """Return the recorded decision times of the first player."""
         steps = Recording(self.stream).steps
         return [m["ms"] for step in steps for m in step["moves"] if m["player"] == ADA]
 
 
-def test_in_real_time_steps_without_a_move_do_not_begin_it_anew() -> None:
+def test_steps_without_a_move_do_not_restart_it_in_real_time() -> None:
     game = Game(REAL)
     game.tick(3.0)
-    game.episode.submit(ADA, 90, "juggle", 3.5)  # Refused.
-    game.episode.submit(ADA, 91, None, 4.5)  # Nothing, on purpose.
+    game.episode.submit(ADA, ActionRequest(90, "juggle"), 3.5)  # Refused.
+    game.episode.submit(ADA, ActionRequest(91), 4.5)  # Nothing, on purpose.
     game.seq = 91
     game.tick(5.0)
     game.act(6.25, name="move")
@@ -62,7 +61,7 @@ def test_in_real_time_steps_without_a_move_do_not_begin_it_anew() -> None:
     assert game.took == [6250]
 
 
-def test_it_begins_when_the_seat_is_free_again() -> None:
+def test_it_starts_when_the_player_is_not_busy_any_more() -> None:
     game = Game(REAL)
     game.act(0.5, name="move")
     game.tick(1.0)
@@ -77,7 +76,7 @@ def test_it_begins_when_the_seat_is_free_again() -> None:
     assert game.took == [500, 2250]
 
 
-def test_a_move_that_was_lost_in_its_step_was_one() -> None:
+def test_move_that_failed_in_its_step_restarts_it() -> None:
     game = Game(REAL)
     state = game.episode.state
     first, lost = next(
@@ -85,8 +84,8 @@ def test_a_move_that_was_lost_in_its_step_was_one() -> None:
         for theirs, mine in product(state.actions(BOB), state.actions(ADA))
         if not state.step([theirs, mine]).attempts[1].applied
     )
-    game.episode.submit(BOB, 1, first, 0.25)
-    game.episode.submit(ADA, 50, lost, 0.5)
+    game.episode.submit(BOB, ActionRequest(1, first), 0.25)
+    game.episode.submit(ADA, ActionRequest(50, lost), 0.5)
     game.seq = 50
     game.tick(1.0)
     game.act(1.75)
@@ -95,23 +94,23 @@ def test_a_move_that_was_lost_in_its_step_was_one() -> None:
 
 
 @pytest.mark.parametrize("clock", [Clock.LOCKSTEP, Clock.TURN])
-def test_where_steps_wait_everybody_is_asked_anew_in_each(clock: Clock) -> None:
+def test_every_step_restarts_it_when_steps_wait(clock: Clock) -> None:
     game = Game(Rules(clock=clock, max_steps=99))
     game.act(2.0)
-    game.episode.submit(BOB, 1, None, 9.0)
+    game.episode.submit(BOB, ActionRequest(1), 9.0)
     while game.episode.state.busy_steps(ADA) or game.episode.on_turn == BOB:
         game.seq += 1
-        game.episode.submit(BOB, game.seq, None, 9.0)
+        game.episode.submit(BOB, ActionRequest(game.seq), 9.0)
     game.act(10.5)
-    game.episode.submit(BOB, game.seq + 1, None, 11.0)
+    game.episode.submit(BOB, ActionRequest(game.seq + 1), 11.0)
     game.flush()
     assert game.took == [2000, 1500]
 
 
 @pytest.mark.parametrize("clock", [Clock.REALTIME, Clock.LOCKSTEP])
-def test_what_the_game_stands_still_does_not_count(clock: Clock) -> None:
+def test_pauses_do_not_count(clock: Clock) -> None:
     rules = Rules(clock=clock, step_rate=1 / 64, max_steps=99)
-    for submitted, expected in ((105.0, 7_000), (50.0, 3_000)):  # Afterwards; meanwhile.
+    for submitted, expected in ((105.0, 7_000), (50.0, 3_000)):  # After the pause; during it.
         game = Game(rules)
         game.episode.pause(PauseReason.OPERATOR, 3.0)
         if submitted < 101.0:
@@ -119,7 +118,7 @@ def test_what_the_game_stands_still_does_not_count(clock: Clock) -> None:
         game.episode.resume(PauseReason.OPERATOR, 101.0)
         if submitted > 101.0:
             game.act(submitted)
-        game.episode.submit(BOB, 1, None, 106.0)
+        game.episode.submit(BOB, ActionRequest(1), 106.0)
         game.tick(300.0)
         assert game.took == [expected]
 
@@ -132,8 +131,7 @@ def restarted(game: Game, now: float) -> None:
 
 
 @pytest.mark.parametrize("restarts", [0, 1, 2])
-def test_a_restart_changes_nothing(restarts: int) -> None:
-    """As far as the recording knows: the last thing that it has is what time it was."""
+def test_restart_does_not_change_it(restarts: int) -> None:
     game = Game(Rules(clock=Clock.REALTIME, step_rate=1.0, max_steps=99, absence=Absence.WAIT))
     game.act(0.5)
     game.tick(12.0)
@@ -155,7 +153,7 @@ def test_a_restart_changes_nothing(restarts: int) -> None:
     assert game.took == [500, round(1000 * expected)]
 
 
-def test_who_was_away_while_the_game_ran_begins_anew() -> None:
+def test_absence_during_play_restarts_it() -> None:
     game = Game(Rules(clock=Clock.REALTIME, step_rate=1.0, max_steps=99, absence=Absence.WAIT))
     game.tick(2.0)
     game.episode.set_present(ADA, False, 2.5)
@@ -166,7 +164,7 @@ def test_who_was_away_while_the_game_ran_begins_anew() -> None:
     assert game.took == [500]
 
 
-def test_who_was_away_while_it_stood_still_does_not() -> None:
+def test_absence_during_a_pause_does_not_restart_it() -> None:
     game = Game(Rules(clock=Clock.REALTIME, step_rate=1.0, max_steps=99, absence=Absence.PAUSE))
     game.tick(2.0)
     game.episode.set_present(ADA, False, 2.5)
@@ -176,7 +174,7 @@ def test_who_was_away_while_it_stood_still_does_not() -> None:
     assert game.took == [2750]
 
 
-def test_a_stand_in_begins_when_it_takes_over() -> None:
+def test_substitutes_time_starts_when_it_takes_over() -> None:
     game = Game(Rules(clock=Clock.REALTIME, step_rate=1.0, max_steps=99, absence=Absence.BOT))
     game.tick(2.0)
     game.episode.set_present(ADA, False, 2.5)
@@ -186,14 +184,3 @@ def test_a_stand_in_begins_when_it_takes_over() -> None:
     (step,) = [event for event in game.episode.events() if isinstance(event, Stepped)]
     assert events
     assert (step.moves[0].seq, step.moves[0].latency) == (0, 0.25)
-
-
-def test_a_stopwatch() -> None:
-    watch = Stopwatch()
-    assert watch.read(3.0) == 3.0
-    watch.stop(3.0)
-    watch.stop(5.0)  # It stands still already.
-    assert watch.read(9.0) == 3.0
-    watch.go_on(9.0)
-    watch.go_on(10.0)  # It runs already.
-    assert watch.read(11.0) == 5.0

@@ -1,4 +1,4 @@
-"""What a study does to seats: delays, and the kind that others see; what may be said."""
+"""Treatments (delays and shown kinds), restricted chat, and reserved episodes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import pytest
 
 from robotouille import ProtocolError
 from robotouille.episode import (
+    ActionRejected,
+    ActionRequest,
     Chat,
     Clock,
     Controller,
     Episode,
     Reason,
-    Rejected,
     Rules,
     SeatTreatment,
 )
@@ -30,13 +31,13 @@ def began(clock: Clock, **rules: object) -> Episode:
 
 def act(episode: Episode, player: str, seq: int, now: float) -> str:
     action = episode.state.actions(player)[0]
-    episode.submit(player, seq, action, now)
+    episode.submit(player, ActionRequest(seq, action), now)
     return action.sentence
 
 
-def test_in_real_time_a_delayed_action_counts_in_a_later_step() -> None:
+def test_delayed_action_counts_in_a_later_step_in_real_time() -> None:
     episode = began(Clock.REALTIME)
-    episode.submit("robot1", 1, None, 0.05)
+    episode.submit("robot1", ActionRequest(1), 0.05)
     act(episode, "robot2", 1, 0.05)
     episode.tick(0.5)
     taken = steps(episode)
@@ -44,7 +45,7 @@ def test_in_real_time_a_delayed_action_counts_in_a_later_step() -> None:
     assert [step.step for step in taken if step.moves] == [3]  # It counts from 0.3 s on.
 
 
-def test_a_late_tick_takes_it_in_no_earlier_step() -> None:
+def test_late_tick_does_not_shorten_the_delay() -> None:
     on_time, late = began(Clock.REALTIME), began(Clock.REALTIME)
     for episode in (on_time, late):
         act(episode, "robot2", 1, 0.0)
@@ -54,7 +55,7 @@ def test_a_late_tick_takes_it_in_no_earlier_step() -> None:
     assert on_time.state == late.state
 
 
-def test_in_lockstep_the_step_waits_for_it() -> None:
+def test_lockstep_waits_for_a_delayed_action() -> None:
     episode = began(Clock.LOCKSTEP)
     act(episode, "robot1", 1, 1.0)
     act(episode, "robot2", 1, 1.0)
@@ -65,18 +66,18 @@ def test_in_lockstep_the_step_waits_for_it() -> None:
     assert episode.step == 1
 
 
-def test_it_is_checked_when_it_counts_and_the_same_number_acts_once() -> None:
+def test_delayed_action_is_checked_after_the_delay() -> None:
     episode = began(Clock.LOCKSTEP)
     for _ in range(2):
-        episode.submit("robot2", 1, "dance", 0.0)
+        episode.submit("robot2", ActionRequest(1, "dance"), 0.0)
     assert not episode.events()
     episode.tick(0.25)
-    (rejected,) = (event for event in episode.events() if isinstance(event, Rejected))
+    (rejected,) = (event for event in episode.events() if isinstance(event, ActionRejected))
     assert rejected.code == "action/unknown"
     assert episode.due() is None
 
 
-def test_who_leaves_takes_it_away() -> None:
+def test_departure_drops_delayed_actions() -> None:
     episode = began(Clock.LOCKSTEP)
     act(episode, "robot2", 1, 0.0)
     episode.leave("robot2", 0.1)
@@ -85,7 +86,7 @@ def test_who_leaves_takes_it_away() -> None:
     assert episode.seat("robot2").pending is None
 
 
-def test_others_see_the_kind_that_the_study_says() -> None:
+def test_others_see_the_kind_of_the_treatment() -> None:
     episode = began(Clock.LOCKSTEP)
     one, two = episode.seats.values()
     assert (one.shown_kind, one.shown_controller) == ("bot", Controller.BOT)
@@ -106,7 +107,7 @@ def test_others_see_the_kind_that_the_study_says() -> None:
         (Chat.FREE, (), "hello", ""),
     ],
 )
-def test_what_may_be_said(chat: Chat, phrases: tuple[str, ...], text: str, code: str) -> None:
+def test_permitted_chat(chat: Chat, phrases: tuple[str, ...], text: str, code: str) -> None:
     episode = began(Clock.LOCKSTEP, chat=chat, phrases=phrases)
     for player in ("robot1", ""):
         if code:
@@ -115,10 +116,10 @@ def test_what_may_be_said(chat: Chat, phrases: tuple[str, ...], text: str, code:
             assert refused.value.code == code
         else:
             episode.say("ada", player, text, 1.0)
-    assert episode.said == (0 if code else 2)
+    assert episode.record.said == (0 if code else 2)
 
 
-def test_an_episode_that_nobody_comes_to_is_closed_in_time() -> None:
+def test_unused_episode_closes_after_open_for() -> None:
     episode = Episode(TWO, Rules(open_for=90_000.0), 5.0)
     assert episode.due() == 90_005.0
     episode.tick(90_004.9)
@@ -127,7 +128,7 @@ def test_an_episode_that_nobody_comes_to_is_closed_in_time() -> None:
     assert outcome(episode) == (Reason.ABANDONED, "nobody came")
 
 
-def test_who_has_come_and_gone_again_is_waited_for_as_ever() -> None:
+def test_used_episode_waits_for_the_usual_time() -> None:
     episode = Episode(TWO, Rules(open_for=60.0))
     episode.join("robot1", "ada", "human", 50.0, session="a")
     episode.tick(70.0)
@@ -135,7 +136,7 @@ def test_who_has_come_and_gone_again_is_waited_for_as_ever() -> None:
     assert episode.due() == 700.0
 
 
-def test_rules_that_say_nothing_new_are_written_as_before() -> None:
+def test_default_rules_are_omitted() -> None:
     assert not {"open_for", "chat", "phrases"} & set(Rules().model_dump(mode="json"))
     rules = Rules(open_for=60.0, chat=Chat.PHRASES, phrases=("Yes",))
     assert Rules.model_validate(rules.model_dump(mode="json")) == rules

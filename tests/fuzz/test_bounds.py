@@ -1,7 +1,7 @@
-"""Small inputs that ask for much: each is refused within bounded memory and processor time.
+"""Small inputs that demand much are refused within bounded memory and processor time.
 
-The readers run in a process of their own under limits of the operating system, so that a bomb
-that goes off ends that process and not the tests.
+Each reader runs in a separate process under limits of the operating system, so that an input that
+exceeds them ends that process and not the tests.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
 MEMORY = 3 * 1024**3
-"""Bytes of address space; a recording may have 256 MiB, uncompressed."""
+"""Address space in bytes; an uncompressed recording may have 256 MiB."""
 CPU_SECONDS = 60
 
 READ = """
@@ -42,7 +42,7 @@ def _confine() -> None:
 
 
 def confined(folder: Path, kind: str, data: bytes) -> str:
-    """The word of a reader of `tests.support.fuzzing.targets`, under limits."""
+    """Run a reader of `tests.support.fuzzing.targets` under limits and return its result."""
     (folder / "data").write_bytes(data)
     done = subprocess.run(
         [sys.executable, "-c", READ, str(folder), kind],
@@ -57,7 +57,7 @@ def confined(folder: Path, kind: str, data: bytes) -> str:
 
 
 def zeros(gibibytes: int) -> bytes:
-    """So many GiB of zeros, compressed: repeated Zstandard blocks of one byte each."""
+    """Return many GiB of compressed zeros: repeated Zstandard blocks of one byte each."""
     block = (1 << 17 << 3 | 1 << 1).to_bytes(3, "little") + b"\0"
     end = (1 << 1 | 1).to_bytes(3, "little") + b"\0"
     header = b"\x28\xb5\x2f\xfd" + b"\x00\x58"
@@ -69,8 +69,8 @@ def deep(levels: int, *, message: bool = False) -> bytes:
     return inside if message else b"\x82\xa4kind\xa6footer\xa7outcome" + inside
 
 
-def crowd(items: int, arity: int) -> bytes:
-    """A problem with many items of a kitchen whose predicate relates so many of them."""
+def crowded_problem(items: int, arity: int) -> bytes:
+    """Return a problem with many items in a kitchen with a predicate of this arity."""
     import copy
     import json
 
@@ -120,18 +120,18 @@ BOMBS = {
 
 @pytest.mark.process
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_bomb_is_refused(tmp_path: Path, name: str) -> None:
+def test_demanding_input_is_refused(tmp_path: Path, name: str) -> None:
     kind, data = BOMBS[name]
     assert confined(tmp_path, kind, data) not in ("read", "")
 
 
 @pytest.mark.process
 @pytest.mark.parametrize(("items", "arity"), [(900, 2), (100, 3), (60, 4)])
-def test_a_kitchen_with_too_many_possible_facts_is_refused(
+def test_kitchen_with_too_many_possible_facts_is_refused(
     tmp_path: Path, items: int, arity: int
 ) -> None:
-    """What a file, a recording or a snapshot says is a task, before anything is made of it."""
-    (tmp_path / "task.json").write_bytes(crowd(items, arity))
+    """The check precedes any use of a task from a file, a recording or a snapshot."""
+    (tmp_path / "task.json").write_bytes(crowded_problem(items, arity))
     code = (
         "import sys, json; from robotouille import FileError, World\n"
         "from robotouille.domain.task import Task\n"
@@ -147,8 +147,8 @@ def test_a_kitchen_with_too_many_possible_facts_is_refused(
     assert done.stdout.startswith("refused"), (done.returncode, done.stderr[-300:])
 
 
-def test_empty_fragments_do_not_gather_for_ever(tmp_path: Path) -> None:
-    """Fragments without content have no size to limit: their number is."""
+def test_number_of_empty_fragments_is_limited(tmp_path: Path) -> None:
+    """Empty fragments have no size that could be limited, so their number is limited."""
 
     async def main() -> None:
         async with serving(tmp_path) as server, raw(server) as honest:

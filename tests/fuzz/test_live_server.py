@@ -1,5 +1,6 @@
-"""Hostile and honest messages in any order on a live server: it answers, nothing fails inside it,
-and two honest players' game goes on as if nobody else were there."""
+"""Hostile and honest messages in any order on a live server. It replies, nothing fails inside it,
+and the episode of two honest players continues undisturbed.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +20,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from robotouille.replay.recording import read_recording
+from tests.support.fuzzing.adversary import Adversary
 from tests.support.fuzzing.codes import documented_codes
-from tests.support.fuzzing.hostility import Adversary
 from tests.support.fuzzing.specimens import client_messages
 from tests.support.fuzzing.wire import (
     BINARY,
@@ -42,14 +43,14 @@ STRANGERS = 4
 
 
 class Failures(logging.Handler):
-    """Everything that would be an error in the server's log, from whichever library."""
+    """Collector of everything that would be an error in the server's log."""
 
     def __init__(self) -> None:
         super().__init__(logging.ERROR)
         self.rows: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        """A fault inside the WebSocket library that a peer brings about is not the server's."""
+        """Record an error, except for errors inside the WebSocket library caused by a peer."""
         cause = record.exc_info[1] if record.exc_info else None
         if cause is None or _passed_through_the_server(cause):
             self.rows.append(f"{record.getMessage()}: {cause!r}")
@@ -70,7 +71,7 @@ def _passed_through_the_server(cause: BaseException) -> bool:
 
 @asynccontextmanager
 async def watched() -> AsyncIterator[Failures]:
-    """Collect failures of the server for a while."""
+    """Collect failures of the server within the context."""
     failures = Failures()
     logger = logging.getLogger("websockets.server")
     before, config = logger.level, structlog.get_config()
@@ -87,7 +88,7 @@ async def watched() -> AsyncIterator[Failures]:
 
 
 class Stranger:
-    """One hostile connection at a time, and what it was answered."""
+    """One hostile connection at a time, and the server's replies to it."""
 
     def __init__(self, port: int) -> None:
         self.port = port
@@ -135,8 +136,8 @@ class Stranger:
         self.greeted = False
 
 
-class HostileHouse(RuleBasedStateMachine):
-    """Two honest players in one kitchen; strangers at the door, and inside."""
+class HostileClients(RuleBasedStateMachine):
+    """Two honest players in one kitchen, and hostile clients that connect and join."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -168,7 +169,7 @@ class HostileHouse(RuleBasedStateMachine):
             await player.expect("snapshot")
         self.strangers = [Stranger(self.server.port) for _ in range(STRANGERS)]
 
-    # What strangers do
+    # Actions of strangers
 
     @rule(who=st.integers(0, STRANGERS - 1), text=st.booleans(), named=st.booleans())
     def a_stranger_connects(self, who: int, text: bool, named: bool) -> None:
@@ -209,8 +210,8 @@ class HostileHouse(RuleBasedStateMachine):
         self._run(stranger.say(whole))
 
     @rule(seed=SEEDS, polite=st.booleans())
-    def somebody_knocks(self, seed: int, polite: bool) -> None:
-        """Half a handshake, garbage, another protocol; then gone."""
+    def a_stranger_sends_a_bad_handshake(self, seed: int, polite: bool) -> None:
+        """Send half a handshake, garbage or another protocol, then disconnect."""
 
         async def knock() -> None:
             wire = await Wire.open(self.server.port)
@@ -235,7 +236,7 @@ class HostileHouse(RuleBasedStateMachine):
         if stranger.wire is not None:
             self._run(stranger.say(stranger.wire.encode(message)))
 
-    # What must hold
+    # Invariants
 
     @rule()
     def the_honest_game_goes_on(self) -> None:
@@ -253,14 +254,14 @@ class HostileHouse(RuleBasedStateMachine):
     @precondition(lambda self: any(s.greeted and s.tidy and s.wire for s in self.strangers))
     @rule(ref=st.integers(1, 2**31 - 1))
     def a_stranger_is_still_answered(self, ref: int) -> None:
-        """Unless its last frame was not a whole one, which the server has to wait for."""
+        """Check the reply, unless the last frame was incomplete and the server waits for it."""
         stranger = next(s for s in self.strangers if s.greeted and s.tidy and s.wire)
         self._say(stranger, {"type": "list", "ref": ref})
         for _ in range(20):
             self._run(asyncio.sleep(0.1))
             if ref in stranger.refs or stranger.wire is None:
                 return
-        raise AssertionError(f"no answer to {ref}")
+        raise AssertionError(f"no reply to {ref}")
 
     def teardown(self) -> None:
         try:
@@ -288,11 +289,11 @@ class HostileHouse(RuleBasedStateMachine):
             page = self.server.metrics.page().decode()
             if "\nrobotouille_connections 0.0\n" in page:
                 return
-        raise AssertionError("connections are left over")
+        raise AssertionError("connections remain open")
 
 
 def _message(adversary: Adversary, wire: Wire, code: str) -> bytes:
-    """A hostile message in this connection's subprotocol, or now and then in the other."""
+    """Return a hostile message, mostly in this connection's subprotocol."""
     message = adversary.message(client_messages())
     if isinstance(message, dict) and message.get("type") == "join":
         message["episode"] = code
@@ -307,5 +308,5 @@ async def _after(seconds: float, then: Any) -> None:
     then()
 
 
-HostileHouse.TestCase.settings = thorough(15, stateful_step_count=40)
-TestHostileHouse = pytest.mark.slow(HostileHouse.TestCase)
+HostileClients.TestCase.settings = thorough(15, stateful_step_count=40)
+TestHostileHouse = pytest.mark.slow(HostileClients.TestCase)

@@ -1,4 +1,4 @@
-"""Tasks to make instances of, and a solver that costs nothing."""
+"""Tasks for the generator, and a solver without work."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Any
 
 from robotouille import Task, World, load_task
 from robotouille.generation import Generator, Kind, Parameters
-from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.search_result import Proof, SearchResult
+from robotouille.planning.plan import Plan, Proof, SearchResult, read_plan
 
 TASKS = [
     "synchronous/01_cheese_sandwich",
@@ -32,7 +31,7 @@ def seats_of(task: Task) -> tuple[int, ...]:
 
 
 def shipped_plan(task: Task) -> Plan:
-    """The plan beside a shipped problem."""
+    """Return the plan next to a shipped problem."""
     source = Path(task.source)
     names = (f"{source.stem}@{task.seats}.plan", f"{source.stem}.plan")
     path = next(p for p in map(source.with_name, names) if p.exists())
@@ -40,7 +39,7 @@ def shipped_plan(task: Task) -> Plan:
 
 
 class Oracle:
-    """Answers as if each world had a plan of some length; counts how often it is asked."""
+    """Solver that returns a plan of a fixed length and counts its calls."""
 
     def __init__(self, refuse: int = 0) -> None:
         self.refuse = refuse

@@ -1,4 +1,4 @@
-"""`robotouille generate`, as a user types it."""
+"""The command `robotouille generate`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def generate(*words: str) -> Result:
     return CliRunner().invoke(app, ["generate", *words])
 
 
-def test_files_are_written_and_lint(tmp_path: Path) -> None:
+def test_files_pass_the_linter(tmp_path: Path) -> None:
     out = tmp_path / "new"
     result = generate(SANDWICH, "--kind", "noisy", "--count", "3", "--out", str(out))
     assert result.exit_code == 0, result.output
@@ -34,7 +34,7 @@ def test_files_are_written_and_lint(tmp_path: Path) -> None:
     assert generate(SANDWICH, "--kind", "noisy", "--seed", "126", "--out", "-").stdout == text
 
 
-def test_one_json_line_a_file(tmp_path: Path) -> None:
+def test_json_has_one_line_per_file(tmp_path: Path) -> None:
     words = ["multi_agent/01", "--kind", "noisy", "--seed", "7", "--size", "9x8", "--stations", "3"]
     result = generate(*words, "--items", "1", "--out", str(tmp_path), "--json")
     row = json.loads(result.stdout)
@@ -58,19 +58,19 @@ def test_one_json_line_a_file(tmp_path: Path) -> None:
         ([SANDWICH, "--kind", "noisy", "--out", "/dev/null/x"], "/dev/null/x"),
     ],
 )
-def test_errors_are_one_line(words: list[str], said: str) -> None:
+def test_errors_have_one_line(words: list[str], said: str) -> None:
     result = generate(*words)
     assert result.exit_code == 1
     assert said in result.output
     assert len(result.output.strip().splitlines()) == 1
 
 
-def test_the_page_tells_the_truth(capsys: pytest.CaptureFixture[str]) -> None:
-    for block in blocks("generation.md", "python"):
-        exec(compile(block, "generation.md", "exec"), {})
+def test_page_examples_are_right(capsys: pytest.CaptureFixture[str]) -> None:
+    (block,) = [b for b in blocks("planners.md", "python") if "Generator(" in b]
+    exec(compile(block, "planners.md", "exec"), {})
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "01_lettuce_burger_s42"
     assert "# task: 01_lettuce_burger_s42@3" in lines
     assert lines[-1] == "lettuce1"
-    told = json.loads("{" + blocks("generation.md", "json")[0] + "}")
+    told = json.loads("{" + blocks("planners.md", "json")[0] + "}")
     Provenance.model_validate(told["provenance"])

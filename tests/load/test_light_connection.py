@@ -1,23 +1,19 @@
-"""The connection that costs next to nothing is still a WebSocket connection."""
+"""The light connection follows the WebSocket protocol."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Any
 
-import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.frames import Frame, Opcode
-from websockets.typing import Subprotocol
 
-from robotouille.protocol.codec import MSGPACK
-from robotouille_client.loadtest.worker.light_connection import (
+from robotouille_client.loadtest.light_connection import (
     HandshakeRefusedError,
     LightConnection,
     Traffic,
@@ -25,15 +21,16 @@ from robotouille_client.loadtest.worker.light_connection import (
     open_connection,
 )
 from robotouille_client.sockets import server_uri
+from robotouille_server import Server
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import opening, virtual
 
 URL = "ws://127.0.0.1:1"
 
 
 @st.composite
 def streams(draw: Any) -> tuple[list[bytes], bytes, list[int]]:
-    """Messages, the frames that carry them (whole or in parts), and where reads end."""
+    """Draw messages, their frames (whole or fragmented) and the ends of reads."""
     messages, stream = [], b""
     sizes = st.sampled_from([0, 1, 125, 126, 127, 65_535, 65_536, 70_000])
     for size in draw(st.lists(sizes, max_size=6)):
@@ -54,7 +51,7 @@ def streams(draw: Any) -> tuple[list[bytes], bytes, list[int]]:
 
 @settings(deadline=None)
 @given(streams())
-def test_messages_arrive_however_the_stream_is_cut(
+def test_messages_arrive_from_any_split_of_the_stream(
     stream: tuple[list[bytes], bytes, list[int]],
 ) -> None:
     messages, content, ends = stream
@@ -73,7 +70,7 @@ def test_messages_arrive_however_the_stream_is_cut(
 
 @asynccontextmanager
 async def echoing(**options: Any) -> AsyncIterator[str]:
-    """A server of the library that sends everything back."""
+    """Serve with the library, sending everything back, and yield the URL."""
 
     async def echo(socket: ServerConnection) -> None:
         async for message in socket:
@@ -84,102 +81,45 @@ async def echoing(**options: Any) -> AsyncIterator[str]:
         yield f"ws://127.0.0.1:{port}"
 
 
-PROTOCOL: dict[str, Any] = {"subprotocols": [Subprotocol(MSGPACK.name)]}
+@opening(serving, max_connections=1)
+async def test_refusal_quotes_the_server(server: Server) -> None:
+    first = await open_connection(server_uri(server.url), Traffic(), 5)
+    with pytest.raises(HandshakeRefusedError, match=r"503 .*: the server is full"):
+        await open_connection(server_uri(server.url), Traffic(), 5)
+    first.close()
 
 
-def test_the_library_understands_what_is_sent_and_counts_agree() -> None:
-    async def converse() -> None:
-        async with echoing(max_size=None, **PROTOCOL) as url:
-            traffic = Traffic()
-            connection = await open_connection(server_uri(url), traffic, 5)
-            received: asyncio.Queue[bytes] = asyncio.Queue()
-            connection.receive = received.put_nowait
-            for size in (1, 100, 200, 70_000):
-                message = {"type": "echo", "content": "x" * size}
-                connection.send(message)
-                assert msgpack.unpackb(await received.get()) == message
-            ponged = asyncio.Event()
-            connection.ponged = ponged.set
-            connection.ping()
-            await ponged.wait()
-            assert (traffic.messages_in, traffic.messages_out) == (4, 4)
-            assert min(traffic.bytes_in, traffic.bytes_out) > 70_000
+@virtual
+async def test_other_kinds_of_servers_are_recognized() -> None:
+    async with echoing() as url:
+        with pytest.raises(HandshakeRefusedError, match=r"does not speak robotouille\.v1\.msgpack"):
+            await open_connection(server_uri(url), Traffic(), 5)
 
-    run(converse())
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"220 mail.example ESMTP\r\n\r\n")
+        await reader.read()
+        writer.close()
 
-
-def test_pings_of_the_server_are_answered_and_a_close_is_noticed() -> None:
-    async def converse() -> None:
-        answered = asyncio.Event()
-
-        async def handle(socket: ServerConnection) -> None:
-            await (await socket.ping())
-            answered.set()
-            await socket.close(1000)
-
-        async with serve(handle, "127.0.0.1", 0, **PROTOCOL) as server:
-            port = next(iter(server.sockets)).getsockname()[1]
-            connection = await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
-            lost = asyncio.Event()
-            connection.lost = lost.set
-            await answered.wait()
-            await lost.wait()
-            connection.send({"type": "too late"})
-            await asyncio.sleep(1)
-
-    run(converse())
+    mail = await asyncio.start_server(answer, "127.0.0.1", 0)
+    port = mail.sockets[0].getsockname()[1]
+    with pytest.raises(HandshakeRefusedError, match=r"'220 mail\.example ESMTP', which is not"):
+        await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+    mail.close()
+    await asyncio.sleep(1)
 
 
-def test_a_server_that_refuses_is_quoted(tmp_path: Path) -> None:
-    async def knock() -> None:
-        async with serving(tmp_path, max_connections=1) as server:
-            first = await open_connection(server_uri(server.url), Traffic(), 5)
-            with pytest.raises(HandshakeRefusedError, match=r"503 .*: the server is full"):
-                await open_connection(server_uri(server.url), Traffic(), 5)
-            first.close()
+@virtual
+async def test_silent_and_missing_servers_are_unreachable() -> None:
+    async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
 
-    run(knock())
-
-
-def test_other_servers_are_told_apart() -> None:
-    async def knock() -> None:
-        async with echoing() as url:
-            with pytest.raises(
-                HandshakeRefusedError, match=r"does not speak robotouille\.v1\.msgpack"
-            ):
-                await open_connection(server_uri(url), Traffic(), 5)
-
-        async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            await reader.readuntil(b"\r\n\r\n")
-            writer.write(b"220 mail.example ESMTP\r\n\r\n")
-            await reader.read()
-            writer.close()
-
-        mail = await asyncio.start_server(answer, "127.0.0.1", 0)
-        port = mail.sockets[0].getsockname()[1]
-        with pytest.raises(
-            HandshakeRefusedError, match=r"'220 mail\.example ESMTP', which opens no"
-        ):
-            await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
-        mail.close()
-        await asyncio.sleep(1)
-
-    run(knock())
-
-
-def test_nobody_there_and_nobody_who_answers() -> None:
-    async def knock() -> None:
-        async def listen(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            await reader.read()
-            writer.close()
-
-        silent = await asyncio.start_server(listen, "127.0.0.1", 0)
-        port = silent.sockets[0].getsockname()[1]
-        with pytest.raises(UnreachableError, match=f"127.0.0.1:{port} did not answer in 5 s"):
-            await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
-        silent.close()
-        await asyncio.sleep(1)
-        with pytest.raises(UnreachableError, match=f"no server at 127.0.0.1:{port}"):
-            await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
-
-    run(knock())
+    silent = await asyncio.start_server(listen, "127.0.0.1", 0)
+    port = silent.sockets[0].getsockname()[1]
+    with pytest.raises(UnreachableError, match=f"127.0.0.1:{port} did not answer in 5 s"):
+        await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+    silent.close()
+    await asyncio.sleep(1)
+    with pytest.raises(UnreachableError, match=f"no server at 127.0.0.1:{port}"):
+        await open_connection(server_uri(f"ws://127.0.0.1:{port}"), Traffic(), 5)

@@ -1,4 +1,4 @@
-"""A real outlet and inlet on one machine: what comes out is what was played."""
+"""Streaming with real LSL outlets and inlets on one machine."""
 
 from __future__ import annotations
 
@@ -16,17 +16,16 @@ import pytest
 from robotouille_client import Client, Game, connect
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.lsl.cli import main
-from robotouille_client.lsl.outlets import Outlets
-from robotouille_client.lsl.stream import stream
+from robotouille_client.lsl.stream import Outlets, stream
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 MACHINE = "[multicast]\nResolveScope = machine\n[ports]\nIPv6 = disable\n[log]\nlevel = -2\n"
-"""Nobody else's network is asked, and nobody else hears."""
+"""Settings that keep LSL from using the network."""
 
 
 class Kept:
-    """An outlet that keeps what it gets."""
+    """Outlet that keeps its samples."""
 
     def __init__(self) -> None:
         self.samples: list[list[Any]] = []
@@ -35,44 +34,40 @@ class Kept:
         self.samples.append(x)
 
 
-def test_a_spectator_streams_an_episode_to_its_end(tmp_path: Path) -> None:
-    async def main() -> None:
-        steps, events, opened = Kept(), Kept(), asyncio.Event()
+@virtual
+async def test_spectator_streams_an_episode_to_its_end(tmp_path: Path) -> None:
+    steps, events, opened = Kept(), Kept(), asyncio.Event()
 
-        def opening(game: Game, offsets: list[float]) -> Outlets:
-            assert offsets
-            opened.set()
-            return Outlets(steps, events, lambda: 0.0)
+    def opening(game: Game, offsets: list[float]) -> Outlets:
+        assert offsets
+        opened.set()
+        return Outlets(steps, events, lambda: 0.0)
 
-        async with serving(tmp_path, max_steps=6) as server:
-            async with (
-                connect(server.url, name="ada") as ada,
-                connect(server.url, name="lsl") as watcher,
-            ):
-                played = await ada.join((await ada.create("synchronous/01")).code)
-                streaming = asyncio.create_task(stream(watcher, played.episode, opening))
-                await opened.wait()
-                while not played.ended:
-                    await played.act(played.actions[0] if played.actions else None)
-                game = await streaming
-        assert game.outcome is not None
-        assert [row[0] for row in steps.samples][-6:] == [1, 2, 3, 4, 5, 6]
-        told = [json.loads(row[0]) for row in events.samples]
-        assert told[-1] == {"step": 6, "event": "over", "reason": "step_limit"}
-        assert sum(row["event"] == "action" for row in told) >= 5
-
-    run(main())
+    async with serving(tmp_path, max_steps=6) as server:
+        async with (
+            connect(server.url, name="ada") as ada,
+            connect(server.url, name="lsl") as watcher,
+        ):
+            played = await ada.join((await ada.create("synchronous/01")).code)
+            streaming = asyncio.create_task(stream(watcher, played.episode, opening))
+            await opened.wait()
+            while not played.ended:
+                await played.act(played.actions[0] if played.actions else None)
+            game = await streaming
+    assert game.outcome is not None
+    assert [row[0] for row in steps.samples][-6:] == [1, 2, 3, 4, 5, 6]
+    told = [json.loads(row[0]) for row in events.samples]
+    assert told[-1] == {"step": 6, "event": "ended", "reason": "step_limit"}
+    assert sum(row["event"] == "action" for row in told) >= 5
 
 
-def test_there_is_no_round_trip_without_a_connection() -> None:
-    async def main() -> None:
-        with pytest.raises(ConnectionFailedError):
-            await Client("ws://127.0.0.1:1", name="ada").round_trip()
-
-    run(main())
+@virtual
+async def test_round_trip_needs_a_connection() -> None:
+    with pytest.raises(ConnectionFailedError):
+        await Client("ws://127.0.0.1:1", name="ada").round_trip()
 
 
-def test_without_the_library_the_command_says_what_to_install(
+def test_missing_library_is_explained(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "pylsl", None)
@@ -85,8 +80,8 @@ def test_without_the_library_the_command_says_what_to_install(
 
 PROGRAM = """
 import json, sys, pylsl
-from robotouille_client.lsl.outlets import open_outlets
-from robotouille_client.sansio.game_events import Announced, Changed
+from robotouille_client.lsl.stream import open_outlets
+from robotouille_client.sansio.game_events import Announced, StateChanged
 from robotouille import World
 
 world = World("synchronous/01")
@@ -101,7 +96,7 @@ for what in ("steps", "events"):
 action = world.initial.actions("robot1")[0]
 before = pylsl.local_clock()
 for step in (1, 2, 3):
-    outlets.push(Changed(step, world.initial, None, (("robot1", action, True),)), step, 0.5)
+    outlets.push(StateChanged(step, world.initial, None, (("robot1", action, True),)), step, 0.5)
 after = pylsl.local_clock()
 rows = []
 for inlet in inlets:
@@ -113,7 +108,7 @@ print(json.dumps({"rows": rows, "between": [before, after],
 
 @pytest.mark.process
 @pytest.mark.slow
-def test_an_inlet_gets_what_an_outlet_is_given(tmp_path: Path) -> None:
+def test_inlet_receives_the_samples_of_an_outlet(tmp_path: Path) -> None:
     pytest.importorskip("pylsl")
     (tmp_path / "lsl_api.cfg").write_text(MACHINE)
     result = subprocess.run(

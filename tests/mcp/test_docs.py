@@ -1,4 +1,4 @@
-"""What the page shows, done."""
+"""The documentation of the MCP server matches the code."""
 
 from __future__ import annotations
 
@@ -10,24 +10,23 @@ from pathlib import Path
 
 import pytest
 
-from robotouille_client.mcp_server.journal import MAX_LINES
+from robotouille_client.mcp_server.http import MAX_BODY_BYTES, MAX_CONNECTIONS, MAX_SESSIONS
+from robotouille_client.mcp_server.open_game import MAX_LINES
 from robotouille_client.mcp_server.open_games import MAX_GAMES_OF_ONE
 from robotouille_client.mcp_server.results import GameView
 from robotouille_client.mcp_server.tools import TOOLS
-from robotouille_client.mcp_server.transports.http import (
-    MAX_BODY_BYTES,
-    MAX_CONNECTIONS,
-    MAX_SESSIONS,
-)
+from robotouille_server import Server
 from tests.support.mcp_agent import COMMAND, agent
 from tests.support.pages import read, table, titled
 from tests.support.server_process import server_process
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import opening, run
+
+PAGE = "write_an_agent.md"
 
 
-def test_every_tool_argument_and_field_is_documented(tmp_path: Path) -> None:
-    rows = {row[0]: row for row in table("mcp.md", "Tools")[: len(TOOLS)]}
+def test_all_tools_arguments_and_fields_are_documented(tmp_path: Path) -> None:
+    rows = {row[0]: row for row in table(PAGE, "MCP tools")[: len(TOOLS)]}
     assert list(rows) == [tool.__name__ for tool in TOOLS]
 
     async def main() -> None:
@@ -41,40 +40,38 @@ def test_every_tool_argument_and_field_is_documented(tmp_path: Path) -> None:
                     assert schema["description"], tool.name
 
     run(main())
-    assert all(f"`{field}`" in read("mcp.md") for field in GameView.model_fields)
+    assert all(f"`{field}`" in read(PAGE) for field in GameView.model_fields)
 
 
-def test_limits_are_those_of_the_code() -> None:
-    rows = {row[0]: row[1] for row in table("mcp.md", "Limits")}
-    assert rows["… with one token"] == str(MAX_GAMES_OF_ONE)
-    assert rows["a request's body (HTTP)"] == f"{MAX_BODY_BYTES // 1024} KiB"
-    assert rows["sessions of handshake versions (HTTP)"] == str(MAX_SESSIONS)
+def test_documented_limits_match_the_code() -> None:
+    rows = {row[0]: row[1] for row in table(PAGE, "MCP limits")}
+    assert rows["open games with one token"] == str(MAX_GAMES_OF_ONE)
+    assert rows["request body (HTTP)"] == f"{MAX_BODY_BYTES // 1024} KiB"
+    assert rows["sessions, in MCP versions with a handshake (HTTP)"] == str(MAX_SESSIONS)
     assert rows["connections (HTTP)"] == str(MAX_CONNECTIONS)
-    assert f"at most {MAX_LINES} lines" in read("mcp.md")
+    assert f"the last {MAX_LINES} lines" in read(PAGE)
 
 
-def test_what_a_model_is_told_names_tools_that_there_are(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server, agent(server.url) as ada:
-            guide = (await ada.client.read_resource("robotouille://guide")).contents[0]
-            assert "until" in guide.text
-            tasks = (await ada.client.read_resource("robotouille://tasks")).contents[0]
-            assert "synchronous/01_cheese_sandwich" in [r["task"] for r in json.loads(tasks.text)]
-            prompt = await ada.client.get_prompt("play", {"episode": "KQXZB-MHTWA"})
-            assert "KQXZB-MHTWA" in prompt.messages[0].content.text
-
-    run(main())
+@opening(serving)
+async def test_texts_for_models_name_existing_tools(server: Server) -> None:
+    async with agent(server.url) as ada:
+        guide = (await ada.client.read_resource("robotouille://guide")).contents[0]
+        assert "until" in guide.text
+        tasks = (await ada.client.read_resource("robotouille://tasks")).contents[0]
+        assert "synchronous/01_cheese_sandwich" in [r["task"] for r in json.loads(tasks.text)]
+        prompt = await ada.client.get_prompt("play", {"episode": "KQXZB-MHTWA"})
+        assert "KQXZB-MHTWA" in prompt.messages[0].content.text
 
 
 @pytest.mark.parametrize("name", ["mcp.json", "mcp-http.json"])
-def test_configurations_are_json(name: str) -> None:
-    assert json.loads(titled("mcp.md", name))["mcpServers"]["robotouille"]
+def test_documented_configurations_are_json(name: str) -> None:
+    assert json.loads(titled(PAGE, name))["mcpServers"]["robotouille"]
 
 
 @pytest.mark.process
-def test_the_program_on_the_page_plays_a_game(tmp_path: Path) -> None:
+def test_documented_program_plays_a_game(tmp_path: Path) -> None:
     script = tmp_path / "mcp_agent.py"
-    script.write_text(titled("mcp.md", "mcp_agent.py"), encoding="utf-8")
+    script.write_text(titled(PAGE, "mcp_agent.py"), encoding="utf-8")
     program = tmp_path / "robotouille-mcp"
     found = f"import sys; sys.path[:] = {sys.path!r}"  # clients pass few variables on
     program.write_text(f"#!{sys.executable}\n{found}\n{COMMAND[2]}\n", encoding="utf-8")

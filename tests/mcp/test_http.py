@@ -1,4 +1,4 @@
-"""The HTTP service in this process: how it stops."""
+"""The HTTP service: shutdown and incomplete requests."""
 
 from __future__ import annotations
 
@@ -7,20 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from robotouille_client.mcp_server import http
+from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
 from robotouille_client.mcp_server.open_games import OpenGames
 from robotouille_client.mcp_server.server import mcp_server
-from robotouille_client.mcp_server.transports import http
-from robotouille_client.mcp_server.transports.http import (
-    PATH,
-    HttpService,
-    http_app,
-    listening_socket,
-)
 from tests.support.mcp_agent import over
 from tests.support.servers import serving
 
 
-async def test_a_service_that_is_stopped_answers_those_who_wait(tmp_path: Path) -> None:
+async def test_stopped_service_answers_waiting_calls(tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         games = OpenGames(server.url)
         app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
@@ -50,7 +45,7 @@ HEAD = b"POST /mcp HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-length: 50\r\n\r\n{"
     [(b"", b""), (b"POST /mcp HT", b""), (HEAD, b"HTTP/1.1 408")],
     ids=["silent", "half a head", "half a body"],
 )
-async def test_those_who_do_not_say_what_they_want_are_cut_off(
+async def test_incomplete_requests_are_cut_off(
     monkeypatch: pytest.MonkeyPatch, sent: bytes, answer: bytes
 ) -> None:
     monkeypatch.setattr(http, "REQUEST_SECONDS", 0.05)

@@ -58,9 +58,7 @@ async def free_seats(agent: Agent, code: str) -> list[str]:
     return next(row["free_seats"] for row in rows if row["code"] == code)
 
 
-def test_a_process_plays_over_stdio_and_leaves_when_its_client_goes(
-    server: ServerProcess, tmp_path: Path
-) -> None:
+def test_stdio_process_leaves_when_its_client_goes(server: ServerProcess, tmp_path: Path) -> None:
     asyncio.run(played(over_stdio(server.url), "auto"))
 
     async def gone() -> list[str]:
@@ -77,7 +75,7 @@ def test_a_process_plays_over_stdio_and_leaves_when_its_client_goes(
 
 
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_frees_the_seat_though_the_client_is_silent(
+def test_signal_frees_the_seat_of_a_silent_client(
     server: ServerProcess, signum: signal.Signals
 ) -> None:
     async def waiting() -> str:
@@ -113,9 +111,7 @@ def test_a_signal_frees_the_seat_though_the_client_is_silent(
     assert asyncio.run(free()) == ["robot1"]
 
 
-def test_a_process_serves_both_eras_over_http_and_keeps_clients_apart(
-    server: ServerProcess,
-) -> None:
+def test_http_process_serves_both_protocol_versions(server: ServerProcess) -> None:
     async def main(url: str) -> None:
         await asyncio.gather(played(url, "auto"), played(url, "legacy"))
         async with over(url) as ada, over(url, "legacy") as bob:
@@ -155,20 +151,18 @@ def test_web_pages_and_large_requests_are_refused(server: ServerProcess) -> None
         assert http.post(url, json=large, headers=ACCEPT).status_code == 413
 
 
-def test_behind_a_proxy_every_request_needs_a_token_which_the_game_server_judges(
-    tmp_path: Path,
-) -> None:
+def test_requests_through_a_proxy_need_a_token(tmp_path: Path) -> None:
     with server_process(tmp_path, "--require-token", "--log-level", "error") as server:
         keys = tmp_path / "recordings.state/keys.json"
         mint = "from robotouille_server.auth.token_cli import main; main()"
-        minted = subprocess.run(
+        mint_token = subprocess.run(
             [COMMAND[0], "-c", mint, "mint", "host", "--subject", "p-1", "--keys", str(keys)],
             capture_output=True,
             text=True,
             check=True,
         ).stdout.strip()
         with http_server(server.url, "--allow-host", "kitchen.example.org") as url:
-            asyncio.run(tokens(url, minted))
+            asyncio.run(tokens(url, mint_token))
 
 
 async def tokens(url: str, good: str) -> None:
@@ -196,14 +190,14 @@ async def tokens(url: str, good: str) -> None:
         (["--listen", "127.0.0.1:0", "--token", "secret"], "its own token"),
     ],
 )
-def test_settings_that_would_be_unsafe_are_refused(flags: list[str], complaint: str) -> None:
+def test_unsafe_settings_are_refused(flags: list[str], complaint: str) -> None:
     done = subprocess.run([*COMMAND, *flags], capture_output=True, text=True)
     assert done.returncode == 1
     assert complaint in done.stderr
     assert "secret" not in done.stderr
 
 
-def test_without_the_sdk_the_install_line_is_told() -> None:
+def test_missing_sdk_names_the_extra() -> None:
     program = "import sys; sys.modules['mcp'] = None\n" + COMMAND[2]
     done = subprocess.run([COMMAND[0], "-c", program], capture_output=True, text=True)
     assert done.returncode == 1

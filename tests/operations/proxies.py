@@ -1,4 +1,4 @@
-"""nginx and Caddy as processes, set up as the operations guide says, and a server behind them."""
+"""nginx and Caddy processes, configured as in the operations guide, in front of a server."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ from tests.support.pages import titled
 
 __all__ = ["PROXIES", "Front", "Proxy", "front_door", "mint", "program"]
 
-PAGE = "operations.md"
+PAGE = "operate_a_server.md"
 PATIENCE = 30.0
-"""Seconds after which a process that does not listen has failed."""
+"""Seconds to wait until a process listens."""
 MINT = (sys.executable, "-c", "from robotouille_server.auth.token_cli import main; main()")
 
 
 @dataclass(frozen=True)
 class Front:
-    """The address that clients are given, and the certificate authority that they trust."""
+    """Public URL of a proxy, and the certificate authority that clients trust."""
 
     url: str
     authority: Path
 
     @contextmanager
     def trusted(self) -> Iterator[None]:
-        """The client library trusts the authority as it would trust a public one."""
+        """Make the client library trust the authority."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("SSL_CERT_FILE", str(self.authority))
             yield
 
     async def knock(self, source: str) -> ClientConnection:
-        """A bare connection from another address of this machine."""
+        """Open a connection from another address of this machine."""
         return await open_socket(
             self.url,
             ssl=self._tls(),
@@ -55,7 +55,7 @@ class Front:
         )
 
     def get(self, path: str) -> Any:
-        """The answer to a GET request."""
+        """Return the response to a GET request."""
         url = self.url.replace("wss://", "https://") + path
         return urlopen(url, timeout=5, context=self._tls())
 
@@ -64,21 +64,21 @@ class Front:
 
 
 Proxy = Callable[[Path, int, int, int], AbstractContextManager[Front]]
-"""Makes a proxy in a folder, on a port, in front of a server's port with so many workers."""
+"""Function that starts a proxy: folder, port, server's port, number of workers."""
 
 
 def program(name: str) -> str | None:
-    """Where a proxy is installed; not all users have that folder in their PATH."""
+    """Return the path of a proxy, which may be outside the user's PATH."""
     return shutil.which(name, path=f"{os.environ.get('PATH', os.defpath)}{os.pathsep}/usr/sbin")
 
 
 def front_door(port: int) -> str:
-    """The address of a proxy on this port."""
+    """Return the URL of a proxy on a port."""
     return f"wss://localhost:{port}"
 
 
 def mint(role: str, subject: str, recordings: Path) -> str:
-    """A token from the command that the guide names."""
+    """Create a token with the command in the guide."""
     keys = recordings.with_name(f"{recordings.name}.state") / "keys.json"
     arguments = [*MINT, "mint", role, "--subject", subject, "--keys", str(keys)]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
@@ -104,12 +104,12 @@ http {{
 {site}
 }}
 """
-"""What the distribution's own file has around a site, in a folder of the test's."""
+"""Minimal nginx configuration around the guide's site."""
 
 
 @contextmanager
 def nginx(folder: Path, port: int, behind: int, workers: int) -> Iterator[Front]:
-    """nginx with the guide's site; with workers also with their locations."""
+    """Run nginx with the guide's site, including the workers' locations."""
     authority = trustme.CA()
     authority.cert_pem.write_to_path(str(folder / "authority.pem"))
     issued = authority.issue_cert("localhost")
@@ -134,7 +134,7 @@ def nginx(folder: Path, port: int, behind: int, workers: int) -> Iterator[Front]
 
 
 def _site(workers: int) -> str:
-    """The guide's site; the workers' locations are in its server, as their title says."""
+    """Return the guide's site, with the workers' locations if there are several workers."""
     site = titled(PAGE, "nginx")
     if workers == 1:
         return site
@@ -144,7 +144,7 @@ def _site(workers: int) -> str:
 
 
 def _proxy_headers() -> str:
-    """The lines after `proxy_pass` of the guide's site."""
+    """Return the lines after `proxy_pass` in the guide's site."""
     after = titled(PAGE, "nginx").split("proxy_pass http://robotouille;")[1]
     return after.split("}")[0]
 
@@ -166,7 +166,7 @@ CADDY = """{{
 
 @contextmanager
 def caddy(folder: Path, port: int, behind: int, workers: int) -> Iterator[Front]:
-    """Caddy with the guide's file; its certificate is from an authority of its own."""
+    """Run Caddy with the guide's file and a certificate of Caddy's own authority."""
     site = titled(PAGE, "Caddyfile" if workers == 1 else "Caddyfile, with workers")
     (folder / "Caddyfile").write_text(CADDY.format(folder=folder, site=site))
     _change(
@@ -189,13 +189,13 @@ PROXIES: dict[str, Proxy] = {"nginx": nginx, "caddy": caddy}
 
 
 def _ports(behind: int, workers: int) -> dict[str, str]:
-    """The guide's ports of the server and its workers, and those that there are."""
+    """Map the guide's addresses of the server and its workers to the real ones."""
     count = 1 if workers == 1 else workers + 1
     return {f"127.0.0.1:{8765 + i}": f"127.0.0.1:{behind + i}" for i in range(count)}
 
 
 def _change(file: Path, changes: dict[str, str]) -> None:
-    """Put what the test has in the place of what the guide has, which must be there."""
+    """Replace texts in a file; each must occur."""
     text = file.read_text()
     for old, new in changes.items():
         assert text.count(old) > 0, f"the guide no longer has {old!r}"
@@ -205,7 +205,7 @@ def _change(file: Path, changes: dict[str, str]) -> None:
 
 @contextmanager
 def _running(command: list[str], folder: Path, front: Front) -> Iterator[Front]:
-    """A process that lets through to the server; gone at the end."""
+    """Run a process until the context exits, and wait until it reaches the server."""
     log = folder / "proxy.log"
     environment = {**os.environ, "HOME": str(folder), "XDG_CONFIG_HOME": str(folder)}
     with log.open("w") as output:

@@ -1,4 +1,4 @@
-"""`lab/backup.py`: what is saved while games are played is whole, and is restored as it was."""
+"""`lab/backup.py` saves consistent backups while episodes run, and restores them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import stat
 import subprocess
 import sys
 import tarfile
-from collections.abc import Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -50,7 +49,7 @@ def robotouille(*words: object) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A server's folders, without a server."""
+    """Folders of a server, without a server."""
     write_recordings(tmp_path / "recordings", 3)
     state = tmp_path / "recordings.state"
     (state / "used-tokens").mkdir(parents=True)
@@ -67,7 +66,7 @@ def content(folder: Path) -> dict[str, bytes]:
     }
 
 
-def test_what_is_restored_is_what_was_saved(folder: Path) -> None:
+def test_restored_files_equal_saved_files(folder: Path) -> None:
     backup, empty = folder / "b.tar", folder / "empty"
     before = content(folder)
     assert lab.save(backup, places(folder)) == 5
@@ -77,16 +76,16 @@ def test_what_is_restored_is_what_was_saved(folder: Path) -> None:
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
-def test_it_is_never_written_over_another(folder: Path) -> None:
+def test_existing_backup_is_not_overwritten(folder: Path) -> None:
     backup = folder / "b.tar"
     backup.write_text("mine")
-    with pytest.raises(lab.BackupError, match="is there already, and stays"):
+    with pytest.raises(lab.BackupError, match="already exists"):
         lab.save(backup, places(folder))
     assert backup.read_text() == "mine"
     assert [path.name for path in folder.glob(".*")] == []
 
 
-def test_it_is_restored_into_empty_folders_only(folder: Path) -> None:
+def test_backup_is_restored_into_empty_folders_only(folder: Path) -> None:
     backup = folder / "b.tar"
     lab.save(backup, places(folder))
     before = content(folder)
@@ -95,7 +94,7 @@ def test_it_is_restored_into_empty_folders_only(folder: Path) -> None:
     assert content(folder) == before
 
 
-def test_a_damaged_one_changes_nothing(folder: Path) -> None:
+def test_damaged_backup_changes_nothing(folder: Path) -> None:
     backup, empty = folder / "b.tar", folder / "empty"
     before = content(folder)
     lab.save(backup, places(folder))
@@ -112,7 +111,7 @@ def test_a_damaged_one_changes_nothing(folder: Path) -> None:
             lab.restore(backup, places(empty))
         except lab.BackupError:
             assert not empty.exists()
-        else:  # What was hit was between two files, or a name or time that nobody looks at.
+        else:  # The damage hit padding between files, or a name or time that is not used.
             assert content(empty) == before
             for path in sorted(empty.rglob("*"), reverse=True):
                 path.rmdir() if path.is_dir() else path.unlink()
@@ -133,7 +132,7 @@ def test_a_damaged_one_changes_nothing(folder: Path) -> None:
         "state/x\0",
     ],
 )
-def test_a_file_that_would_lie_elsewhere_is_refused(tmp_path: Path, name: str) -> None:
+def test_file_outside_the_target_folder_is_refused(tmp_path: Path, name: str) -> None:
     backup = tmp_path / "b.tar"
     digest = "2d711642b726b04401627ca9fbac32f5c8530fb1903cc4db02258717921a4881"
     manifest = json.dumps({"files": {name: {"bytes": 1, "sha256": digest}}}).encode()
@@ -142,25 +141,25 @@ def test_a_file_that_would_lie_elsewhere_is_refused(tmp_path: Path, name: str) -
             entry = tarfile.TarInfo(each)
             entry.size = len(data)
             tar.addfile(entry, io.BytesIO(data))
-    with pytest.raises(lab.BackupError, match=r"has no place|is damaged"):
+    with pytest.raises(lab.BackupError, match=r"is not a path|is damaged"):
         lab.restore(backup, places(tmp_path / "empty"))
     assert not (tmp_path / "empty").exists()
 
 
 @pytest.mark.parametrize("manifest", ["[]", "1", '{"files": 1}', '{"files": {"state/x": 1}}', ""])
-def test_another_archive_is_told(tmp_path: Path, manifest: str) -> None:
+def test_other_archive_is_refused(tmp_path: Path, manifest: str) -> None:
     backup = tmp_path / "b.tar"
     with tarfile.open(backup, "w") as tar:
         for name in ("state/x", "manifest.json"):
             entry = tarfile.TarInfo(name)
             entry.size = len(manifest)
             tar.addfile(entry, io.BytesIO(manifest.encode()))
-    with pytest.raises(lab.BackupError, match="is no backup"):
+    with pytest.raises(lab.BackupError, match="not a backup"):
         lab.restore(backup, places(tmp_path / "empty"))
 
 
-def test_a_file_that_lies_in_wait_does_not_get_the_keys(folder: Path) -> None:
-    """What others may read, or a link, of the name under which it is written."""
+def test_existing_file_or_link_does_not_receive_the_keys(folder: Path) -> None:
+    """A readable file or a link already has the name of the temporary file."""
     waiting = folder / ".b.tar.new"
     waiting.symlink_to(folder / "elsewhere")
     lab.save(folder / "b.tar", places(folder))
@@ -169,8 +168,10 @@ def test_a_file_that_lies_in_wait_does_not_get_the_keys(folder: Path) -> None:
 
 
 @pytest.mark.process
-def test_no_folder_and_no_program_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(lab.BackupError, match=r"there is no folder .*nowhere"):
+def test_missing_folder_and_missing_program_are_reported(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(lab.BackupError, match=r"no folder .*nowhere"):
         lab.save(folder / "b.tar", places(folder / "nowhere"))
     monkeypatch.setenv("PATH", "")
     with pytest.raises(lab.BackupError, match="docker is not installed"):
@@ -178,33 +179,11 @@ def test_no_folder_and_no_program_are_told(folder: Path, monkeypatch: pytest.Mon
     assert not (folder / "b.tar").exists()
 
 
-def test_one_that_ends_while_it_is_saved_is_there_once(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is listed under the name that it has while it is played, and is gone then."""
-    whole = next((folder / "recordings").glob("*.rbt"))
-    data = whole.read_bytes()
-    whole.unlink()
-    listed = lab._files
-
-    def ending(where: Path) -> Iterator[tuple[str, Path]]:
-        found = list(listed(where))
-        if where.name == "recordings" and not whole.exists():
-            found.append((f"{whole.name}.part", where / f"{whole.name}.part"))
-            whole.write_bytes(data)
-        yield from found
-
-    monkeypatch.setattr(lab, "_files", ending)
-    assert lab.save(folder / "b.tar", places(folder)) == 5
-    lab.restore(folder / "b.tar", places(folder / "empty"))
-    assert (folder / "empty/recordings" / whole.name).read_bytes() == data
-
-
 # With real processes
 
 
 async def play(url: str, saved: asyncio.Event) -> None:
-    """Games in real time, of which some end while others go on, until it is saved."""
+    """Play realtime episodes, some of which end before the backup is saved."""
     async with AsyncExitStack() as stack:
         games: list[Game] = []
         for number in range(GAMES):
@@ -242,7 +221,7 @@ async def save_meanwhile(url: str, folder: Path, *words: str, **environment: str
 
 @pytest.mark.process
 @pytest.mark.slow
-def test_saved_while_games_are_played_and_gone_on_with_elsewhere(tmp_path: Path) -> None:
+def test_episodes_saved_while_running_continue_after_restore(tmp_path: Path) -> None:
     old, new = tmp_path / "old", tmp_path / "new"
     with process(old / "recordings", "--task", "synchronous/01") as (_, url, _code):
         asyncio.run(save_meanwhile(url, old, "--database", "none"))
@@ -262,11 +241,11 @@ def test_saved_while_games_are_played_and_gone_on_with_elsewhere(tmp_path: Path)
     keys = "recordings.state/keys.json"
     assert (new / keys).read_bytes() == (old / keys).read_bytes()
     with started(new / "recordings", "--recovery-seconds", "60") as (_, greeting):
-        # The server's own kitchen is one of them.
-        assert f"going on with {GAMES // 2 + 1} earlier episodes" in greeting
+        # Includes the episode that the server opens at startup.
+        assert f"continuing {GAMES // 2 + 1} earlier episodes" in greeting
 
 
-STAND_IN = """#!{python}
+SUBSTITUTE = """#!{python}
 import os, sys
 assert sys.argv[1:5] == ["compose", "exec", "-T", "postgres"], sys.argv
 program, *words = sys.argv[5:]
@@ -275,7 +254,7 @@ assert words[at + 1] == "robotouille"
 words[at + 1] = "postgres"
 os.execvp(program, [program, "--host", "{host}", *words])
 """
-"""In place of `docker`: runs here what it would run in the database's container."""
+"""Replacement for `docker` that runs the database container's commands locally."""
 
 
 def catalogue(server: PostgreSQL, name: str) -> str:
@@ -285,7 +264,7 @@ def catalogue(server: PostgreSQL, name: str) -> str:
 @pytest.mark.process
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=missing())
-def test_the_catalogue_is_saved_and_has_the_same_rows_as_a_new_index(tmp_path: Path) -> None:
+def test_restored_catalogue_equals_a_new_index(tmp_path: Path) -> None:
     pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
     old, new, programs = tmp_path / "old", tmp_path / "new", tmp_path / "programs"
     write_recordings(old / "recordings", 5)
@@ -293,7 +272,9 @@ def test_the_catalogue_is_saved_and_has_the_same_rows_as_a_new_index(tmp_path: P
     programs.mkdir()
     with postgresql() as server:
         docker = programs / "docker"
-        docker.write_text(STAND_IN.format(python=sys.executable, host=server.url.partition("=")[2]))
+        docker.write_text(
+            SUBSTITUTE.format(python=sys.executable, host=server.url.partition("=")[2])
+        )
         docker.chmod(0o700)
         environment = {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
         psql(server, "CREATE DATABASE robotouille")
@@ -313,7 +294,7 @@ def test_the_catalogue_is_saved_and_has_the_same_rows_as_a_new_index(tmp_path: P
         assert done.returncode == 0, done.stderr
         assert rows(server) == before
         again = robotouille("data", "index", new / "recordings", "--database", database)
-        assert again.stdout == "indexed 5, unchanged 0, forgotten 0\n"
+        assert again.stdout == "indexed 5, unchanged 0, removed 0\n"
         assert rows(server) == before
 
 

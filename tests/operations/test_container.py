@@ -1,4 +1,4 @@
-"""The container's files: what is copied is what a build needs, and the health checks tell."""
+"""The container image contains what it needs, and its health checks work."""
 
 from __future__ import annotations
 
@@ -19,14 +19,11 @@ from tests.support.sources import ROOT
 DOCKER = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 (IMAGE_CHECK,) = re.findall(r"HEALTHCHECK [^\[]*CMD (\[.*\])$", DOCKER, re.MULTILINE)
-CHECKS = [
-    ["CMD", *json.loads(IMAGE_CHECK)],
-    compose()["services"]["server"]["healthcheck"]["test"],
-]
+CHECKS = [["CMD", *json.loads(IMAGE_CHECK)], compose()["services"]["server"]["healthcheck"]["test"]]
 
 
 def health(check: list[str], port: str) -> int:
-    """The exit status of a health check, asked of another port than the container's."""
+    """Return the exit status of a health check, run against another port."""
     kind, program, *arguments = check
     assert (kind, program) == ("CMD", "python")
     assert ":8765/" in arguments[-1]
@@ -36,15 +33,15 @@ def health(check: list[str], port: str) -> int:
 
 
 @pytest.mark.process
-def test_the_health_checks_tell_a_server_from_none(tmp_path: Path) -> None:
+def test_health_checks_detect_a_missing_server(tmp_path: Path) -> None:
     with process(tmp_path / "recordings") as (_, url, _code):
         port = url.rpartition(":")[2]
         assert [health(check, port) for check in CHECKS] == [0, 0]
     assert 0 not in [health(check, port) for check in CHECKS]
 
 
-def test_an_image_has_all_that_the_package_is_built_from_and_nothing_else() -> None:
-    """Least of all recordings and keys that lie in the same folder."""
+def test_image_contains_only_build_inputs() -> None:
+    """In particular, no recordings or keys from the same folder."""
     copied = {
         name
         for line in re.findall(r"^COPY (?!--from=build )(.*) \S+$", DOCKER, re.MULTILINE)
@@ -58,12 +55,12 @@ def test_an_image_has_all_that_the_package_is_built_from_and_nothing_else() -> N
     assert all((ROOT / name).exists() for name in copied)
 
 
-def test_an_image_has_what_the_lab_runs() -> None:
+def test_image_contains_programs_of_the_lab() -> None:
     (extras,) = re.findall(r"pip install --no-cache-dir '\.\[(.*)\]'", DOCKER)
     assert set(extras.split(",")) == {"operator", "data", "mqtt"}
 
 
-def test_nobody_is_root_and_the_image_is_pinned() -> None:
+def test_container_is_not_root_and_base_image_is_pinned() -> None:
     (user,) = re.findall(r"^USER (\d+):(\d+)$", DOCKER, re.MULTILINE)
     assert "0" not in user
     assert compose()["services"]["server"]["user"] == ":".join(user)
@@ -71,7 +68,7 @@ def test_nobody_is_root_and_the_image_is_pinned() -> None:
     assert all(re.fullmatch(r"python:\d+\.\d+\.\d+-slim-\w+", base) for base in bases)
 
 
-def test_the_images_settings_are_settings() -> None:
+def test_settings_of_the_image_exist() -> None:
     given = dict(re.findall(r"\bROBOTOUILLE_(\w+)=(\S+)", DOCKER))
     settings = ServerSettings(**{name.lower(): value for name, value in given.items()})
     assert settings.host == settings.operator_host == "0.0.0.0"

@@ -1,4 +1,4 @@
-"""The lab of `docker-compose.yml` runs: each service as a process, with its own files."""
+"""Services of `docker-compose.yml`, run as processes with their own files."""
 
 from __future__ import annotations
 
@@ -40,30 +40,30 @@ RULES = yaml.safe_load((ROOT / "lab/robotouille.rules.yml").read_text())["groups
 
 @pytest.fixture(scope="module")
 def running() -> Iterator[Lab]:
-    """All of it but Grafana, which Debian has no package of."""
+    """Run all services except Grafana, which Debian does not package."""
     with lab(*SERVICES) as made:
         yield made
 
 
-def eventually(look: Callable[[], Any]) -> Any:
-    """What a look finds, once it finds something."""
+def eventually(find: Callable[[], Any]) -> Any:
+    """Call a function until its result is true, and return the result."""
     end = time.monotonic() + SECONDS
-    while not (found := look()):
-        assert time.monotonic() < end, "it has not happened"
+    while not (found := find()):
+        assert time.monotonic() < end, f"nothing found in {SECONDS} s"
         time.sleep(0.1)
     return found
 
 
-def test_all_are_well(running: Lab) -> None:
+def test_all_services_are_healthy(running: Lab) -> None:
     assert all(running.health(name) for name in SERVICES)
     assert running.services.keys() - set(SERVICES) == {"grafana"}
 
 
-def test_every_host_and_port_that_files_have_was_needed(running: Lab) -> None:
+def test_all_hosts_and_ports_in_the_files_are_used(running: Lab) -> None:
     assert running.used == running.hosts.keys() - {"127.0.0.1:8766"}
 
 
-def test_a_health_check_tells_when_one_is_gone() -> None:
+def test_health_check_detects_a_stopped_service() -> None:
     with lab("mosquitto") as made:
         made.stop("mosquitto")
         assert not made.health("mosquitto")
@@ -82,19 +82,19 @@ def prometheus(running: Lab, path: str, **query: str) -> Any:
     return content["data"]
 
 
-def test_prometheus_asks_the_server_and_knows_our_rules(running: Lab) -> None:
-    def asked() -> bool:
+def test_prometheus_scrapes_the_server_and_loads_the_rules(running: Lab) -> None:
+    def scraped() -> bool:
         return any(
             target["health"] == "up" for target in prometheus(running, "targets")["activeTargets"]
         )
 
-    eventually(asked)
+    eventually(scraped)
     (group,) = prometheus(running, "rules")["groups"]
     assert [rule["name"] for rule in group["rules"]] == [rule["alert"] for rule in RULES]
     assert eventually(lambda: prometheus(running, "query", query="robotouille_episodes")["result"])
 
 
-def test_every_panel_is_answered(running: Lab) -> None:
+def test_queries_of_all_panels_are_valid(running: Lab) -> None:
     for target in TARGETS:
         if "expr" in target:
             prometheus(running, "query", query=target["expr"])
@@ -105,13 +105,13 @@ def test_every_panel_is_answered(running: Lab) -> None:
 
 @pytest.fixture
 def front(running: Lab, monkeypatch: pytest.MonkeyPatch) -> str:
-    """The address that others are given; Caddy's own authority is trusted."""
+    """Return the public address. Clients trust Caddy's own authority."""
     authority = running.folder / "lab/data/caddy/caddy/pki/authorities/local/root.crt"
     monkeypatch.setenv("SSL_CERT_FILE", str(eventually(lambda: authority.is_file() and authority)))
     return f"localhost:{running.port[443]}"
 
 
-def minted(running: Lab, role: str) -> str:
+def mint_token(running: Lab, role: str) -> str:
     code = "from robotouille_server.auth.token_cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, "mint", role],
@@ -133,7 +133,7 @@ def status(url: str) -> int:
 
 
 async def play(front: str, token: str, condition: str) -> str:
-    """An episode by random actions, over TLS; its id."""
+    """Play an episode with random actions over TLS, and return its id."""
     rng = random.Random(1)
     async with asyncio.timeout(SECONDS), connect(f"wss://{front}", name="ada", token=token) as ada:
         labels = {"condition": condition}
@@ -151,7 +151,7 @@ async def role(front: str) -> str:
         return stranger.role
 
 
-def test_games_come_through_caddy_with_tls(running: Lab, front: str) -> None:
+def test_caddy_forwards_the_game_with_tls(running: Lab, front: str) -> None:
     assert asyncio.run(role(front)) == "player"
     assert status(f"https://{front}/healthz") == 200
     assert status(f"https://{front}/metrics") == 404
@@ -162,8 +162,8 @@ def test_games_come_through_caddy_with_tls(running: Lab, front: str) -> None:
     plain.close()
 
 
-def test_an_episode_is_in_the_catalogue_soon(running: Lab, front: str) -> None:
-    episode = asyncio.run(play(front, minted(running, "host"), "a'b"))
+def test_ended_episode_appears_in_the_catalogue(running: Lab, front: str) -> None:
+    episode = asyncio.run(play(front, mint_token(running, "host"), "a'b"))
     query = (
         "SELECT l.value FROM episodes e JOIN labels l ON l.episode_id = e.id "
         f"WHERE e.episode = '{episode}'"
@@ -171,7 +171,7 @@ def test_an_episode_is_in_the_catalogue_soon(running: Lab, front: str) -> None:
     assert eventually(lambda: running.ask(query).stdout) == "a'b\n"
 
 
-def test_who_reads_the_catalogue_can_only_read(running: Lab) -> None:
+def test_catalogue_user_cannot_write(running: Lab) -> None:
     for target in TARGETS:
         if "rawSql" in target:
             done = running.ask(target["rawSql"])
@@ -180,11 +180,11 @@ def test_who_reads_the_catalogue_can_only_read(running: Lab) -> None:
         assert "permission denied" in running.ask(f"SET TRANSACTION READ WRITE; {change}").stderr
 
 
-def test_the_operators_page_asks_for_a_token(running: Lab) -> None:
+def test_operator_page_requires_a_token(running: Lab) -> None:
     url = f"http://127.0.0.1:{running.port[8766]}"
     assert status(f"{url}/") == 200
     assert status(f"{url}/api/overview") == 401
-    header = {"Authorization": f"Bearer {minted(running, 'operator')}"}
+    header = {"Authorization": f"Bearer {mint_token(running, 'operator')}"}
     with urlopen(Request(f"{url}/api/overview", headers=header), timeout=SECONDS) as answer:
         assert answer.status == 200
 
@@ -197,7 +197,7 @@ def options(running: Lab, user: str) -> list[str]:
     return ["-p", str(running.port[1883]), "-u", user, "-P", password]
 
 
-def heard(running: Lab, user: str, topic: str, *words: str, seconds: int = 5) -> str:
+def received(running: Lab, user: str, topic: str, *words: str, seconds: int = 5) -> str:
     command = ["mosquitto_sub", *options(running, user), "-t", topic, "-W", str(seconds), *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=SECONDS).stdout
 
@@ -207,7 +207,7 @@ def publish(running: Lab, user: str, topic: str, text: str) -> None:
     subprocess.run(command, capture_output=True, timeout=SECONDS)
 
 
-def test_each_user_reads_and_writes_its_own(running: Lab) -> None:
+def test_users_are_limited_to_their_topics(running: Lab) -> None:
     topics = (
         "robotouille/v1/x/presence",
         "robotouille/v1/x/commands",
@@ -219,14 +219,14 @@ def test_each_user_reads_and_writes_its_own(running: Lab) -> None:
         for number, topic in enumerate(topics):
             publish(running, user, topic, f"{user} {number}")
     for user, expected in may_read.items():
-        lines = heard(running, user, "#", seconds=3).splitlines()
+        lines = received(running, user, "#", seconds=3).splitlines()
         assert {line for line in lines if line.endswith(("0", "1", "2", "3"))} == expected, user
     publish(running, "server", topics[0], "")
     publish(running, "lab", topics[1], "")
     publish(running, "server", topics[2], "")
 
 
-def test_nobody_comes_in_without_a_password(running: Lab) -> None:
+def test_broker_requires_a_password(running: Lab) -> None:
     for words in ([], ["-u", "lab"], ["-u", "lab", "-P", "wrong"], ["-u", "nobody", "-P", "x"]):
         command = ["mosquitto_sub", "-p", str(running.port[1883]), *words, "-t", "#", "-W", "5"]
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
@@ -234,8 +234,8 @@ def test_nobody_comes_in_without_a_password(running: Lab) -> None:
         assert "not auth" in done.stderr
 
 
-def test_passwords_are_on_no_command_line(running: Lab) -> None:
-    """`mosquitto_sub` finds them in a file, as the page about the lab says."""
+def test_mosquitto_sub_reads_the_password_from_a_file(running: Lab) -> None:
+    # A password on the command line would be visible to all users of the machine.
     secrets = running.root("mosquitto") / "run/secrets/lab"
     environment = {**os.environ, "XDG_CONFIG_HOME": str(secrets)}
     command = ["mosquitto_sub", "-p", str(running.port[1883]), "-t", "x", "-W", "5"]
@@ -244,25 +244,27 @@ def test_passwords_are_on_no_command_line(running: Lab) -> None:
     assert done.returncode == 27  # Timed out.
 
 
-def test_the_server_tells_the_broker_what_happens(running: Lab, front: str) -> None:
+def test_server_publishes_events(running: Lab, front: str) -> None:
     topics = [f"robotouille/v1/lab/{topic}" for topic in ("presence", "episodes/+/life")]
     words = [word for topic in topics for word in ("-t", topic)]
     command = ["mosquitto_sub", *options(running, "lab"), *words, "-W", str(SECONDS)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as listener:
         assert listener.stdout is not None
-        assert '"online"' in listener.stdout.readline()  # It is retained: they are heard from now.
-        episode = asyncio.run(play(front, minted(running, "host"), "told"))
+        assert (
+            '"online"' in listener.stdout.readline()
+        )  # The message is retained, so the subscription is active.
+        episode = asyncio.run(play(front, mint_token(running, "host"), "x"))
         events = []
         for line in listener.stdout:
-            told = json.loads(line)
-            if told.get("episode") == episode:
-                events.append(told["event"])
+            message = json.loads(line)
+            if message.get("episode") == episode:
+                events.append(message["event"])
             if events[-1:] == ["ended"]:
                 listener.terminate()
     assert events == ["opened", "started", "ended"]
 
 
-def test_mqtt_comes_through_caddy_too(running: Lab, front: str) -> None:
+def test_caddy_forwards_mqtt(running: Lab, front: str) -> None:
     client = pytest.importorskip("paho.mqtt.client", reason="needs the extra `mqtt`")
     found: list[bytes] = []
     subscriber = client.Client(client.CallbackAPIVersion.VERSION2, transport="websockets")
@@ -277,10 +279,10 @@ def test_mqtt_comes_through_caddy_too(running: Lab, front: str) -> None:
     assert b'"online"' in found[0]
 
 
-# What goes wrong
+# Faults
 
 
-def test_the_broker_takes_no_passwords_that_are_gone() -> None:
+def test_broker_does_not_start_without_its_passwords() -> None:
     with lab("mosquitto") as made:
         made.stop("mosquitto")
         (made.root("mosquitto") / "run/secrets/mqtt_passwords").unlink()
@@ -289,7 +291,7 @@ def test_the_broker_takes_no_passwords_that_are_gone() -> None:
         assert "password" in made.log("mosquitto")
 
 
-def test_a_database_of_an_earlier_postgresql_is_told() -> None:
+def test_database_of_an_older_postgresql_is_reported() -> None:
     with lab("postgres") as made:
         made.stop("postgres")
         version: Path = made.root("postgres") / "var/lib/postgresql/data/PG_VERSION"

@@ -1,4 +1,4 @@
-"""The lab of `docker-compose.yml`: its files are valid, fit each other, and are as docs say."""
+"""The files of the lab in `docker-compose.yml` are valid, consistent and documented."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ def seconds(text: str) -> int:
 @pytest.mark.skipif(
     importlib.util.find_spec("check_jsonschema") is None, reason="check-jsonschema is not installed"
 )
-def test_the_file_follows_the_specification_of_compose() -> None:
+def test_file_follows_the_compose_specification() -> None:
     command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec"]
     done = subprocess.run([*command, str(COMPOSE)], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stdout
 
 
-def test_without_a_profile_the_server_is_alone() -> None:
+def test_default_profile_contains_only_the_server() -> None:
     assert list(MAIN) == ["server"]
     assert all(SERVICES[name]["profiles"] == ["lab"] for name in SERVICES.keys() - MAIN.keys())
     assert "depends_on" not in SERVICES["server"]
 
 
-def test_it_starts_from_a_clone_in_which_no_secret_was_made() -> None:
+def test_server_starts_without_secrets() -> None:
     content = compose()
     for name in SERVICES["server"]["secrets"]:
         assert (ROOT / content["secrets"][name]["file"]).is_file(), name
@@ -54,7 +54,7 @@ def test_it_starts_from_a_clone_in_which_no_secret_was_made() -> None:
 
 
 @pytest.mark.parametrize("name", SERVICES)
-def test_each_service_is_pinned_watched_and_confined(name: str) -> None:
+def test_service_is_pinned_monitored_and_confined(name: str) -> None:
     service = SERVICES[name]
     if service["image"] != "robotouille":
         assert re.fullmatch(r"[\w/.-]+:v?\d+\.\d+(\.\d+)?[\w.-]*", service["image"])
@@ -69,7 +69,7 @@ def test_each_service_is_pinned_watched_and_confined(name: str) -> None:
     assert seconds(service["stop_grace_period"]) >= 15
 
 
-def test_only_caddy_and_on_loopback_the_server_can_be_reached_from_outside() -> None:
+def test_only_caddy_is_reachable_from_other_machines() -> None:
     ports = {name: service["ports"] for name, service in SERVICES.items() if "ports" in service}
     assert set(ports) == {"server", "caddy"}
     assert all(port.startswith("127.0.0.1:") for port in ports["server"])
@@ -80,7 +80,7 @@ def test_only_caddy_and_on_loopback_the_server_can_be_reached_from_outside() -> 
     assert {name for name, one in SERVICES.items() if "front" in one["networks"]} == set(ports)
 
 
-def test_who_needs_each_other_shares_a_network_and_nobody_else_does() -> None:
+def test_services_share_only_the_networks_they_need() -> None:
     shared = {
         network: {name for name, service in SERVICES.items() if network in service["networks"]}
         for network in compose()["networks"]
@@ -94,20 +94,20 @@ def test_who_needs_each_other_shares_a_network_and_nobody_else_does() -> None:
     }
 
 
-def test_the_server_has_more_time_to_stop_than_it_asks_for() -> None:
+def test_stop_grace_period_exceeds_drain_seconds() -> None:
     server = SERVICES["server"]
     drain = float(server["environment"]["ROBOTOUILLE_DRAIN_SECONDS"])
     assert seconds(server["stop_grace_period"]) > drain + 10
 
 
-def test_the_servers_settings_are_settings() -> None:
+def test_settings_of_the_server_exist() -> None:
     names = {
         name.removeprefix("ROBOTOUILLE_").lower() for name in SERVICES["server"]["environment"]
     }
     assert names <= ServerSettings.model_fields.keys()
 
 
-def test_files_that_are_mounted_are_there() -> None:
+def test_mounted_files_exist() -> None:
     for name, service in SERVICES.items():
         for volume in service.get("volumes", []):
             source, _, rest = volume.partition(":")
@@ -116,8 +116,8 @@ def test_files_that_are_mounted_are_there() -> None:
                 assert (ROOT / source).exists(), (name, volume)
 
 
-def test_paths_of_secrets_that_files_name_are_mounted() -> None:
-    """In the environment, in what is configured, and in what the scripts read."""
+def test_named_secrets_are_mounted() -> None:
+    """Checks the environment, the configuration files and the scripts."""
     files = {
         "mosquitto": ["mosquitto.conf"],
         "postgres": ["reader.sh"],
@@ -136,7 +136,7 @@ def _target(secret: Any) -> str:
     return str(secret["target"]).removeprefix("/run/secrets/")
 
 
-# What is watched
+# Monitoring
 
 RULES = yaml.safe_load((LAB / "robotouille.rules.yml").read_text(encoding="utf-8"))
 DASHBOARD = json.loads((LAB / "grafana/dashboards/robotouille.json").read_text(encoding="utf-8"))
@@ -144,7 +144,7 @@ PANELS = [panel for panel in DASHBOARD["panels"] if panel["type"] != "row"]
 
 
 def counted() -> set[str]:
-    """What the server's page for Prometheus has."""
+    """Return the names on the server's metrics page."""
     page = Metrics().page().decode()
     samples = set(re.findall(r"^(robotouille_\w+)", page, re.MULTILINE))
     families = set(re.findall(r"^# TYPE (robotouille_\w+) (?:counter|gauge)", page, re.MULTILINE))
@@ -159,7 +159,7 @@ def documented(name: str) -> bool:
     return f"`{name.removesuffix('_bucket')}`" in read("settings.md")
 
 
-def test_rules_are_about_what_the_server_counts() -> None:
+def test_rules_use_existing_metrics() -> None:
     (group,) = RULES["groups"]
     for rule in group["rules"]:
         assert named(rule["expr"]) <= counted(), rule["alert"]
@@ -168,13 +168,15 @@ def test_rules_are_about_what_the_server_counts() -> None:
         assert rule["annotations"]["summary"]
 
 
-def test_the_guide_has_all_rules() -> None:
+def test_guide_lists_all_alerts() -> None:
     (group,) = RULES["groups"]
-    told = set(re.findall(r"^\| `(Robotouille\w+)` \|", read("operations.md"), re.MULTILINE))
-    assert told == {rule["alert"] for rule in group["rules"]}
+    listed = set(
+        re.findall(r"^\| `(Robotouille\w+)` \|", read("operate_a_server.md"), re.MULTILINE)
+    )
+    assert listed == {rule["alert"] for rule in group["rules"]}
 
 
-def test_the_dashboard_shows_what_the_server_counts() -> None:
+def test_dashboard_uses_existing_metrics() -> None:
     expressions = [
         target["expr"] for panel in PANELS for target in panel["targets"] if "expr" in target
     ]
@@ -184,32 +186,9 @@ def test_the_dashboard_shows_what_the_server_counts() -> None:
     assert {"robotouille_steps_total", "robotouille_disk_free_bytes"} <= shown
 
 
-def test_the_dashboard_is_whole() -> None:
-    sources = yaml.safe_load((LAB / "grafana/provisioning/datasources/lab.yml").read_text())
-    known = {(source["uid"], source["type"]) for source in sources["datasources"]}
-    for panel in PANELS:
-        assert (panel["datasource"]["uid"], panel["datasource"]["type"]) in known
-        assert panel["title"]
-        assert all(target["datasource"] == panel["datasource"] for target in panel["targets"])
-    numbers = [panel["id"] for panel in DASHBOARD["panels"]]
-    assert len(numbers) == len(set(numbers))
-    for one in DASHBOARD["panels"]:
-        for other in DASHBOARD["panels"]:
-            assert one is other or not _overlap(one["gridPos"], other["gridPos"])
-
-
-def _overlap(one: dict[str, int], other: dict[str, int]) -> bool:
-    return (
-        one["x"] < other["x"] + other["w"]
-        and other["x"] < one["x"] + one["w"]
-        and one["y"] < other["y"] + other["h"]
-        and other["y"] < one["y"] + one["h"]
-    )
-
-
 @pytest.mark.process
 @pytest.mark.skipif(not shutil.which("promtool"), reason="Prometheus is not installed")
-def test_prometheus_takes_its_files() -> None:
+def test_prometheus_accepts_its_files() -> None:
     command = ["promtool", "check", "config", str(LAB / "prometheus.yml")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""`lab/make_secrets.py`: what it makes nobody else can read, and what is there stays."""
+"""`lab/make_secrets.py` creates private files and keeps existing ones."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def content(folder: Path) -> dict[str, bytes]:
     }
 
 
-def test_all_that_compose_asks_for_is_made_for_the_user_alone(tmp_path: Path) -> None:
+def test_all_secrets_of_compose_are_created_private(tmp_path: Path) -> None:
     made = list(lab.make(tmp_path, USER))
     files = {
         secret["file"] for secret in compose({"LAB_SECRETS": "./lab/secrets"})["secrets"].values()
@@ -40,7 +40,7 @@ def test_all_that_compose_asks_for_is_made_for_the_user_alone(tmp_path: Path) ->
         assert stat.S_IMODE(path.stat().st_mode) & 0o077 == 0, path
 
 
-def test_folders_that_are_mounted_are_made(tmp_path: Path) -> None:
+def test_mounted_folders_are_created(tmp_path: Path) -> None:
     list(lab.make(tmp_path, USER))
     variables = dict(line.split("=", 1) for line in (tmp_path / ".env").read_text().splitlines())
     for service in compose(variables)["services"].values():
@@ -54,7 +54,7 @@ def test_folders_that_are_mounted_are_made(tmp_path: Path) -> None:
         assert service["user"] == USER
 
 
-def test_every_variable_of_the_file_is_one_that_compose_fills_in(tmp_path: Path) -> None:
+def test_every_variable_is_used_by_compose(tmp_path: Path) -> None:
     list(lab.make(tmp_path, USER))
     text = (ROOT / "docker-compose.yml").read_text()
     for line in (tmp_path / ".env").read_text().splitlines():
@@ -62,14 +62,14 @@ def test_every_variable_of_the_file_is_one_that_compose_fills_in(tmp_path: Path)
         assert f"${{{name}:-" in text or name == "COMPOSE_PROFILES"
 
 
-def test_nothing_is_overwritten(tmp_path: Path) -> None:
+def test_existing_secrets_are_kept(tmp_path: Path) -> None:
     list(lab.make(tmp_path, USER))
     before = content(tmp_path)
     assert list(lab.make(tmp_path, USER)) == []
     assert content(tmp_path) == before
 
 
-def test_no_two_are_alike(tmp_path: Path) -> None:
+def test_secrets_differ(tmp_path: Path) -> None:
     for name in ("one", "two"):
         list(lab.make(tmp_path / name, USER))
     found = [
@@ -81,41 +81,43 @@ def test_no_two_are_alike(tmp_path: Path) -> None:
     assert all(len(password) == 48 for password in found)
 
 
-def test_one_that_others_can_read_is_told(tmp_path: Path) -> None:
+def test_readable_secret_is_reported(tmp_path: Path) -> None:
     list(lab.make(tmp_path, USER))
     (tmp_path / SECRETS / "postgres").chmod(0o644)
-    with pytest.raises(
-        lab.LabError, match=r"postgres: others may use it \(mode 0644\); run `chmod"
-    ):
+    with pytest.raises(lab.LabError, match=r"postgres is open to others \(mode 0644\); run `chmod"):
         list(lab.make(tmp_path, USER))
 
 
-def test_an_empty_one_is_told(tmp_path: Path) -> None:
+def test_empty_secret_is_reported(tmp_path: Path) -> None:
     list(lab.make(tmp_path, USER))
     (tmp_path / SECRETS / "pgpass").write_text("")
     with pytest.raises(lab.LabError, match="pgpass is empty; delete it"):
         list(lab.make(tmp_path, USER))
 
 
-def test_a_password_that_is_gone_while_others_know_it_is_told(tmp_path: Path) -> None:
+def test_missing_password_with_existing_users_is_reported(tmp_path: Path) -> None:
     list(lab.make(tmp_path, USER))
     (tmp_path / SECRETS / "postgres").unlink()
-    with pytest.raises(lab.LabError, match="pgpass was made from postgres, which is gone: delete"):
+    with pytest.raises(
+        lab.LabError, match="pgpass was made from postgres, which is missing; delete"
+    ):
         list(lab.make(tmp_path, USER))
     (tmp_path / SECRETS / "pgpass").unlink()
     assert list(lab.make(tmp_path, USER)) == ["lab/secrets/postgres", "lab/secrets/pgpass"]
 
 
 @pytest.mark.process
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root has to say for whom")
-def test_root_says_for_whom(tmp_path: Path) -> None:
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root")
+def test_root_must_name_the_user(tmp_path: Path) -> None:
     (tmp_path / "lab").mkdir()
     shutil.copy(ROOT / "lab/make_secrets.py", tmp_path / "lab")
     command = [sys.executable, str(tmp_path / "lab/make_secrets.py")]
-    for words, told in (([], "you are root"), (["--user", "0:0"], "PostgreSQL refuses root")):
-        done = subprocess.run([*command, *words], capture_output=True, text=True, timeout=60)
+    for options, message in (
+        ([], "cannot run as root"),
+        (["--user", "0:0"], "PostgreSQL refuses root"),
+    ):
+        done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=60)
         assert done.returncode == 2
-        assert told in done.stderr
-    done = subprocess.run([*command, "--user", "1234:1234"], capture_output=True, timeout=60)
-    assert done.returncode == 0
+        assert message in done.stderr
+    subprocess.run([*command, "--user", "1234:1234"], capture_output=True, timeout=60, check=True)
     assert (tmp_path / SECRETS / "postgres").stat().st_uid == 1234

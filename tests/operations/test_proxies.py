@@ -1,4 +1,4 @@
-"""Behind nginx and Caddy, each set up with what the operations guide has, all is as it says."""
+"""Servers work behind nginx and Caddy with the configuration in the operations guide."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import json
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import pytest
 
 from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
-from robotouille_client import Client, Game, Over, connect
+from robotouille_client import Client, Game, GameEnded, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.operations.proxies import PROXIES, Front, Proxy, front_door, mint, program
@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.process, pytest.mark.slow]
 
 BEHIND = ("--trust-proxy", "loopback")
 SECONDS = 60
-"""After which what a test waits for has not happened."""
+"""Timeout of a test."""
 
 
 @pytest.fixture(params=PROXIES)
@@ -39,7 +39,7 @@ def proxy(request: pytest.FixtureRequest) -> Proxy:
 
 @contextmanager
 def served(proxy: Proxy, folder: Path, *flags: str) -> Iterator[tuple[Front, Path]]:
-    """A server behind a proxy, and its recordings, which are closed afterwards."""
+    """Run a server behind a proxy. Its recordings are closed when the context exits."""
     recordings = folder / "recordings"
     with process(recordings, *BEHIND, *flags) as (server, url, _code):
         behind = int(url.rpartition(":")[2])
@@ -50,19 +50,19 @@ def served(proxy: Proxy, folder: Path, *flags: str) -> Iterator[tuple[Front, Pat
 
 
 async def refused(url: str) -> str:
-    """The error code of a list that somebody without a token asks for."""
+    """Return the error code of a `list` request without a token."""
     with pytest.raises(ProtocolError) as error:
         async with connect(url, name="stranger", reconnect=False) as stranger:
             await stranger.episodes()
     return error.value.code
 
 
-def test_without_a_token_one_is_not_taken_for_this_machine(proxy: Proxy, tmp_path: Path) -> None:
+def test_client_without_token_does_not_count_as_local(proxy: Proxy, tmp_path: Path) -> None:
     with served(proxy, tmp_path) as (front, _):
         assert asyncio.run(refused(front.url)) == "auth/role"
 
 
-def test_who_has_a_token_plays_and_nobody_else(proxy: Proxy, tmp_path: Path) -> None:
+def test_only_clients_with_a_token_play(proxy: Proxy, tmp_path: Path) -> None:
     with served(proxy, tmp_path, "--require-token") as (front, recordings):
         assert asyncio.run(refused(front.url)) == "auth/required"
         token = mint("host", "lab", recordings)
@@ -72,8 +72,8 @@ def test_who_has_a_token_plays_and_nobody_else(proxy: Proxy, tmp_path: Path) -> 
     assert read_recording(file).verify().complete
 
 
-async def bots_play(url: str, token: str) -> dict[str, Any]:
-    """Two planners play an episode to its end; one of their lines is cut."""
+async def bots_play(url: str, token: str) -> Mapping[str, Any]:
+    """Let two planners play an episode to its end, and cut one connection."""
     planner = policy_maker(BotKind.PLANNER)
     async with asyncio.timeout(SECONDS), AsyncExitStack() as stack:
         clients = [
@@ -92,13 +92,13 @@ async def seats(clients: list[Client], task: str, **rules: Any) -> list[Game]:
 
 
 def cut(client: Client) -> None:
-    """The cable is pulled."""
+    """Abort a client's connection."""
     assert client._socket is not None
     client._socket.transport.abort()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs all of 127.0.0.0/8")
-def test_connections_are_counted_by_the_clients_own_address(proxy: Proxy, tmp_path: Path) -> None:
+def test_connections_are_counted_per_client_address(proxy: Proxy, tmp_path: Path) -> None:
     async def knocks(front: Front) -> None:
         async with AsyncExitStack() as stack:
             first, _, other, _ = [
@@ -114,7 +114,7 @@ def test_connections_are_counted_by_the_clients_own_address(proxy: Proxy, tmp_pa
         asyncio.run(knocks(front))
 
 
-def test_who_comes_to_the_wrong_worker_is_moved_and_plays(proxy: Proxy, tmp_path: Path) -> None:
+def test_client_is_redirected_to_the_right_worker(proxy: Proxy, tmp_path: Path) -> None:
     recordings = tmp_path / "recordings"
     port = free_ports(1)
     flags = (*BEHIND, "--require-token", "--worker-url", f"{front_door(port)}/w{{worker}}")
@@ -129,7 +129,7 @@ def test_who_comes_to_the_wrong_worker_is_moved_and_plays(proxy: Proxy, tmp_path
 
 
 async def play_with_worker(front: Front, token: str, home: str) -> None:
-    """An episode of one worker, joined by somebody who has come to the other."""
+    """Create an episode on one worker and join it through the other."""
     other = {"w0": "w1", "w1": "w0"}[home]
     async with (
         asyncio.timeout(SECONDS),
@@ -142,5 +142,5 @@ async def play_with_worker(front: Front, token: str, home: str) -> None:
             await asyncio.gather(*(game.act(None) for game in games))
         for game in games:
             *_, over = [event async for event in game]
-            assert isinstance(over, Over)
+            assert isinstance(over, GameEnded)
             assert over.outcome["reason"] == "step_limit"

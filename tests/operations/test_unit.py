@@ -1,4 +1,4 @@
-"""systemd takes the unit of the operations guide, as a service and as a template of two."""
+"""systemd accepts the unit in the operations guide, as a service and as a template."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 from robotouille_server import ServerSettings
 from tests.support.pages import read, titled
 
-PAGE = "operations.md"
+PAGE = "operate_a_server.md"
 UNIT = "/etc/systemd/system/robotouille.service"
 CONFIG = "/etc/robotouille.toml"
 SERVER = "/opt/robotouille/bin/robotouille-server"
@@ -26,7 +26,7 @@ needs_systemd = pytest.mark.skipif(
 
 
 def complaints(folder: Path, name: str, unit: str, instance: str) -> str:
-    """What systemd says of a unit whose programs and user are there."""
+    """Return systemd's errors for a unit, with its program and user replaced by existing ones."""
     assert unit.count(SERVER) == unit.count("User=robotouille") == 1
     unit = unit.replace(SERVER, sys.executable).replace("User=robotouille", "User=root")
     (folder / name).write_text(unit)
@@ -39,15 +39,15 @@ def complaints(folder: Path, name: str, unit: str, instance: str) -> str:
 
 @pytest.mark.process
 @needs_systemd
-def test_the_unit_is_accepted(tmp_path: Path) -> None:
+def test_unit_is_accepted(tmp_path: Path) -> None:
     name = "robotouille.service"
     assert complaints(tmp_path, name, titled(PAGE, UNIT), name) == ""
 
 
 @pytest.mark.process
 @needs_systemd
-def test_so_is_the_template_for_rolling_restarts(tmp_path: Path) -> None:
-    (flag,) = re.findall(r"`(--operator-port %i)` in `ExecStart`", read(PAGE))
+def test_template_for_rolling_restarts_is_accepted(tmp_path: Path) -> None:
+    (flag,) = re.findall(r"add `(--operator-port %i)` to `ExecStart`", read(PAGE))
     (name,) = re.findall(r"Name the unit `(\S+)`", read(PAGE))
     (command,) = re.findall("^ExecStart=.*$", titled(PAGE, UNIT), re.MULTILINE)
     unit = titled(PAGE, UNIT).replace(command, f"{command} {flag}")
@@ -59,14 +59,14 @@ def test_so_is_the_template_for_rolling_restarts(tmp_path: Path) -> None:
 
 @pytest.mark.process
 @needs_systemd
-def test_a_wrong_line_would_be_found(tmp_path: Path) -> None:
+def test_invalid_line_is_reported(tmp_path: Path) -> None:
     name = "robotouille.service"
     unit = titled(PAGE, UNIT).replace("ProtectHome=yes", "ProtectHouse=yes")
     assert "ProtectHouse" in complaints(tmp_path, name, unit, name)
 
 
-def test_the_unit_gives_the_server_the_time_and_the_files_it_asks_for() -> None:
-    """The settings of the guide's file are valid, and fit the unit's limits and folders."""
+def test_unit_allows_enough_time_and_file_descriptors() -> None:
+    """The settings in the guide are valid and fit the unit's limits and folders."""
     given = tomllib.loads(titled(PAGE, CONFIG))
     settings = ServerSettings(**given)
     unit = dict(line.split("=", 1) for line in titled(PAGE, UNIT).splitlines() if "=" in line)

@@ -1,4 +1,4 @@
-"""The operator is warned before something runs out."""
+"""Samples of disk space and file descriptors, and the warnings about them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.health import SAMPLE_SECONDS, Disk, Health
+from robotouille_server.health import SAMPLE_SECONDS, Disk, Health, System
 from robotouille_server.health import alerts as found
 from robotouille_server.runtime.metrics import Metrics
 from tests.support.machines import GIB, Machine
 from tests.support.operator import Api, table, viewing
-from tests.support.servers import raw
-from tests.support.virtual_time import run
+from tests.support.servers import raw, serving
+from tests.support.virtual_time import run, virtual
 
 
 async def alerts(server: Server, api: Api) -> dict[str, tuple[str, str]]:
@@ -37,32 +37,32 @@ def on_machine(tmp_path: Path, check: Any) -> None:
 @pytest.mark.parametrize(
     ("disk", "severity", "words"),
     [
-        (Disk(900 * 1024**2, 10 * GIB), "warning", "900 MiB (8.8%) are free"),
+        (Disk(900 * 1024**2, 10 * GIB), "warning", "900 MiB (8.8%) left"),
         (Disk(40 * GIB, 1000 * GIB), "warning", "40 GIB (4.0%)"),
         (Disk(50 * 1024**2, 10 * GIB), "critical", "50 MiB"),
         (Disk(2 * GIB, 10 * GIB), "", ""),
     ],
 )
-def test_a_disk_that_fills_up(tmp_path: Path, disk: Disk, severity: str, words: str) -> None:
+def test_nearly_full_disk(tmp_path: Path, disk: Disk, severity: str, words: str) -> None:
     async def check(server: Server, api: Api, machine: Machine) -> None:
         machine.free = disk
-        told = await alerts(server, api)
-        assert told.get("disk", ("", ""))[0] == severity
-        assert words.lower() in told.get("disk", ("", ""))[1].lower()
+        shown = await alerts(server, api)
+        assert shown.get("disk", ("", ""))[0] == severity
+        assert words.lower() in shown.get("disk", ("", ""))[1].lower()
 
     on_machine(tmp_path, check)
 
 
-def test_a_recordings_folder_that_is_gone(tmp_path: Path) -> None:
+def test_missing_recordings_folder(tmp_path: Path) -> None:
     async def check(server: Server, api: Api, machine: Machine) -> None:
         (tmp_path / "r").rmdir()
-        told = await alerts(server, api)
-        assert told["disk"] == ("critical", "the recordings folder: No such file or directory")
+        shown = await alerts(server, api)
+        assert shown["disk"] == ("critical", "the recordings folder: No such file or directory")
 
     on_machine(tmp_path / "r", check)
 
 
-def test_descriptors_that_run_out(tmp_path: Path) -> None:
+def test_few_free_file_descriptors(tmp_path: Path) -> None:
     async def check(server: Server, api: Api, machine: Machine) -> None:
         machine.open = 801
         assert (await alerts(server, api))["descriptors"][0] == "warning"
@@ -73,7 +73,7 @@ def test_descriptors_that_run_out(tmp_path: Path) -> None:
     on_machine(tmp_path, check)
 
 
-def test_log_lines_that_are_held_back() -> None:
+def test_suppressed_log_lines() -> None:
     metrics = Metrics()
     resources = Health(metrics, None, Machine())
     metrics.log_suppressed = 5
@@ -82,7 +82,7 @@ def test_log_lines_that_are_held_back() -> None:
     metrics.log_suppressed += 1200
     resources.sample(SAMPLE_SECONDS, [])
     (alert,) = found(resources)
-    assert (alert.kind, alert.text) == ("log", "1,200 log lines held back in the last minute")
+    assert (alert.kind, alert.text) == ("log", "1,200 log lines suppressed in the last minute")
     for second in range(10, 61, 10):
         resources.sample(second, [])
         assert found(resources) == [alert]
@@ -90,21 +90,21 @@ def test_log_lines_that_are_held_back() -> None:
     assert found(resources) == []
 
 
-def test_a_participant_who_sends_far_too_much(tmp_path: Path) -> None:
+def test_participant_who_sends_too_much(tmp_path: Path) -> None:
     async def check(server: Server, api: Api, machine: Machine) -> None:
         async with raw(server, name="eve") as eve, table(server):
             await alerts(server, api)
             for _ in range(50):
                 await eve.ask({"type": "zap", "more": "x" * 20_000}, "error")
-            told = await alerts(server, api)
-            assert told["participant"][0] == "warning"
-            assert "'eve' sends" in told["participant"][1]
+            shown = await alerts(server, api)
+            assert shown["participant"][0] == "warning"
+            assert "'eve' sends" in shown["participant"][1]
             assert "participant" not in await alerts(server, api)
 
     on_machine(tmp_path, check)
 
 
-def test_what_is_critical_comes_first(tmp_path: Path) -> None:
+def test_critical_alerts_come_first(tmp_path: Path) -> None:
     async def check(server: Server, api: Api, machine: Machine) -> None:
         machine.free, machine.open = Disk(900 * 1024**2, 10 * GIB), 990
         assert list(await alerts(server, api)) == ["descriptors", "disk"]
@@ -112,25 +112,52 @@ def test_what_is_critical_comes_first(tmp_path: Path) -> None:
     on_machine(tmp_path, check)
 
 
-def test_who_sent_how_much_and_what_of_it_is_on_record(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path) as (server, _, api), table(server) as play:
-            game = play.games[0]
-            await play.until(lambda game: game.step >= 1)
-            before = (await api.row(play.episode))["seats"]
-            game.say("é" * 100)
-            assert (await game.act(game.state.actions("robot1")[0], reasoning="x" * 300)).applied
-            after = (await api.row(play.episode))["seats"]
-            assert after[0]["recorded_bytes"] - before[0]["recorded_bytes"] == 500
-            assert after[0]["received_bytes"] - before[0]["received_bytes"] > 500
-            assert after[1]["recorded_bytes"] == 0
-            sessions = {session.name: session for session in server.sessions.by_id.values()}
-            sent = sessions["ada"].received_bytes
-            assert sessions["ada"].peer is not None
-            sessions["ada"].peer.socket.transport.abort()
-            await asyncio.sleep(1)
-            await play.until(lambda game: game.step >= 12)
-            assert sessions["ada"].peer is not None
-            assert sessions["ada"].received_bytes > sent
+@virtual
+async def test_received_and_recorded_bytes_are_counted_per_seat(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (server, _, api), table(server) as play:
+        game = play.games[0]
+        await play.until(lambda game: game.step >= 1)
+        before = (await api.row(play.episode))["seats"]
+        game.say("é" * 100)
+        assert (await game.act(game.state.actions("robot1")[0], reasoning="x" * 300)).applied
+        after = (await api.row(play.episode))["seats"]
+        assert after[0]["recorded_bytes"] - before[0]["recorded_bytes"] == 500
+        assert after[0]["received_bytes"] - before[0]["received_bytes"] > 500
+        assert after[1]["recorded_bytes"] == 0
+        sessions = {session.name: session for session in server.sessions.by_id.values()}
+        sent = sessions["ada"].received_bytes
+        assert sessions["ada"].peer is not None
+        sessions["ada"].peer.socket.transport.abort()
+        await asyncio.sleep(1)
+        await play.until(lambda game: game.step >= 12)
+        assert sessions["ada"].peer is not None
+        assert sessions["ada"].received_bytes > sent
 
-    run(main())
+
+@virtual
+async def test_metrics_show_the_samples(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        machine = server.health.system = Machine()
+        machine.free, machine.open, machine.most = Disk(123, 456), 77, 99
+        server.metrics.log_suppressed = 3
+        reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+        writer.write(b"GET /metrics HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        page = (await reader.read()).decode()
+        writer.close()
+    for line in (
+        "robotouille_disk_free_bytes 123.0",
+        "robotouille_open_descriptors 77.0",
+        "robotouille_max_descriptors 99.0",
+        "robotouille_suppressed_log_lines_total 3.0",
+        "robotouille_busiest_participant_bytes_per_second 0.0",
+    ):
+        assert f"\n{line}\n" in page
+
+
+def test_real_machine_reports_disk_and_descriptors(tmp_path: Path) -> None:
+    system = System()
+    disk, used, most = system.disk(tmp_path), system.descriptors(), system.max_descriptors()
+    assert disk is None or 0 < disk.free <= disk.size
+    assert used is None or most is None or 3 <= used <= most
+    with tmp_path.joinpath("x").open("w"):
+        assert used is None or system.descriptors() == used + 1

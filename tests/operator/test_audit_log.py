@@ -1,4 +1,4 @@
-"""What is done at the operator's port, and by whom, can be read afterwards."""
+"""Audit log of the operator API."""
 
 from __future__ import annotations
 
@@ -10,101 +10,86 @@ import pytest
 from robotouille_server.runtime import audit_log as audit
 from robotouille_server.runtime.audit_log import AuditLog
 from tests.support.operator import CHANGE, audited, bearer, table, viewing
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 NOW = 1_800_000_000.0
 
 
-def test_everything_an_operator_does_is_there_with_who_did_it(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path / "r", tokens=True, wall=lambda: NOW) as (server, _, api):
-            async with table(server) as play:
-                await play.until(lambda game: game.step >= 1)
-                headers = bearer(server, "lab")
-                token = server.authorize(headers["Authorization"].split()[1]).token_id
-                api.http.headers.update(headers)
-                here = f"/api/episodes/{play.code}"
-                await api.do(f"{here}/pause")
-                await api.do(f"{here}/announce", text="soon")
-                await api.do("/api/announce", text="to all")
-                row = await api.row(play.episode)
-                name = row["recording"]["name"]
-                await api.http.get(f"/api/recordings/{name}")
-                session = row["seats"][1]["session"]
-                await api.do(f"{here}/kick", session=session, reason="asleep")
-                await api.do(f"{here}/end", reason="lunch")
-                await api.post(f"{here}/pause")
-                await api.post("/api/episodes/NOSUCHCODE/end")
-        mine = {"time": "2027-01-15T08:00:00.000Z", "by": "lab", "token": token}
-        it = {"episode": play.episode}
-        assert audited(tmp_path / "r") == [
-            {**mine, "what": "login", "result": "done"},
-            {**mine, **it, "what": "pause", "result": "done"},
-            {**mine, **it, "what": "announce", "text": "soon", "result": "done"},
-            {**mine, "what": "announce to all", "text": "to all", "result": "done"},
-            {**mine, "what": "recording", "file": name, "result": "done"},
-            {
-                **mine,
-                **it,
-                "what": "kick",
-                "session": session,
-                "reason": "asleep",
-                "result": "done",
-            },
-            {**mine, **it, "what": "end", "reason": "lunch", "result": "done"},
-            {**mine, "episode": play.code, "what": "pause", "result": "episode/over"},
-            {**mine, "episode": "NOSUCHCODE", "what": "end", "result": "episode/unknown"},
-        ]
-
-    run(main())
+@virtual
+async def test_all_operator_actions_are_logged_with_the_subject(tmp_path: Path) -> None:
+    async with viewing(tmp_path / "r", tokens=True, wall=lambda: NOW) as (server, _, api):
+        async with table(server) as play:
+            await play.until(lambda game: game.step >= 1)
+            headers = bearer(server, "lab")
+            token = server.authorize(headers["Authorization"].split()[1]).token_id
+            api.http.headers.update(headers)
+            here = f"/api/episodes/{play.code}"
+            await api.do(f"{here}/pause")
+            await api.do(f"{here}/announce", text="soon")
+            await api.do("/api/announce", text="to all")
+            row = await api.row(play.episode)
+            name = row["recording"]["name"]
+            await api.http.get(f"/api/recordings/{name}")
+            session = row["seats"][1]["session"]
+            await api.do(f"{here}/kick", session=session, reason="asleep")
+            await api.do(f"{here}/end", reason="lunch")
+            await api.post(f"{here}/pause")
+            await api.post("/api/episodes/NOSUCHCODE/end")
+    mine = {"time": "2027-01-15T08:00:00.000Z", "by": "lab", "token": token}
+    it = {"episode": play.episode}
+    assert audited(tmp_path / "r") == [
+        {**mine, "what": "login", "result": "done"},
+        {**mine, **it, "what": "pause", "result": "done"},
+        {**mine, **it, "what": "announce", "text": "soon", "result": "done"},
+        {**mine, "what": "announce to all", "text": "to all", "result": "done"},
+        {**mine, "what": "recording", "file": name, "result": "done"},
+        {**mine, **it, "what": "kick", "result": "done", "session": session, "reason": "asleep"},
+        {**mine, **it, "what": "end", "reason": "lunch", "result": "done"},
+        {**mine, "episode": play.code, "what": "pause", "result": "episode/ended"},
+        {**mine, "episode": "NOSUCHCODE", "what": "end", "result": "episode/unknown"},
+    ]
 
 
-def test_who_needs_no_token_is_called_local(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path / "r") as (_, _, api):
-            await api.do("/api/announce", text="hello")
-        (line,) = audited(tmp_path / "r")
-        assert (line["by"], line["what"], "token" in line) == ("local", "announce to all", False)
-
-    run(main())
+@virtual
+async def test_caller_without_token_is_logged_as_local(tmp_path: Path) -> None:
+    async with viewing(tmp_path / "r") as (_, _, api):
+        await api.do("/api/announce", text="hello")
+    (line,) = audited(tmp_path / "r")
+    assert (line["by"], line["what"], "token" in line) == ("local", "announce to all", False)
 
 
-def test_what_is_refused_to_a_token_for_another_episode_is_there(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path / "r", tokens=True) as (server, _, api):
-            async with table(server) as mine, table(server) as other:
-                api.http.headers.update(bearer(server, "eve", episode=mine.episode))
-                await api.post("/api/announce", text="boo")
-                await api.http.get(f"/api/episodes/{other.code}")
-        _, *lines = audited(tmp_path / "r")
-        assert [(line["what"], line["result"]) for line in lines] == [
-            ("announce to all", "auth/episode"),
-            ("episode", "auth/episode"),
-        ]
-
-    run(main())
+@virtual
+async def test_refused_requests_for_another_episode_are_logged(tmp_path: Path) -> None:
+    async with viewing(tmp_path / "r", tokens=True) as (server, _, api):
+        async with table(server) as mine, table(server) as other:
+            api.http.headers.update(bearer(server, "eve", episode=mine.episode))
+            await api.post("/api/announce", text="boo")
+            await api.http.get(f"/api/episodes/{other.code}")
+    _, *lines = audited(tmp_path / "r")
+    assert [(line["what"], line["result"]) for line in lines] == [
+        ("announce to all", "auth/episode"),
+        ("episode", "auth/episode"),
+    ]
 
 
-def test_a_line_that_cannot_be_written_is_an_alert_and_stops_nobody(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path / "r") as (server, _, api):
-            (tmp_path / "elsewhere").mkdir()
-            server.audit.path.parent.mkdir(exist_ok=True)
-            server.audit.path.symlink_to(tmp_path / "elsewhere" / "file")
-            await api.http.post("/api/announce", json={"text": "hello"}, headers=CHANGE)
-            seen = await api.get("/api/overview")
-            (alert,) = [one for one in seen["alerts"] if one["kind"] == "audit"]
-            assert (alert["severity"], "audit log" in alert["text"]) == ("critical", True)
-            assert not (tmp_path / "elsewhere" / "file").exists()
-            server.audit.path.unlink()
-            await api.do("/api/announce", text="hello")
-            kinds = {one["kind"] for one in (await api.get("/api/overview"))["alerts"]}
-            assert "audit" not in kinds
-
-    run(main())
+@virtual
+async def test_unwritable_audit_log_is_an_alert(tmp_path: Path) -> None:
+    async with viewing(tmp_path / "r") as (server, _, api):
+        (tmp_path / "elsewhere").mkdir()
+        server.audit.path.parent.mkdir(exist_ok=True)
+        server.audit.path.symlink_to(tmp_path / "elsewhere" / "file")
+        await api.http.post("/api/announce", json={"text": "hello"}, headers=CHANGE)
+        seen = await api.get("/api/overview")
+        (alert,) = [one for one in seen["alerts"] if one["kind"] == "audit"]
+        assert (alert["severity"], "audit log" in alert["text"]) == ("critical", True)
+        assert not (tmp_path / "elsewhere" / "file").exists()
+        server.audit.path.unlink()
+        await api.do("/api/announce", text="hello")
+        kinds = {one["kind"] for one in (await api.get("/api/overview"))["alerts"]}
+        assert "audit" not in kinds
 
 
-def test_files_that_have_grown_large_are_put_aside_and_the_oldest_goes(
+def test_large_audit_log_is_rotated_and_the_oldest_file_deleted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(audit, "MAX_AUDIT_BYTES", 300)

@@ -1,9 +1,10 @@
-"""Who gets to the operator's port: nobody by way of a browser's other pages, nobody without a
-token where one is asked for."""
+"""Access to the operator port: foreign pages, tokens, proxies, body limits and login audit."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable
+import asyncio
+import json
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,14 @@ import httpx
 import pytest
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille_server.admin import operator_view
-from robotouille_server.admin.errors import RequestRefusedError
-from robotouille_server.admin.http.guard import Access
-from robotouille_server.auth.tokens import Role, RoleGrant
-from tests.support.operator import CHANGE, Api, viewing
+from robotouille_server.auth import Role, RoleGrant
+from robotouille_server.operator import operator_view
+from robotouille_server.operator.guard import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Access, LoginAudit
+from robotouille_server.operator.principal import RequestRefusedError
+from robotouille_server.runtime.audit_log import AuditLog
+from tests.support.operator import CHANGE, GUESS, audited, bearer, viewing
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 READING = ["/", "/main.js", "/api/overview", "/api/overview/events", "/api/recordings"]
 
@@ -28,14 +30,6 @@ def authorize(token: str) -> RoleGrant:
     return RoleGrant(Role.OPERATOR, "lab")
 
 
-def asked(tmp_path: Path, ask: Callable[[Api], Any], **view: Any) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path, view=view) as (_, _, api):
-            await ask(api)
-
-    run(main())
-
-
 def refusal(answer: httpx.Response) -> tuple[int, str]:
     return answer.status_code, answer.json()["code"]
 
@@ -43,22 +37,20 @@ def refusal(answer: httpx.Response) -> tuple[int, str]:
 @pytest.mark.parametrize(
     "host", ["kitchen.example.org", "127.0.0.1.example.org:80", "", "[::2]", "a@localhost"]
 )
-def test_another_name_in_host_is_refused(tmp_path: Path, host: str) -> None:
-    async def ask(api: Api) -> None:
+@virtual
+async def test_foreign_host_is_refused(tmp_path: Path, host: str) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         for path in READING:
             answer = await api.http.get(path, headers={"Host": host})
             assert refusal(answer) == (421, "host/unknown"), path
 
-    asked(tmp_path, ask)
 
-
-def test_names_of_this_machine_and_allowed_ones_are_taken(tmp_path: Path) -> None:
-    async def ask(api: Api) -> None:
+@virtual
+async def test_local_and_allowed_hosts_are_accepted(tmp_path: Path) -> None:
+    async with viewing(tmp_path, view={"allowed_hosts": ["kitchen.EXAMPLE.org"]}) as (_, _, api):
         for host in ("localhost:8766", "127.0.0.1", "LOCALHOST", "[::1]:99", "Kitchen.example.org"):
             answer = await api.http.get("/api/overview", headers={"Host": host})
             assert answer.status_code == 200, host
-
-    asked(tmp_path, ask, allowed_hosts=["kitchen.EXAMPLE.org"])
 
 
 @pytest.mark.parametrize(
@@ -76,19 +68,19 @@ def test_names_of_this_machine_and_allowed_ones_are_taken(tmp_path: Path) -> Non
         ({**CHANGE, "Content-Type": "application/json", "Origin": "null"}, 403, "request/origin"),
     ],
 )
-def test_what_another_page_could_send_changes_nothing(
+@virtual
+async def test_request_that_a_foreign_page_could_send_is_refused(
     tmp_path: Path, headers: dict[str, str], status: int, code: str
 ) -> None:
-    async def ask(api: Api) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         content = b'{"text": "boo"}'
         answer = await api.http.post("/api/announce", content=content, headers=headers)
         assert refusal(answer) == (status, code)
 
-    asked(tmp_path, ask)
 
-
-def test_a_page_may_not_ask_the_browser_for_permission(tmp_path: Path) -> None:
-    async def ask(api: Api) -> None:
+@virtual
+async def test_cors_preflight_is_refused(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         answer = await api.http.options(
             "/api/announce",
             headers={"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"},
@@ -96,39 +88,31 @@ def test_a_page_may_not_ask_the_browser_for_permission(tmp_path: Path) -> None:
         assert answer.status_code >= 400
         assert not [name for name in answer.headers if name.startswith("access-control")]
 
-    asked(tmp_path, ask)
 
-
-def test_the_ports_own_page_may(tmp_path: Path) -> None:
-    async def ask(api: Api) -> None:
+@virtual
+async def test_own_page_may_change_something(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         origin = str(api.http.base_url).rstrip("/")
         headers = {**CHANGE, "Origin": origin, "Content-Type": "application/json; charset=utf-8"}
         content = b'{"text": "dinner"}'
         answer = await api.http.post("/api/announce", content=content, headers=headers)
         assert answer.status_code == 200
 
-    asked(tmp_path, ask)
 
-
-def test_bodies_are_small_and_say_how_long_they_are(tmp_path: Path) -> None:
-    async def pieces() -> Any:
-        yield b'{"text": "x"}'
-
-    async def ask(api: Api) -> None:
+@virtual
+async def test_large_body_is_refused(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         headers = {**CHANGE, "Content-Type": "application/json"}
-        for content in (b" " * 20_000, pieces()):
-            answer = await api.http.post("/api/announce", content=content, headers=headers)
-            assert refusal(answer) == (413, "request/size")
-
-    asked(tmp_path, ask)
+        content = b" " * 20_000
+        answer = await api.http.post("/api/announce", content=content, headers=headers)
+        assert refusal(answer) == (413, "request/size")
 
 
 @pytest.mark.parametrize("method", ["GET", "POST"])
 @pytest.mark.parametrize("length", [{}, {"Content-Length": "2"}])
-def test_a_body_in_chunks_has_no_end_and_is_refused(
-    tmp_path: Path, method: str, length: dict[str, str]
-) -> None:
-    async def ask(api: Api) -> None:
+@virtual
+async def test_chunked_body_is_refused(tmp_path: Path, method: str, length: dict[str, str]) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         headers = {**CHANGE, "Content-Type": "application/json", "Transfer-Encoding": "chunked"}
 
         async def chunks() -> AsyncIterator[bytes]:
@@ -139,19 +123,10 @@ def test_a_body_in_chunks_has_no_end_and_is_refused(
         request.headers.update(length)
         assert refusal(await api.http.send(request)) == (413, "request/size")
 
-    asked(tmp_path, ask)
 
-
-def test_what_only_asks_has_no_large_body_either(tmp_path: Path) -> None:
-    async def ask(api: Api) -> None:
-        answer = await api.http.request("GET", "/api/overview", content=b"x" * 20_000)
-        assert refusal(answer) == (413, "request/size")
-
-    asked(tmp_path, ask)
-
-
-def test_every_answer_forbids_others_to_show_or_read_it(tmp_path: Path) -> None:
-    async def ask(api: Api) -> None:
+@virtual
+async def test_all_responses_forbid_framing_and_reading_by_other_sites(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         refused = {"Host": "evil.example"}
         answers = [await api.http.get(path) for path in ("/", "/api/overview", "/nothing")]
         answers.append(await api.http.get("/", headers=refused))
@@ -166,25 +141,10 @@ def test_every_answer_forbids_others_to_show_or_read_it(tmp_path: Path) -> None:
             assert "server" not in answer.headers
         assert answers[1].headers["cache-control"] == "no-store"
 
-    asked(tmp_path, ask)
 
-
-def test_the_page_has_no_inline_scripts_or_styles_and_nothing_from_elsewhere(
-    tmp_path: Path,
-) -> None:
-    async def ask(api: Api) -> None:
-        html = (await api.http.get("/")).text
-        assert "<style" not in html
-        assert " style=" not in html
-        assert " onclick" not in html
-        assert "<script>" not in html
-        assert "://" not in html
-
-    asked(tmp_path, ask)
-
-
-def test_a_token_is_asked_for_where_that_is_set(tmp_path: Path) -> None:
-    async def ask(api: Api) -> None:
+@virtual
+async def test_missing_or_invalid_token_is_refused(tmp_path: Path) -> None:
+    async with viewing(tmp_path, view={"authorize": authorize, "ask_token": True}) as (_, _, api):
         for headers, code in [
             ({}, "auth/needed"),
             ({"Authorization": "Basic bGV0LW1lLWlu"}, "auth/needed"),
@@ -202,40 +162,37 @@ def test_a_token_is_asked_for_where_that_is_set(tmp_path: Path) -> None:
         assert (await api.http.get("/api/overview", headers=headers)).status_code == 200
         assert (await api.http.get("/")).status_code == 200
 
-    asked(tmp_path, ask, authorize=authorize, ask_token=True)
 
-
-def test_whoever_comes_through_a_proxy_needs_a_token_even_on_loopback(tmp_path: Path) -> None:
-    async def without_tokens(api: Api) -> None:
+@virtual
+async def test_request_through_a_proxy_is_refused_without_tokens(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, _, api):
         for name in ("Forwarded", "X-Forwarded-For", "Via"):
             answer = await api.http.get("/api/overview", headers={name: "203.0.113.7"})
             assert refusal(answer) == (403, "auth/forwarded")
         assert (await api.http.get("/api/overview")).status_code == 200
 
-    async def with_tokens(api: Api) -> None:
+
+@virtual
+async def test_request_through_a_proxy_needs_a_token_even_on_loopback(tmp_path: Path) -> None:
+    async with viewing(tmp_path, view={"authorize": authorize}) as (_, _, api):
         headers = {"X-Forwarded-For": "203.0.113.7"}
         assert refusal(await api.http.get("/api/overview", headers=headers)) == (401, "auth/needed")
         headers["Authorization"] = "Bearer let-me-in"
         assert (await api.http.get("/api/overview", headers=headers)).status_code == 200
         assert (await api.http.get("/api/overview")).status_code == 200
 
-    asked(tmp_path / "one", without_tokens)
-    asked(tmp_path / "two", with_tokens, authorize=authorize)
 
-
-def test_no_port_for_others_without_tokens(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            with pytest.raises(RobotouilleError, match=r"0\.0\.0\.0 needs operator's tokens"):
-                async with operator_view(server, "0.0.0.0", 0):
-                    pass
-            async with operator_view(server, "0.0.0.0", 0, authorize=authorize) as port:
-                assert port.url == f"http://127.0.0.1:{port.port}/"
-                async with httpx.AsyncClient(timeout=None, trust_env=False, verify=False) as http:
-                    answer = await http.get(f"{port.url}api/overview")
-                    assert refusal(answer) == (401, "auth/needed")
-
-    run(main())
+@virtual
+async def test_public_address_requires_tokens(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        with pytest.raises(RobotouilleError, match=r"0\.0\.0\.0 needs operator tokens"):
+            async with operator_view(server, "0.0.0.0", 0):
+                pass
+        async with operator_view(server, "0.0.0.0", 0, authorize=authorize) as port:
+            assert port.url == f"http://127.0.0.1:{port.port}/"
+            async with httpx.AsyncClient(timeout=None, trust_env=False, verify=False) as http:
+                answer = await http.get(f"{port.url}api/overview")
+                assert refusal(answer) == (401, "auth/needed")
 
 
 def scope(host: str, own: str) -> dict[str, Any]:
@@ -245,15 +202,57 @@ def scope(host: str, own: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def test_the_address_a_request_came_to_is_a_name_of_the_port() -> None:
+def test_own_address_is_an_allowed_host() -> None:
     access = Access()
     access.check(scope("192.0.2.7:8766", "192.0.2.7"))
     with pytest.raises(RequestRefusedError):
         access.check(scope("192.0.2.8:8766", "192.0.2.7"))
 
 
-def test_two_hosts_are_one_too_many() -> None:
+def test_two_host_headers_are_refused() -> None:
     request = scope("localhost", "127.0.0.1")
     request["headers"].append((b"host", b"evil.example"))
     with pytest.raises(RequestRefusedError):
         Access().check(request)
+
+
+NOW = 1_800_000_000.0
+
+
+@pytest.mark.parametrize("record_addresses", [False, True])
+@virtual
+async def test_invalid_tokens_are_counted_in_few_audit_lines(
+    tmp_path: Path, record_addresses: bool
+) -> None:
+    tries = 2 * REFUSED_A_MINUTE
+    options: dict[str, Any] = {"tokens": True, "record_addresses": record_addresses}
+    async with viewing(tmp_path / "r", **options) as (server, _, api):
+        assert (await api.http.get("/api/overview")).status_code == 401
+        for _ in range(tries):
+            assert (await api.http.get("/api/overview", headers=GUESS)).status_code == 401
+        await asyncio.sleep(7)
+        for _ in range(2):
+            await api.get("/api/overview", headers=bearer(server))
+    lines = audited(tmp_path / "r")
+    refused = [line for line in lines if line["result"] != "done"]
+    assert {line["result"] for line in refused} == {"auth/invalid", "refused"}
+    assert len(refused) <= REFUSED_A_MINUTE + 4
+    once = sum(line["result"] == "auth/invalid" for line in refused)
+    assert once + sum(line.get("left_out", 0) for line in refused) == tries
+    assert not any("guess" in json.dumps(line) for line in lines)
+    assert {line.get("address") for line in refused if line["result"] != "refused"} == {
+        "127.0.0.1" if record_addresses else None
+    }
+    assert sum(line["what"] == "login" and line["result"] == "done" for line in lines) == 2
+
+
+def test_token_in_use_is_one_login(tmp_path: Path) -> None:
+    now = 0.0
+    log = AuditLog(tmp_path / "audit.log", lambda: NOW)
+    logins = LoginAudit(log, lambda: now, addresses=True)
+    for passed in (0, 1, 1000, 1000, FORGOTTEN_AFTER + 1):
+        now += passed
+        logins.accepted(RoleGrant(Role.OPERATOR, "lab", token_id="a"), "127.0.0.1")
+    logins.accepted(RoleGrant(Role.OPERATOR, "lab", token_id="b"), "127.0.0.1")
+    lines = [json.loads(line) for line in log.path.read_text().splitlines()]
+    assert [line["token"] for line in lines] == ["a", "a", "b"]

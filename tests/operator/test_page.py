@@ -1,4 +1,4 @@
-"""The operator's page in a real browser, over a live game of two bots."""
+"""The operator page in a real browser, with an episode of two bots."""
 
 from __future__ import annotations
 
@@ -18,17 +18,16 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.planning.policies.policy import RandomPolicy
 from robotouille.replay.recording import Recording
-from robotouille_client import Announced, Over, connect
+from robotouille_client import Announced, GameEnded, connect
 from robotouille_client.bots import play
 from robotouille_server import Server
 from robotouille_server import health as resources
-from robotouille_server.admin import operator_view
-from robotouille_server.auth.tokens import Role, RoleGrant
+from robotouille_server.auth import Role, RoleGrant
 from robotouille_server.health import Disk
+from robotouille_server.operator import operator_view
 from robotouille_server.rooms.room import Room
 from tests.support.machines import Machine
-from tests.support.operator import Api, bearer, viewing
-from tests.support.operator import Disk as FillingDisk
+from tests.support.operator import Api, viewing
 
 if importlib.util.find_spec("playwright") is None:
     pytest.skip("needs playwright: pip install playwright", allow_module_level=True)
@@ -52,36 +51,36 @@ PATIENCE = 30
 
 
 class Bot:
-    """Plays a seat at random, and keeps what it is told."""
+    """Bot that plays at random and keeps the events that it receives."""
 
     def __init__(self) -> None:
-        self._told: asyncio.Queue[Any] = asyncio.Queue()
+        self._events: asyncio.Queue[Any] = asyncio.Queue()
 
     async def run(self, server: Server, code: str, name: str, seed: int) -> None:
         async with connect(server.url, name=name, kind="bot") as client:
             game = await client.join(code)
             poll, next_event = game.poll, game.next_event
 
-            def overheard() -> Any:
+            def kept_poll() -> Any:
                 events = list(poll())
                 for event in events:
-                    self._told.put_nowait(event)
+                    self._events.put_nowait(event)
                 return events
 
-            async def overheard_next() -> Any:
+            async def kept_next_event() -> Any:
                 event = await next_event()
-                self._told.put_nowait(event)
+                self._events.put_nowait(event)
                 return event
 
-            game.poll = overheard  # type: ignore[method-assign]
-            game.next_event = overheard_next  # type: ignore[method-assign]
+            game.poll = kept_poll  # type: ignore[method-assign]
+            game.next_event = kept_next_event  # type: ignore[method-assign]
             await play(game, lambda _, player: RandomPolicy(player, seed))
-            overheard()
+            kept_poll()
 
-    async def hears(self, kind: type) -> Any:
-        """The next event of a kind."""
+    async def wait_for(self, kind: type) -> Any:
+        """Wait for the next event of a type and return it."""
         async with asyncio.timeout(PATIENCE):
-            while not isinstance(event := await self._told.get(), kind):
+            while not isinstance(event := await self._events.get(), kind):
                 pass
         return event
 
@@ -90,7 +89,7 @@ class Bot:
 async def live_game(
     server: Server, names: tuple[str, ...] = ("ada", "grace")
 ) -> AsyncIterator[tuple[Room, list[Bot]]]:
-    """Two bots in a real-time episode that lasts."""
+    """Run a long real-time episode of two bots."""
     async with connect(server.url, name="host") as host:
         created = await host.create(TASK, clock="realtime", step_rate=20, max_steps=1_000_000)
     bots = [Bot() for _ in names]
@@ -109,7 +108,7 @@ async def live_game(
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def browser() -> AsyncIterator[Any]:
-    """One browser for all tests; each opens a window that knows nothing of the others."""
+    """Start one browser for all tests. Each test opens its own context in it."""
     from playwright import async_api as playwright
 
     async with playwright.async_playwright() as driver:
@@ -120,22 +119,20 @@ async def browser() -> AsyncIterator[Any]:
 
 @asynccontextmanager
 async def browser_page(
-    browser: Any, url: str, size: dict[str, int] = DESKTOP, allow: str = "no complaint at all"
+    browser: Any, url: str, size: dict[str, int] = DESKTOP, allow: str = "nothing"
 ) -> AsyncIterator[Any]:
-    """The page, opened; what the browser complains about fails the test, unless it is allowed."""
-    complaints: list[str] = []
+    """Open the page. Errors of the browser fail the test, unless they contain `allow`."""
+    errors: list[str] = []
     page = await browser.new_page(viewport=size)
     try:
         page.set_default_timeout(PATIENCE * 1000)
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on(
-            "console", lambda line: complaints.append(line.text) if line.type == "error" else None
-        )
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
         await page.goto(url)
         yield page
     finally:
         await page.close()
-    assert [line for line in complaints if allow not in line] == []
+    assert [line for line in errors if allow not in line] == []
 
 
 def expect(locator: Any) -> Any:
@@ -149,12 +146,12 @@ async def watch(page: Any, room: Room) -> Any:
     """Open the panel of an episode."""
     card = page.locator(".episode", has_text=room.code[:5])
     await card.get_by_role("button", name="Watch").click()
-    panel = page.get_by_label("Watch an episode")
+    panel = page.get_by_label("Watched episode")
     await expect(panel.locator(".log li", has_text="robot1").first).to_be_visible()
     return panel
 
 
-async def test_the_operator_watches_pauses_and_ends_a_game(browser: Any, tmp_path: Path) -> None:
+async def test_operator_watches_pauses_and_ends_an_episode(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, bots):
         async with browser_page(browser, port.url) as page:
             card = page.locator(".episode")
@@ -187,27 +184,27 @@ async def test_the_operator_watches_pauses_and_ends_a_game(browser: Any, tmp_pat
             await dialog.get_by_label("Reason").fill("lunch")
             await dialog.get_by_role("button", name="End the episode").click()
             await expect(panel.locator(".phase")).to_have_text("ended")
-            over = await bots[0].hears(Over)
+            over = await bots[0].wait_for(GameEnded)
             assert (over.outcome["reason"], over.outcome["detail"]) == ("aborted", "lunch")
             await expect(panel.locator(".log li").last).to_have_text(re.compile("aborted: lunch"))
 
 
-async def test_the_operator_speaks_and_sends_people_out(browser: Any, tmp_path: Path) -> None:
+async def test_operator_announces_mutes_and_removes(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, bots):
         async with browser_page(browser, port.url) as page, connect(server.url, name="eve") as eve:
             game = await eve.join(room.code, role="spectator")
             panel = await watch(page, room)
             await panel.get_by_label("Announce to this episode").fill("Dinner at eight")
             await panel.get_by_role("button", name="Announce").click()
-            assert (await bots[0].hears(Announced)).text == "Dinner at eight"
+            assert (await bots[0].wait_for(Announced)).text == "Dinner at eight"
             await expect(panel.locator(".log")).to_contain_text("Dinner at eight")
 
             await page.get_by_role("button", name="Announce to all").click()
             dialog = page.get_by_role("dialog")
             await dialog.get_by_label("Text").fill("Closing soon")
             await dialog.get_by_role("button", name="Announce").click()
-            assert (await bots[1].hears(Announced)).text == "Dinner at eight"
-            assert (await bots[1].hears(Announced)).text == "Closing soon"
+            assert (await bots[1].wait_for(Announced)).text == "Dinner at eight"
+            assert (await bots[1].wait_for(Announced)).text == "Closing soon"
 
             mute = panel.get_by_role("button", name="Mute eve")
             await mute.click()
@@ -219,18 +216,18 @@ async def test_the_operator_speaks_and_sends_people_out(browser: Any, tmp_path: 
             await panel.get_by_role("button", name="Remove eve").click()
             await dialog.get_by_role("button", name="Remove").click()
             await expect(panel.get_by_role("button", name="Remove eve")).to_have_count(0)
-            while not isinstance(await game.next_event(), Over):
+            while not isinstance(await game.next_event(), GameEnded):
                 pass
 
             await panel.get_by_role("button", name="Remove grace").click()
             await dialog.get_by_label("Reason").fill("asleep")
             await dialog.get_by_role("button", name="Remove").click()
-            assert (await bots[1].hears(Over)).reason == "asleep"
+            assert (await bots[1].wait_for(GameEnded)).reason == "asleep"
             await expect(panel.locator(".person", has_text="free")).to_have_count(1)
             assert [seat.name for seat in room.episode.seats.values()] == ["ada", ""]
 
 
-async def test_recordings_are_downloaded_live_and_closed(browser: Any, tmp_path: Path) -> None:
+async def test_open_and_closed_recordings_are_downloaded(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, _):
         async with browser_page(browser, port.url) as page:
             panel = await watch(page, room)
@@ -254,25 +251,7 @@ async def _downloaded(page: Any, where: Any) -> Path:
     return path
 
 
-async def test_a_disk_that_is_full_is_seen_at_once(browser: Any, tmp_path: Path) -> None:
-    disk = FillingDisk(tmp_path)
-    async with viewing(tmp_path, storage=disk) as (server, port, _):
-        async with live_game(server) as (room, _), browser_page(browser, port.url) as page:
-            alert = page.get_by_role("alert")
-            await expect(page.locator(".episode .phase")).to_have_text("running")
-            disk.full = True
-            await expect(alert).to_contain_text("No space left on device")
-            await expect(page.locator(".episode .phase")).to_have_text("cannot be recorded")
-            await alert.get_by_role("button", name="See").click()
-            problem = page.get_by_label("Watch an episode").locator(".problem")
-            await expect(problem).to_contain_text("No space left on device")
-            disk.full = False
-            await expect(page.locator(".episode .phase")).to_have_text("running")
-            await expect(alert).to_be_empty()
-            assert room.problem == ""
-
-
-async def test_a_name_is_text_whatever_it_says(browser: Any, tmp_path: Path) -> None:
+async def test_names_are_never_markup(browser: Any, tmp_path: Path) -> None:
     name = "<img src=x onerror=boom()>"
     async with viewing(tmp_path) as (server, port, _), live_game(server, (name, "b")) as (room, _):
         async with browser_page(browser, port.url) as page:
@@ -283,9 +262,7 @@ async def test_a_name_is_text_whatever_it_says(browser: Any, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
-async def test_nothing_is_wider_than_the_screen(
-    browser: Any, tmp_path: Path, size: dict[str, int]
-) -> None:
+async def test_page_fits_the_screen(browser: Any, tmp_path: Path, size: dict[str, int]) -> None:
     names = ("a-very-long-name-without-any-space-in-it", "b")
     async with viewing(tmp_path) as (server, port, _), live_game(server, names) as (room, _):
         async with browser_page(browser, port.url, size) as page:
@@ -302,7 +279,7 @@ async def test_nothing_is_wider_than_the_screen(
             await expect(panel).to_be_hidden()
 
 
-async def test_light_and_dark_are_the_systems_until_somebody_chooses(
+async def test_theme_follows_the_system_until_the_button_is_used(
     browser: Any, tmp_path: Path
 ) -> None:
     async with viewing(tmp_path) as (_, port, _), browser_page(browser, port.url) as page:
@@ -312,16 +289,16 @@ async def test_light_and_dark_are_the_systems_until_somebody_chooses(
         await page.emulate_media(color_scheme="dark")
         dark = await page.evaluate(paper)
         assert light != dark
-        await page.get_by_role("button", name="Light or dark").click()
+        await page.get_by_role("button", name="Switch between light and dark").click()
         assert await page.evaluate(paper) == light
         await page.reload()
         assert await page.evaluate(paper) == light
 
 
-async def test_a_token_is_asked_for_once_and_kept_for_the_tab(browser: Any, tmp_path: Path) -> None:
+async def test_token_is_requested_once_per_tab(browser: Any, tmp_path: Path) -> None:
     def authorize(token: str) -> RoleGrant:
         if token != "let-me-in":
-            raise ProtocolError("auth/invalid", "this is no operator's token", "token")
+            raise ProtocolError("auth/invalid", "the token is invalid", "token")
         return RoleGrant(Role.OPERATOR, "lab")
 
     view = {"authorize": authorize, "ask_token": True}
@@ -332,11 +309,11 @@ async def test_a_token_is_asked_for_once_and_kept_for_the_tab(browser: Any, tmp_
         ):
             dialog = page.get_by_role("dialog")
             await dialog.get_by_label("Token").fill("guess")
-            await dialog.get_by_role("button", name="Show").click()
-            await expect(dialog).to_contain_text("this is no operator's token")
+            await dialog.get_by_role("button", name="Sign in").click()
+            await expect(dialog).to_contain_text("the token is invalid")
             await expect(page.locator(".episode")).to_have_count(0)
             await dialog.get_by_label("Token").fill("let-me-in")
-            await dialog.get_by_role("button", name="Show").click()
+            await dialog.get_by_role("button", name="Sign in").click()
             await expect(page.locator(".episode")).to_be_visible()
             await page.reload()
             panel = await watch(page, room)
@@ -351,29 +328,7 @@ async def _is_closed_to_others(api: Api) -> bool:
     return (await api.http.get("/api/overview")).status_code == 401
 
 
-async def test_a_token_that_is_over_is_asked_for_again(browser: Any, tmp_path: Path) -> None:
-    over: set[str] = set()
-
-    def authorize(token: str) -> RoleGrant:
-        if token in over:
-            raise ProtocolError("auth/expired", "the token has expired", "token")
-        return RoleGrant(Role.OPERATOR, "lab")
-
-    view = {"authorize": authorize, "ask_token": True}
-    async with viewing(tmp_path, view=view) as (_, port, _):
-        async with browser_page(browser, port.url, allow="401") as page:
-            dialog = page.get_by_role("dialog")
-            await dialog.get_by_label("Token").fill("one")
-            await dialog.get_by_role("button", name="Show").click()
-            await expect(page.locator("#link")).to_have_text("live")
-            over.add("one")
-            await expect(dialog).to_contain_text("the token has expired")
-            await dialog.get_by_label("Token").fill("two")
-            await dialog.get_by_role("button", name="Show").click()
-            await expect(page.locator("#link")).to_have_text("live")
-
-
-async def test_what_runs_out_is_seen(
+async def test_warnings_appear_and_disappear(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(resources, "SAMPLE_SECONDS", 0.5)
@@ -392,19 +347,7 @@ async def test_what_runs_out_is_seen(
             await expect(warnings).to_have_count(0)
 
 
-async def test_who_may_see_one_episode_cannot_speak_to_all(browser: Any, tmp_path: Path) -> None:
-    async with viewing(tmp_path, tokens=True) as (server, port, _):
-        async with live_game(server) as (mine, _), live_game(server):
-            token = bearer(server, episode=mine.id)["Authorization"].removeprefix("Bearer ")
-            async with browser_page(browser, port.url, allow="401") as page:
-                dialog = page.get_by_role("dialog")
-                await dialog.get_by_label("Token").fill(token)
-                await dialog.get_by_role("button", name="Show").click()
-                await expect(page.locator(".episode")).to_have_count(1)
-                await expect(page.get_by_role("button", name="Announce to all")).to_have_count(0)
-
-
-async def test_the_page_finds_the_server_again(browser: Any, tmp_path: Path) -> None:
+async def test_page_reconnects(browser: Any, tmp_path: Path) -> None:
     async with AsyncExitStack() as stack:
         server, _, _ = await stack.enter_async_context(viewing(tmp_path))
         room, _ = await stack.enter_async_context(live_game(server))
@@ -412,7 +355,7 @@ async def test_the_page_finds_the_server_again(browser: Any, tmp_path: Path) -> 
             opened = browser_page(browser, port.url, allow="ERR_")
             page = await stack.enter_async_context(opened)
             await expect(page.locator("#link")).to_have_text("live")
-        await expect(page.locator("#link")).to_have_text("connecting again")
+        await expect(page.locator("#link")).to_have_text("reconnecting")
         async with operator_view(server, port=port.port):
             await expect(page.locator("#link")).to_have_text("live")
             await watch(page, room)

@@ -1,4 +1,4 @@
-"""Plug-ins are found by entry points, asked in turn, and named when they cannot be loaded."""
+"""Plug-ins from entry points: their order, and errors if they cannot be loaded."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from robotouille import World
 from robotouille.errors import PluginError
 from robotouille.planning import plugins
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.search_result import Limits, Proof
+from robotouille.planning.plan import Limits, Proof, replay
 from robotouille.planning.solvers import solve
-from robotouille.planning.validation import replay
 
 WORKSHOP_PLANNER = '''
 """A planner for workshops. It knows one plan by heart."""
 
 
-from robotouille.certification.shipped_plan import plan_beside
-from robotouille.planning.search_result import Proof, SearchResult
+from robotouille.certification.step_limit import plan_beside
+from robotouille.planning.plan import Proof, SearchResult
 
 
 class WorkshopSearch:
@@ -56,7 +55,7 @@ Install = Callable[[str, str], None]
 
 @pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Installs a distribution whose entry point is a target, in a module of some source."""
+    """Install a distribution with an entry point and a module."""
 
     def write(target: str, source: str) -> None:
         (tmp_path / "workshop_planner.py").write_text(source)
@@ -74,7 +73,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
     sys.modules.pop("workshop_planner", None)
 
 
-def test_an_installed_plug_in_plans_for_its_domain(install: Install) -> None:
+def test_installed_plugin_plans_for_its_domain(install: Install) -> None:
     install("workshop_planner:WORKSHOP", WORKSHOP_PLANNER)
     world = World("workshop/01")
     found = solve(world)
@@ -86,7 +85,7 @@ def test_an_installed_plug_in_plans_for_its_domain(install: Install) -> None:
     assert (second.planner, second.bound) == ("workshop 1", 5)
 
 
-def test_what_it_declines_is_left_to_the_general_planners(install: Install) -> None:
+def test_declined_states_go_to_the_general_planners(install: Install) -> None:
     install("workshop_planner:WORKSHOP", WORKSHOP_PLANNER)
     world = World("workshop/01")
     later = world.successor(world.initial, world.initial.actions(world.players[0])[0])
@@ -95,7 +94,7 @@ def test_what_it_declines_is_left_to_the_general_planners(install: Install) -> N
     assert result.planner == "beam 1"
 
 
-def test_without_plug_ins_the_general_planners_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_general_planners_plan_without_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "BUILT_IN", {})
     world = World("synchronous/01")
     found = solve(world)
@@ -106,8 +105,7 @@ def test_without_plug_ins_the_general_planners_plan(monkeypatch: pytest.MonkeyPa
     assert replay(result.plan, world).ok
 
 
-def test_kitchens_are_planned_by_the_built_in_one(install: Install) -> None:
-    """It is asked first: what is installed besides changes no certificate."""
+def test_built_in_plugin_comes_first(install: Install) -> None:
     install("workshop_planner:WORKSHOP", WORKSHOP_PLANNER)
     assert solve(World("synchronous/01")).planner == "kitchen A* 1"
 
@@ -124,9 +122,7 @@ def test_kitchens_are_planned_by_the_built_in_one(install: Install) -> None:
         ),
     ],
 )
-def test_a_plug_in_that_cannot_be_loaded_is_named(
-    install: Install, target: str, source: str, why: str
-) -> None:
+def test_broken_plugin_is_named(install: Install, target: str, source: str, why: str) -> None:
     install(target, source)
     with pytest.raises(PluginError, match=why) as caught:
         solve(World("workshop/01"))

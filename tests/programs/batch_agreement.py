@@ -1,8 +1,8 @@
-"""Hold the compiled batch engine against the world for as many steps as one likes.
+"""Compare the compiled batch engine with the world for a given number of steps.
 
 python -m tests.programs.batch_agreement --steps 10000000 --seed 1
 
-All shipped tasks, pancakes and the workshop take their share of the steps.
+The steps are divided among all shipped tasks, the pancake kitchen and the workshop.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ OTHERS = (
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=10_000_000, help="joint steps in all")
+    parser.add_argument("--steps", type=int, default=10_000_000, help="total number of joint steps")
     parser.add_argument("--seed", type=lambda text: int(text, 0), default=0)
-    parser.add_argument("tasks", nargs="*", help="all, if none is named")
+    parser.add_argument("tasks", nargs="*", help="tasks (default: all)")
     options = parser.parse_args(arguments)
     names = options.tasks or [*task_names(), *OTHERS]
     steps = 1 + options.steps // (len(names) * COPIES)

@@ -1,9 +1,9 @@
-"""Every single bit of a recording, flipped: `python -m tests.programs.every_bit [FILE.rbt …]`.
+"""Flip every single bit of a recording: `python -m tests.programs.every_bit [FILE.rbt …]`.
 
-Without a file it plays a small game. Each recording is tried as an open and as a closed file: a
-flip is either noticed by the reader or changes nothing that is read, and what stands before it is
-read all the same: in an open file every frame, in a closed one every frame of the blocks before
-it. Exit status 1 if not.
+Without a file, the program plays a small episode. It tests each recording as an open file and as a
+closed one. The reader must notice each flip, unless the content it reads stays the same. It must
+still read everything before the flip: in an open file every frame, in a closed file every frame of
+the earlier blocks. The exit status is 1 on failure.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ JOBS = os.cpu_count() or 1
 
 
 def _open_file(stream: bytes, bit: int) -> str:
-    """What becomes of one flip of an open recording."""
+    """Classify one flip in an open recording."""
     damaged, byte = _flipped(stream, bit), bit // 8
     try:
         found = Recording(damaged)
@@ -42,13 +42,13 @@ def _open_file(stream: bytes, bit: int) -> str:
             return "noticed, in the header"
         before = Recording(damaged, damaged=True)
         if before.whole != ends[-1] or damaged[: ends[-1]] != stream[: ends[-1]]:
-            return "A FRAME BEFORE IT IS LOST"
+            return "EARLIER FRAME LOST"
         return "noticed"
     return "nothing changed" if found.stream == stream else "NOT NOTICED"
 
 
 def _closed_file(stream: bytes, content: bytes, bit: int) -> str:
-    """What becomes of one flip of a closed recording."""
+    """Classify one flip in a closed recording."""
     damaged = _flipped(content, bit)
     try:
         found = recording_of(damaged, "it")
@@ -58,19 +58,19 @@ def _closed_file(stream: bytes, content: bytes, bit: int) -> str:
 
 
 def _read_before(stream: bytes, damaged: bytes, length: int) -> str:
-    """Whether all frames are read that end in the first so many bytes of a stream."""
+    """Check that all frames that end within the first `length` bytes of a stream are read."""
     ends = [end for end in frame_ends(stream) if end <= length]
     if len(ends) == 0:
         return "noticed, in the header"
     before = recording_of(damaged, "it", damaged=True)
     if before.whole < ends[-1] or before.stream[: ends[-1]] != stream[: ends[-1]]:
-        return "A BLOCK BEFORE IT IS LOST"
+        return "EARLIER BLOCK LOST"
     return "noticed"
 
 
 @cache
 def _length_before(content: bytes, byte: int) -> int:
-    """Bytes of the stream in the blocks that end before a byte of a closed file."""
+    """Return the stream's length in the blocks that end before a byte of a closed file."""
     return len(zstd.ZstdDecompressor().decompress(content[:byte]))
 
 
@@ -81,7 +81,7 @@ def _flipped(content: bytes, bit: int) -> bytes:
 
 
 def flip_some(stream: bytes, bits: Iterable[int], *, closed: bool) -> Counter[str]:
-    """How often each thing became of these flips of a plain stream."""
+    """Count the results of these flips in a plain stream."""
     if not closed:
         return Counter(_open_file(stream, bit) for bit in bits)
     content = compress(stream)
@@ -94,7 +94,7 @@ def _some(work: tuple[bool, bytes, range]) -> Counter[str]:
 
 
 def flip_all(stream: bytes, *, closed: bool, jobs: int = JOBS) -> Counter[str]:
-    """How often each thing became of a flip of a plain stream, as an open or a closed file."""
+    """Count the results of all flips in a stream, as an open or a closed file."""
     bits = 8 * len(compress(stream) if closed else stream)
     parts = [(closed, stream, range(first, bits, 64)) for first in range(64)]
     with get_context("spawn").Pool(jobs) as pool:
@@ -105,7 +105,7 @@ def flip_all(stream: bytes, *, closed: bool, jobs: int = JOBS) -> Counter[str]:
 
 
 def main() -> int:
-    """The table of a file, or of a small game."""
+    """Print the table for the given files, or for a small episode."""
     parser = argparse.ArgumentParser(prog="python -m tests.programs.every_bit", description=__doc__)
     parser.add_argument("files", nargs="*", type=Path)
     given, failed = parser.parse_args(), False
@@ -113,7 +113,7 @@ def main() -> int:
     if not streams:
         from tests.support.games import recorded_game
 
-        streams = {"a small game": recorded_game("training/01_synchronous", seed=5, steps=12)}
+        streams = {"a small episode": recorded_game("training/01_synchronous", seed=5, steps=12)}
     for name, stream in streams.items():
         for closed in (False, True):
             counts = flip_all(stream, closed=closed)

@@ -1,10 +1,10 @@
-"""Floods, and what an honest game notices of them: `python -m tests.programs.floods`.
+"""Message floods and their effect on another episode: `python -m tests.programs.floods`.
 
-Each flood comes from a process of its own, from four connections or from sixty, as fast as the
-server takes it. An honest game in real time (20 steps a second) goes on meanwhile: printed are the
-longest wait between two of its deltas, the median of five runs (50 ms is normal), by how much the
-server's memory has grown, and whether newcomers were let in. Exit status 0 says that all of it is
-within the limits.
+Each flood comes from a separate process with 4 or 60 connections that send as fast as the server
+reads. At the same time, an ordinary real-time episode runs at 20 steps a second. The program prints
+the longest gap between two of its deltas (the median of five runs; 50 ms is normal), the growth of
+the server's memory, and whether a new client can still join. The exit status is 0 if all results
+are within the limits.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from robotouille_server.auth import Role, Tokens
 from robotouille_server.auth.keys import FileKeyring
-from robotouille_server.auth.tokens import Role, Tokens
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 from tests.support.server_process import ServerProcess, server_process
 
@@ -46,7 +46,7 @@ MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
 SUBPROTOCOL = Subprotocol("robotouille.v1.json")
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
-"""Who comes through a proxy is no program of this machine."""
+"""Header of a proxy, so that the server treats the connection as a remote one."""
 HELLO: dict[str, object] = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
 
 
@@ -55,7 +55,7 @@ def _message(message: Mapping[str, object]) -> bytes:
 
 
 def _many(piece: bytes) -> bytes:
-    """A piece again and again, as much as is read at a time."""
+    """Repeat a piece up to the size of one read."""
     return piece * max(1, BLOB // len(piece))
 
 
@@ -76,9 +76,12 @@ def _in_and_out(code: str) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Flood:
-    """What is sent again and again, after which messages, and whether answers are read. A
-    `silent` one only opens so many connections, and keeps them. From `elsewhere` one is no program
-    of this machine; newcomers then are, too, and have a token. So many other `rooms` there are."""
+    """A message that is repeated, the messages that precede it, and whether replies are read.
+
+    With `silent`, the flood only opens and keeps this many connections. With `elsewhere`, its
+    connections are remote; new clients are then remote too and have a token. `rooms` is the number
+    of other episodes on the server.
+    """
 
     what: str
     piece: Callable[[str], bytes] = lambda code: b""
@@ -92,24 +95,24 @@ class Flood:
 
 
 FLOODS = {
-    "none": Flood("nothing at all"),
+    "none": Flood("nothing"),
     "pings": Flood("empty pings before hello", lambda code: frame(b"", PING)),
     "unread-pings": Flood(
-        "pings whose pongs nobody reads", lambda code: frame(b"x" * 125, PING), reads=False
+        "pings whose pongs are not read", lambda code: frame(b"x" * 125, PING), reads=False
     ),
     "pongs": Flood("empty pongs", lambda code: frame(b"", PONG), ("hello",)),
     "fragments": Flood("messages of 1,022 fragments", _fragments, ("hello",)),
-    "silence": Flood("1,200 connections that say nothing", silent=1200),
+    "silence": Flood("1,200 silent connections", silent=1200),
     "resyncs": Flood(
         "requests for snapshots", lambda code: _message({"type": "resync"}), ("hello", "join")
     ),
     "unread-resyncs": Flood(
-        "requests for snapshots that nobody reads",
+        "requests for snapshots that are not read",
         lambda code: _message({"type": "resync"}),
         ("hello", "join"),
         reads=False,
     ),
-    "joins": Flood("in and out again", _in_and_out, ("hello",)),
+    "joins": Flood("repeated joining and leaving", _in_and_out, ("hello",)),
     "lists": Flood(
         "lists of 300 episodes", lambda code: _message({"type": "list"}), ("hello",), rooms=300
     ),
@@ -120,30 +123,30 @@ FLOODS = {
         ("hello",),
         elsewhere=True,
     ),
-    "places": Flood("80 silent connections of one address", silent=80, elsewhere=True),
+    "places": Flood("80 silent connections from one address", silent=80, elsewhere=True),
     "arrays": Flood(
-        "lists within lists, in MessagePack",
+        "nested lists in MessagePack",
         lambda code: frame(b"\xdc\x00\x40" * 1000, BINARY),
         subprotocol="robotouille.v1.msgpack",
     ),
     "crowd": Flood(
-        "in and out again, from 60 connections", _in_and_out, ("hello",), connections=60
+        "joining and leaving, from 60 connections", _in_and_out, ("hello",), connections=60
     ),
     "acts": Flood(
-        "actions of those who do not play, from 60 connections",
+        "actions of spectators, from 60 connections",
         lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
         ("hello", "join"),
         connections=60,
     ),
     "tokens": Flood(
-        "hello with a token that is none",
+        "hello with an invalid token",
         lambda code: _message({**HELLO, "resume": "x" * 800}),
     ),
 }
 
 
 class Attacker:
-    """One connection of a flood; begins anew whenever it is closed."""
+    """One connection of a flood, which reconnects whenever it is closed."""
 
     def __init__(self, flood: Flood, port: int, code: str) -> None:
         self.flood = flood
@@ -157,7 +160,7 @@ class Attacker:
         self._unsent = memoryview(b"")
 
     def push(self) -> bool:
-        """Send what is taken, read what is there; False where nothing could be done."""
+        """Send and read what is possible; return False if neither was."""
         if self._socket is None and not self._open():
             return False
         assert self._socket is not None
@@ -213,7 +216,7 @@ def attack(name: str, port: int, code: str) -> None:
 
 
 def _keep_silent(port: int, count: int, elsewhere: bool) -> None:
-    """From elsewhere, behind a handshake; programs of this machine say nothing at all."""
+    """Keep silent connections open: remote ones after a handshake, local ones without."""
     handshake = request(SUBPROTOCOL, more=ELSEWHERE) if elsewhere else b""
     held: list[socket.socket] = []
     while True:
@@ -241,8 +244,9 @@ def _is_closed(held: socket.socket) -> bool:
 
 
 class HonestGame:
-    """Two players in real time, and when the first of them was told each step. So many other
-    `rooms` are there, and wait for players."""
+    """Two players in real time who measure the gaps between deltas, on a server with `rooms` other
+    waiting episodes.
+    """
 
     def __init__(self, server: ServerProcess, rooms: int) -> None:
         self._open = ExitStack()
@@ -274,7 +278,7 @@ class HonestGame:
             assert answer["type"] != "error", answer
 
     def longest_gap(self, seconds: float) -> float:
-        """Seconds between two deltas, the most within a time."""
+        """Return the longest gap between two deltas, in seconds."""
         end = time.monotonic() + seconds
         last, longest = time.monotonic(), 0.0
         while time.monotonic() < end:
@@ -294,7 +298,7 @@ class HonestGame:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What a flood did to a server: the longest gap of each run, and the growth in bytes."""
+    """Effect of a flood: the longest gap of each run, and the server's growth in bytes."""
 
     name: str
     gaps: tuple[float, ...]
@@ -312,7 +316,7 @@ class Result:
 
 
 def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Result:
-    """One flood against a server of its own; with `descriptors` its soft limit is that."""
+    """Run one flood against its own server, whose soft limit of descriptors may be set."""
     _limit_descriptors(descriptors)
     with tempfile.TemporaryDirectory(prefix="robotouille-flood-") as folder:
         with server_process(Path(folder), *FLAGS) as server:
@@ -332,7 +336,7 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
 
 
 def _limit_descriptors(soft: int) -> None:
-    """What is started from here has this soft limit; 0 for all that may be had."""
+    """Set the soft limit of descriptors for child processes; 0 means the hard limit."""
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (soft or hard, hard))
 
@@ -350,7 +354,7 @@ def _flooding(name: str, port: int, code: str) -> Iterator[None]:
 
 
 def _admitted(server: ServerProcess, elsewhere: bool) -> bool:
-    """Whether a newcomer is let in within five seconds; from elsewhere, with a token."""
+    """Return whether a new client is admitted within five seconds."""
     end, hello = time.monotonic() + 5, {**HELLO, "name": "newcomer"}
     headers: dict[str, str] = {}
     if elsewhere:
@@ -370,26 +374,26 @@ def _admitted(server: ServerProcess, elsewhere: bool) -> bool:
 
 
 def _rows(names: list[str], runs: int, seconds: float) -> Iterator[Result]:
-    heads = ("flood", "gap", "of all runs", "memory", "log", "newcomers")
+    heads = ("flood", "gap", "of all runs", "memory", "log", "new client")
     print("{:16} {:>8}   {:30} {:>10} {:>9}  {}".format(*heads))
     for name in names:
         result = measure(name, runs, seconds, descriptors=1024 if FLOODS[name].silent else 0)
         each = " ".join(f"{gap * 1000:.0f}" for gap in result.gaps)
         print(
             f"{name:16} {result.gap * 1000:5.0f} ms   {each:30} {result.growth / 2**20:+6.1f} MiB"
-            f" {result.log_bytes / 1024:5.0f} KiB  {'let in' if result.admitted else 'NOT LET IN'}"
-            f"{'' if result.withstood else '   <-- beyond the limits'}",
+            f" {result.log_bytes / 1024:5.0f} KiB  {'admitted' if result.admitted else 'REFUSED'}"
+            f"{'' if result.withstood else '   <-- exceeds the limits'}",
             flush=True,
         )
         yield result
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The table; 1 if a flood was not withstood."""
+    """Print the table; return 1 if a flood exceeded the limits."""
     parser = argparse.ArgumentParser(prog="python -m tests.programs.floods", description=__doc__)
     parser.add_argument("floods", nargs="*", help=f"some of: {', '.join(FLOODS)}")
     parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=4.0, help="of a run")
+    parser.add_argument("--seconds", type=float, default=4.0, help="length of a run")
     parser.add_argument("--attack", nargs=3, help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
     if given.attack:

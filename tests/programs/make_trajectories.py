@@ -1,9 +1,9 @@
 """Write the golden trajectories of the shipped tasks: `python -m tests.programs.make_trajectories`.
 
-They are made by the naive reference (`tests/world/reference.py`) alone, never by the world that
-they test. For each task: a pseudo-random walk, as the positions of each player's choice in the
-list of its valid actions (-1 for none), and the shipped plan, with a digest of what each step
-leads to. A change of this file changes what recordings and published results mean.
+Only the naive reference (`tests/world/reference.py`) produces them, never the world that they test.
+Each task has a pseudo-random walk, stored as the position of each player's choice in the list of
+valid actions (-1 for none), and its shipped plan. Both have a digest of every step's result. A
+change of this file changes the meaning of recordings and published results.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PLANS = Path(__file__).parents[2] / "problems"
 STEPS = 30
 
 Joint = list[tuple[str, Call]]
-"""Who does what, in order."""
+"""Actions of a step with their players, in order."""
 
 
 def main() -> None:
@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def trajectories(name: str) -> dict[str, Any]:
-    """Both trajectories of a task."""
+    """Return both trajectories of a task."""
     reference = Reference(load_task(name))
     choices: list[list[int]] = []
     walked = list(course(reference, lambda state: choose(reference, state, name, choices)))
@@ -56,7 +56,7 @@ def trajectories(name: str) -> dict[str, Any]:
 def choose(
     reference: Reference, state: ReferenceState, name: str, choices: list[list[int]]
 ) -> Joint | None:
-    """A pseudo-random valid action for each player, rare ones as often as ways to walk."""
+    """Choose a pseudo-random valid action per player; rare actions are as likely as walks."""
     if len(choices) == STEPS:
         return None
     generator = random.Random(f"{name} {len(choices)}")
@@ -72,7 +72,7 @@ def choose(
 
 
 def course(reference: Reference, decide: Callable[[ReferenceState], Joint | None]) -> Iterator[str]:
-    """The summaries of the initial state, and of what each step leads to."""
+    """Yield summaries of the initial state and of each step's result."""
     state = reference.initial
     applied: list[bool] = []
     while True:
@@ -89,14 +89,14 @@ def course(reference: Reference, decide: Callable[[ReferenceState], Joint | None
 def summary(
     digest: str, valid: Sequence[Iterable[str]], applied: Sequence[bool], goal_reached: bool
 ) -> str:
-    """A hash of what a step leads to: the state, what each player can do there, what applied."""
+    """Return a hash of a step's result: the state, the valid actions, and what applied."""
     lists = "\n".join("; ".join(actions) for actions in valid)
     text = f"{digest}\n{lists}\n{[int(a) for a in applied]}\n{int(goal_reached)}"
     return hashlib.blake2b(text.encode(), digest_size=10).hexdigest()
 
 
 def digest(state: ReferenceState) -> str:
-    """The digest of a state as docs/world.md tells it."""
+    """Return the digest of a state as docs/episodes.md defines it."""
     rows = [f"{a}.{i}({','.join(args)})={counts}" for a, i, args, counts in state.timer_rows()]
     rows += [f"busy({player})={steps}" for player, steps in sorted(state.busy.items())]
     lines = ["facts", *sorted(f"{f[0]}({', '.join(f[1:])})" for f in state.facts), "timers", *rows]
@@ -105,7 +105,7 @@ def digest(state: ReferenceState) -> str:
 
 
 def plan_of(name: str, seats: int) -> list[Joint]:
-    """The shipped plan of a task: a line for each step, its actions in order."""
+    """Return the shipped plan of a task: for each step, its actions in order."""
     file = next(f for f in (PLANS / f"{name}@{seats}.plan", PLANS / f"{name}.plan") if f.exists())
     lines = [line for line in file.read_text().splitlines() if line and not line.startswith("#")]
     plan = []

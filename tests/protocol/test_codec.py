@@ -1,4 +1,4 @@
-"""Messages to bytes and back: both encodings, limits before anything is built, stable codes."""
+"""Codecs: encodings, limits and error codes."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def payload(codec: Codec, plain: Any) -> bytes | str:
     return json.dumps(plain) if codec.text else bytes(msgpack.packb(plain))
 
 
-def test_a_subprotocol_names_its_codec_and_json_is_for_those_who_ask_for_none() -> None:
+def test_subprotocol_selects_the_codec_and_json_is_the_default() -> None:
     assert [codec_for(name) for name in (*SUBPROTOCOLS, None)] == [MSGPACK, JSON, JSON]
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_defaults_are_left_out(codec: Codec) -> None:
+def test_defaults_are_omitted(codec: Codec) -> None:
     message = messages.Hello(protocol=1, name="ada")
     assert codec.encode(message) == codec.pack(HELLO)
     assert codec.decode_client(codec.encode(message)) == message
@@ -49,7 +49,7 @@ def test_defaults_are_left_out(codec: Codec) -> None:
 
 @pytest.mark.parametrize("codec", CODECS)
 @pytest.mark.parametrize("count", [1, 15, 16, 40])
-def test_fields_that_were_encoded_apart_join_to_one_message(codec: Codec, count: int) -> None:
+def test_separately_encoded_fields_join_to_one_message(codec: Codec, count: int) -> None:
     plain = {f"field{i}": [i, "ä", None] for i in range(count)}
     half = count // 2
     items = list(plain.items())
@@ -72,9 +72,7 @@ def test_fields_that_were_encoded_apart_join_to_one_message(codec: Codec, count:
         ({**HELLO, "name": [[1, 2]] * (MAX_ITEMS // 3)}, "message/malformed", ""),
     ],
 )
-def test_every_fault_has_a_code_and_a_field(
-    codec: Codec, plain: Any, code: str, field: str
-) -> None:
+def test_faults_have_a_code_and_a_field(codec: Codec, plain: Any, code: str, field: str) -> None:
     error = fault(codec, payload(codec, plain))
     assert (error.code, error.field) == (code, field)
 
@@ -89,7 +87,7 @@ def test_every_fault_has_a_code_and_a_field(
         ({"name": "move", "args": ["x" * 65]}, "action.NamedAction.args.0", "at most 64"),
     ],
 )
-def test_of_an_action_that_may_not_be_the_limit_is_named(
+def test_invalid_action_is_refused_with_its_limit(
     codec: Codec, action: Any, field: str, told: str
 ) -> None:
     error = fault(codec, payload(codec, {"type": "act", "seq": 1, "action": action}))
@@ -98,7 +96,7 @@ def test_of_an_action_that_may_not_be_the_limit_is_named(
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_the_answer_to_a_faulty_request_repeats_its_number(codec: Codec) -> None:
+def test_error_repeats_the_ref_of_the_request(codec: Codec) -> None:
     plain = {"type": "list", "ref": 7, "more": 1}
     assert fault(codec, payload(codec, plain)).ref == 7
     assert fault(codec, payload(codec, {**plain, "ref": "7"})).ref is None
@@ -119,7 +117,7 @@ def test_sizes_frames_and_depth_are_limited(codec: Codec) -> None:
 
 
 @pytest.mark.parametrize("codec", [MSGPACK, JSON])
-def test_fields_of_a_newer_server_are_left_out(codec: Codec) -> None:
+def test_unknown_fields_of_a_newer_server_are_ignored(codec: Codec) -> None:
     seat = {"player": "robot1", "mood": "good"}
     plain = {"type": "roster", "phase": "running", "seats": [seat], "weather": {"rain": True}}
     read = codec.decode_server(codec.pack(plain))

@@ -1,4 +1,4 @@
-"""Names: nothing in them is unseen, and nobody has another's."""
+"""Participants' names: visible, short and distinct."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from robotouille.protocol.participant_names import (
         ("\u0301\u0302", ""),
     ],
 )
-def test_a_name_is_what_can_be_seen_of_it(said: str, shown: str) -> None:
+def test_name_keeps_visible_characters_only(said: str, shown: str) -> None:
     assert proper_name(said) == shown
 
 
@@ -44,23 +44,17 @@ DEFAULT_IGNORABLE = (
     (0xFE00, 0xFE0F), (0xFEFF, 0xFEFF), (0xFFA0, 0xFFA0), (0xFFF0, 0xFFF8), (0x1BCA0, 0x1BCA3),
     (0x1D173, 0x1D17A), (0xE0000, 0xE0FFF),
 )  # fmt: skip
-"""Ranges of Unicode's property of this name (DerivedCoreProperties.txt)."""
+"""Ranges of the Unicode property Default_Ignorable_Code_Point (DerivedCoreProperties.txt)."""
 
 
-def test_what_unicode_calls_default_ignorable_is_in_no_name() -> None:
+def test_default_ignorable_characters_are_removed() -> None:
     for first, last in DEFAULT_IGNORABLE:
         for point in range(first, last + 1):
             assert proper_name(f"a{chr(point)}da") == "ada", hex(point)
 
 
-@pytest.mark.parametrize("letter", [*"\u2800\ufffc\u2d7f\U00013441\U00016fe4\U0001107f\U0001d159"])
-def test_nor_is_what_draws_nothing_all_the_same(letter: str) -> None:
-    assert proper_name(f"ada{letter}") == "ada"
-    assert proper_name(letter) == ""
-
-
 @given(st.text(max_size=60))
-def test_any_name_is_short_printable_and_stays_as_it_is(said: str) -> None:
+def test_names_are_short_printable_and_stable(said: str) -> None:
     name = proper_name(said)
     assert len(name) <= MAX_NAME_LENGTH
     assert name.isprintable()
@@ -71,11 +65,11 @@ def test_any_name_is_short_printable_and_stays_as_it_is(said: str) -> None:
 @pytest.mark.parametrize(
     ("one", "other"), [("ada", "ADA"), ("Straße", "STRASSE"), ("Ελλάς", "ΕΛΛΆΣ"), ("ſam", "Sam")]
 )
-def test_letter_case_does_not_tell_names_apart(one: str, other: str) -> None:
+def test_likeness_ignores_letter_case(one: str, other: str) -> None:
     assert likeness(proper_name(one)) == likeness(proper_name(other))
 
 
-def test_a_name_that_is_taken_gets_the_first_free_number() -> None:
+def test_taken_name_gets_the_first_free_number() -> None:
     taken: set[str] = set()
     given_names = ["ada", "Ada", "bob", "ada 3", "ADA", "ada"]
     shown = []
@@ -85,6 +79,6 @@ def test_a_name_that_is_taken_gets_the_first_free_number() -> None:
     assert shown == ["ada", "Ada 2", "bob", "ada 3", "ADA 4", "ada 5"]
 
 
-def test_a_number_does_not_make_a_name_too_long() -> None:
+def test_numbered_name_stays_short() -> None:
     long = "n" * MAX_NAME_LENGTH
     assert distinct_name(long, {long}.__contains__) == "n" * (MAX_NAME_LENGTH - 2) + " 2"

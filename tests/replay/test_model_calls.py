@@ -1,4 +1,4 @@
-"""What models were sent and said is read from a recording as it was written into it."""
+"""Model calls in recordings: writing, reading and limits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import World, load_task
-from robotouille.episode import Episode, Rules
+from robotouille.episode import ActionRequest, Episode, Rules
 from robotouille.episode.quota import MAX_NOTE, SEAT_QUOTA_BYTES
 from robotouille.errors import ProtocolError
 from robotouille.replay import model_calls as reading
@@ -31,7 +31,7 @@ CALLS = st.lists(st.tuples(st.lists(st.tuples(TEXTS, TEXTS), max_size=6), TEXTS)
 
 
 class Course:
-    """An episode of one seat that makes notes."""
+    """Recorded episode with one seat that makes notes."""
 
     def __init__(self) -> None:
         world = World(load_task("synchronous/01"))
@@ -53,7 +53,7 @@ class Course:
 
 @thorough(40)
 @given(CALLS, st.integers(20, 200))
-def test_what_is_read_is_what_was_sent(
+def test_calls_are_read_as_written(
     calls: list[tuple[list[tuple[str, str]], str]], piece: int
 ) -> None:
     course, notes = Course(), CallNotes()
@@ -69,7 +69,7 @@ def test_what_is_read_is_what_was_sent(
     assert not any(call.missed for call in found)
 
 
-def test_a_message_that_is_sent_again_is_recorded_once() -> None:
+def test_repeated_message_is_recorded_once() -> None:
     notes, history = CallNotes(), [("system", "x" * 5000)]
     sizes = []
     for number in range(20):
@@ -78,7 +78,7 @@ def test_a_message_that_is_sent_again_is_recorded_once() -> None:
     assert sizes[0] > 5000 > 300 > max(sizes[1:])
 
 
-def test_lost_notes_are_counted_and_what_was_in_them_is_not_made_up() -> None:
+def test_lost_notes_are_counted_and_their_messages_empty() -> None:
     course, notes = Course(), CallNotes()
     texts = [notes.note([("user", str(n)), ("user", "same")], answer=n) for n in range(4)]
     for text in (texts[0], texts[2], texts[3]):
@@ -95,7 +95,7 @@ def test_lost_notes_are_counted_and_what_was_in_them_is_not_made_up() -> None:
     assert call.missed == 1
 
 
-def test_another_process_of_the_bot_begins_anew() -> None:
+def test_another_process_of_the_bot_starts_at_one() -> None:
     course = Course()
     for name in ("one", "other"):
         course.note(CallNotes().note([("user", name)], answer=name))
@@ -114,20 +114,20 @@ def test_another_process_of_the_bot_begins_anew() -> None:
      '{"number":1,"known":0,"new":[],"sent":[[]]}',
      '{"number":1,"known":0,"new":[1],"sent":[]}', '{"number":1,"known":0,"new":[],"sent":3}'],
 )  # fmt: skip
-def test_notes_of_anybody_else_are_no_calls(text: str) -> None:
+def test_other_notes_are_not_calls(text: str) -> None:
     course = Course()
     course.note(text)
     assert list(model_calls(course.recording())) == []
 
 
-def test_a_hostile_note_takes_no_memory() -> None:
+def test_hostile_note_takes_no_memory() -> None:
     course = Course()
     course.note('{"number":2,"known":1000000000,"new":[],"sent":[-1,7,1000000000]}')
     (call,) = model_calls(course.recording())
     assert [message["content"] for message in call.messages] == ["", "", ""]
 
 
-def test_a_message_that_is_said_to_be_sent_very_often_is_not_multiplied() -> None:
+def test_message_sent_very_often_is_not_multiplied() -> None:
     course = Course()
     text = CallNotes().note([("user", "x" * MAX_MESSAGE)], answer="")
     often = '"sent":[0' + ",0" * 4000 + "]"
@@ -137,7 +137,7 @@ def test_a_message_that_is_said_to_be_sent_very_often_is_not_multiplied() -> Non
     assert call.messages[0]["content"] == "short"
 
 
-def test_all_calls_of_a_seat_together_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_calls_of_a_seat_are_bounded_in_total(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reading, "MAX_SEAT", 250)
     course, notes = Course(), CallNotes()
     for _ in range(4):
@@ -147,7 +147,7 @@ def test_all_calls_of_a_seat_together_are_bounded(monkeypatch: pytest.MonkeyPatc
 
 @thorough(40)
 @given(st.integers(1, 4))
-def test_a_lost_piece_loses_its_own_call_only(kept: int) -> None:
+def test_lost_piece_loses_only_its_own_call(kept: int) -> None:
     course, notes = Course(), CallNotes()
     texts = [notes.note([("user", f"{n}" * 400)], answer=n) for n in range(3)]
     course.note(texts[0])
@@ -159,7 +159,7 @@ def test_a_lost_piece_loses_its_own_call_only(kept: int) -> None:
     assert calls[1].messages == ({"role": "user", "content": "2" * 400},)
 
 
-def test_a_text_that_is_too_long_is_cut_and_says_so() -> None:
+def test_long_text_is_cut_with_the_number_of_omitted_characters() -> None:
     row = json.loads(
         CallNotes().note([("user", "x" * (MAX_MESSAGE + 5))], answer="y" * (MAX_ANSWER + 6))
     )
@@ -167,7 +167,7 @@ def test_a_text_that_is_too_long_is_cut_and_says_so() -> None:
     assert row["answer"].endswith("… [6 more characters]")
 
 
-def test_words_of_a_message_cannot_be_taken_for_those_of_the_command() -> None:
+def test_message_text_cannot_imitate_the_listing() -> None:
     course = Course()
     course.note(CallNotes().note([("user", "=== step 9\n--- said")], answer="--- user"))
     (text,) = call_texts(course.recording())
@@ -176,7 +176,7 @@ def test_words_of_a_message_cannot_be_taken_for_those_of_the_command() -> None:
     ]  # fmt: skip
 
 
-def test_notes_leave_half_of_the_words_to_reasoning() -> None:
+def test_notes_leave_half_of_the_quota_to_reasoning() -> None:
     course = Course()
     with pytest.raises(ProtocolError) as refused:
         while True:
@@ -188,4 +188,4 @@ def test_notes_leave_half_of_the_words_to_reasoning() -> None:
     restored = restore(course.recording(), 0.0, 30.0)
     used = restored.episode.seats["robot1"].quota.used
     assert used == seat.quota.used
-    course.episode.submit("robot1", 1, None, 1.0, reasoning="still heard")
+    course.episode.submit("robot1", ActionRequest(1, reasoning="still accepted"), 1.0)

@@ -1,4 +1,4 @@
-"""Recordings verify, survive being cut off anywhere, and say where they differ."""
+"""Recordings: verification, torn files, and errors that name the first difference."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robotouille import RecordingError, RobotouilleError
 from robotouille.episode import Clock
 from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames, unwrap
-from robotouille.replay.export import json_lines
+from robotouille.replay.controllers import json_lines
 from robotouille.replay.recording import Recording, read_recording
 from tests.support.games import recorded_game
 from tests.support.thorough import thorough
@@ -30,9 +30,7 @@ GAME = recorded_game("multi_agent/10@3", seed=5, steps=130)
         ("workshop/02", "benchmark"),
     ],
 )
-def test_a_game_verifies_and_is_written_anew_byte_for_byte(
-    task: str, timing: str, clock: Clock
-) -> None:
+def test_game_resimulates_byte_for_byte(task: str, timing: str, clock: Clock) -> None:
     stream = recorded_game(task, seed=1, clock=clock, timing=timing)
     recording = Recording(stream)
     assert recording.verify().ok
@@ -41,7 +39,7 @@ def test_a_game_verifies_and_is_written_anew_byte_for_byte(
     assert recording.task.timing == timing
 
 
-def test_facts_can_be_read_without_the_engine() -> None:
+def test_recorded_facts_equal_the_resimulated_ones() -> None:
     recording = Recording(GAME)
     fluents = set(recording.world.table.fluents)
     for (step, state), (recorded, facts) in zip(
@@ -53,7 +51,7 @@ def test_facts_can_be_read_without_the_engine() -> None:
 
 @thorough(60)
 @given(st.integers(0, len(GAME)))
-def test_a_file_cut_off_anywhere_is_readable_up_to_its_last_whole_frame(length: int) -> None:
+def test_file_cut_off_anywhere_is_read_up_to_its_last_whole_frame(length: int) -> None:
     cut = GAME[:length]
     try:
         recording = Recording(unwrap(cut))
@@ -68,20 +66,8 @@ def test_a_file_cut_off_anywhere_is_readable_up_to_its_last_whole_frame(length: 
 
 
 @thorough(100)
-@given(st.integers(0, len(GAME) - 1), st.integers(1, 255))
-def test_no_damaged_byte_goes_unnoticed(position: int, change: int) -> None:
-    damaged = bytearray(GAME)
-    damaged[position] ^= change
-    try:
-        recording = Recording(unwrap(bytes(damaged)))
-    except RobotouilleError:
-        return
-    assert not recording.verify().ok or len(recording.steps) < len(Recording(GAME).steps)
-
-
-@thorough(100)
 @given(st.binary(max_size=300))
-def test_arbitrary_bytes_are_refused_with_a_reason(content: bytes) -> None:
+def test_arbitrary_bytes_are_refused(content: bytes) -> None:
     for stream in (content, MAGIC + content):
         with pytest.raises(RecordingError):
             Recording(unwrap(stream))
@@ -96,38 +82,21 @@ json_values = st.recursive(
 )
 
 
+KEYS = (
+    "add", "atoms", "busy", "digest", "facts", "hash", "kind", "moves", "notes", "objects",
+    "outcome", "remove", "rules", "step", "t", "tables", "task", "timers", "unmet",
+)  # fmt: skip
+
+
 @thorough(150)
 @given(
     st.integers(0, 8),
-    st.sampled_from(
-        [
-            "step",
-            "t",
-            "moves",
-            "add",
-            "remove",
-            "timers",
-            "hash",
-            "kind",
-            "facts",
-            "task",
-            "rules",
-            "digest",
-            "tables",
-            "notes",
-            "atoms",
-            "objects",
-            "outcome",
-            "busy",
-            "unmet",
-        ]
-    ),
+    st.sampled_from(KEYS),
     json_values,
 )
-def test_well_framed_nonsense_gives_an_error_not_a_crash(
+def test_invalid_values_in_frames_are_reported_as_errors(
     index: int, key: str, value: object
 ) -> None:
-    """Every field of every kind of frame, replaced by anything."""
     frames = list(read_frames(GAME))
     frames[index % len(frames)] = {**frames[index % len(frames)], key: value}
     stream = MAGIC + b"".join(pack_frame(frame) for frame in frames)
@@ -141,7 +110,7 @@ def test_well_framed_nonsense_gives_an_error_not_a_crash(
         assert str(error)
 
 
-def test_the_first_step_and_fact_that_differ_are_named() -> None:
+def test_first_different_step_and_fact_are_named() -> None:
     frames = list(read_frames(GAME))
     step = next(f for f in frames if f["kind"] == "step" and f["step"] == 17)
     initial = Recording(GAME)
@@ -156,8 +125,7 @@ def test_the_first_step_and_fact_that_differ_are_named() -> None:
 
 
 @pytest.mark.parametrize("player", ["robot9", "another"])
-def test_a_move_is_its_players_own(player: str) -> None:
-    """What somebody is counted as having done is what they did."""
+def test_move_of_another_player_is_refused(player: str) -> None:
     frames = list(read_frames(GAME))
     step = next(f for f in frames if f["kind"] == "step" and f["moves"])
     move = step["moves"][0]
@@ -166,20 +134,20 @@ def test_a_move_is_its_players_own(player: str) -> None:
     changed = Recording(MAGIC + b"".join(pack_frame(frame) for frame in frames))
     result = changed.verify()
     assert not result.ok
-    fault = rf"step {step['step']}: .*\) is no move of '{move['player']}'"
+    fault = rf"step {step['step']}: .*\) is not an action of '{move['player']}'"
     assert re.search(fault, result.fault)
     for read in (changed.measures, lambda: list(json_lines(changed))):
         with pytest.raises(RecordingError, match=fault):
             read()
 
 
-def test_a_missing_step_is_named() -> None:
+def test_missing_step_is_named() -> None:
     frames = [f for f in read_frames(GAME) if f.get("step") != 9 or f["kind"] != "step"]
     result = Recording(MAGIC + b"".join(pack_frame(f) for f in frames)).verify()
     assert "step 9 is missing" in result.fault
 
 
-def test_closed_files_are_compressed_and_read_alike(tmp_path: Path) -> None:
+def test_open_and_closed_files_have_the_same_frames(tmp_path: Path) -> None:
     open_file, closed_file = tmp_path / "a.rbt.part", tmp_path / "a.rbt"
     open_file.write_bytes(GAME)
     closed_file.write_bytes(compress(GAME))
@@ -192,13 +160,13 @@ def test_closed_files_are_compressed_and_read_alike(tmp_path: Path) -> None:
     [
         (b"", "does not begin"),
         (b"PK\x03\x04", "does not begin"),
-        (b"RBTL\x09", "format version 9"),
-        (MAGIC, "no header"),
+        (b"RBTL\x01", "format version 1; this software reads 2"),
+        (MAGIC, "the header is missing"),
         (compress(GAME)[:-20], "cut off"),
         (MAGIC + pack_frame({"kind": "header"}), "frame 0: header.software"),
     ],
 )
-def test_a_wrong_file_is_named_with_the_reason(tmp_path: Path, content: bytes, reason: str) -> None:
+def test_invalid_file_is_named_with_the_reason(tmp_path: Path, content: bytes, reason: str) -> None:
     path = tmp_path / "wrong.rbt"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=reason) as error:

@@ -1,4 +1,4 @@
-"""An episode goes on from its recording, wherever that was cut off."""
+"""Recovery of episodes from recordings that were cut off anywhere."""
 
 from __future__ import annotations
 
@@ -9,23 +9,37 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import RecordingError, World
-from robotouille.episode import Clock, Controller, Episode, Event, PauseReason, Phase, Rules
-from robotouille.replay.recorder import Recorder, header
+from robotouille.episode import (
+    Absence,
+    ActionRequest,
+    Clock,
+    Controller,
+    Episode,
+    Event,
+    PauseReason,
+    Phase,
+    Reason,
+    Rules,
+)
+from robotouille.replay.container import MAGIC, pack_frame
+from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
-from tests.support.games import random_choice
+from tests.support.games import outcome, random_choice
 from tests.support.thorough import thorough
 
 WORLD = World("multi_agent/02")
 
 
 class Game:
-    """An episode that is recorded as a server does it, with people, chat and lost connections."""
+    """Recorded episode with chat and lost connections."""
 
     def __init__(self, clock: Clock = Clock.LOCKSTEP, steps: int = 5000) -> None:
         self.rules = Rules(clock=clock, max_steps=steps, step_rate=10.0)
         self.episode = Episode(WORLD, self.rules, 0.0)
-        head = header(WORLD.task, self.rules, episode="e", code="ABCDE-FGHJK", owner="study")
+        head = header(
+            WORLD.task, self.rules, episode="e", details=HeaderDetails("ABCDE-FGHJK", "study")
+        )
         self.recorder = Recorder(WORLD)
         self.bytes = self.begin = self.recorder.begin(head)
         self.now = 0.0
@@ -55,11 +69,13 @@ class Game:
         for player in WORLD.players:
             asked = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
             if episode.phase is Phase.RUNNING and asked:
-                episode.submit(player, self.seq, choose(episode, player), self.now)
+                episode.submit(player, ActionRequest(self.seq, choose(episode, player)), self.now)
                 self.flush()
         if self.seq % 9 == 0 and episode.phase is not Phase.ENDED:
             episode.submit(
-                "robot1", self.seq + 1, WORLD.action("move", "robot1", "table1", "table1"), self.now
+                "robot1",
+                ActionRequest(self.seq + 1, WORLD.action("move", "robot1", "table1", "table1")),
+                self.now,
             )
             self.seq += 1
         if self.seq % 7 == 0 and episode.phase is not Phase.ENDED:
@@ -78,12 +94,12 @@ def restored(content: bytes, now: float = 1000.0) -> Restored:
 
 @cache
 def played(clock: Clock) -> Game:
-    """A game that tests look at, and do not go on with."""
+    """Return a game that tests must not change."""
     return Game(clock).play(130)
 
 
 @pytest.mark.parametrize("clock", list(Clock))
-def test_everything_is_as_it_was(clock: Clock) -> None:
+def test_restored_episode_equals_the_original(clock: Clock) -> None:
     game = played(clock)
     found = restored(game.bytes)
     assert (found.kept, found.missing, found.complete) == (len(game.bytes), b"", False)
@@ -94,7 +110,7 @@ def test_everything_is_as_it_was(clock: Clock) -> None:
         theirs.on_turn,
     )
     assert ours.step > 20
-    assert len(found.said) == ours.said == theirs.said > 5
+    assert len(found.said) == ours.record.said == theirs.record.said > 5
     for player in WORLD.players:
         one, two = ours.seat(player), theirs.seat(player)
         assert one.tally == two.tally
@@ -106,7 +122,7 @@ def test_everything_is_as_it_was(clock: Clock) -> None:
 
 @thorough(40)
 @given(st.data())
-def test_a_file_that_was_cut_anywhere_goes_on_to_a_whole_recording(data: st.DataObject) -> None:
+def test_episode_goes_on_from_a_recording_cut_off_anywhere(data: st.DataObject) -> None:
     game = played(data.draw(st.sampled_from(list(Clock))))
     begin = len(game.begin)
     cut = data.draw(st.integers(begin, len(game.bytes)))
@@ -114,7 +130,7 @@ def test_a_file_that_was_cut_anywhere_goes_on_to_a_whole_recording(data: st.Data
     found = restored(game.bytes[:cut] + torn[:7])
     assert found.kept <= cut
     told = max((step for size, step in game.marks if size <= cut), default=0)
-    assert found.episode.step >= told, "a step that may have been told is lost"
+    assert found.episode.step >= told, "a published step is lost"
     going = Game(game.rules.clock)
     going.episode, going.now, going.seq = found.episode, 1000.0, 10_000
     going.bytes = game.bytes[: found.kept] + found.missing
@@ -135,7 +151,7 @@ def test_a_file_that_was_cut_anywhere_goes_on_to_a_whole_recording(data: st.Data
     assert times == sorted(times)
 
 
-def test_seats_that_were_free_are_free_and_who_was_absent_is_not_waited_for() -> None:
+def test_free_seats_stay_free_and_absent_participants_are_not_awaited() -> None:
     game = Game(Clock.REALTIME).play(5)
     game.episode.set_present("robot2", False, game.now)
     game.flush()
@@ -148,7 +164,7 @@ def test_seats_that_were_free_are_free_and_who_was_absent_is_not_waited_for() ->
     assert not restored(game.bytes).episode.seat("robot2").taken
 
 
-def test_all_who_were_there_are_waited_for_but_not_for_ever() -> None:
+def test_present_participants_are_awaited_for_the_patience() -> None:
     episode = restored(Game(Clock.REALTIME).play(5).bytes).episode
     step = episode.step
     episode.set_present("robot1", True, 1001.0)
@@ -160,13 +176,11 @@ def test_all_who_were_there_are_waited_for_but_not_for_ever() -> None:
     assert episode.step > step
 
 
-def test_killed_between_the_last_step_and_the_outcome() -> None:
+def test_process_killed_between_last_step_and_outcome() -> None:
     game = Game(steps=12).play(30)
     assert game.episode.phase is Phase.ENDED
     frames = Recording(game.bytes).frames
     assert frames[-1]["kind"] == "footer"
-    from robotouille.replay.container import pack_frame
-
     found = restored(game.bytes[: -len(pack_frame(frames[-1]))])
     assert found.episode.phase is Phase.ENDED
     assert found.episode.outcome is not None
@@ -174,7 +188,7 @@ def test_killed_between_the_last_step_and_the_outcome() -> None:
     assert restored(game.bytes).complete
 
 
-def test_before_the_game_begins() -> None:
+def test_episode_that_has_not_started() -> None:
     game = Game()
     game.episode.join("robot1", "ada", "human", 3.0, session="s")
     game.flush()
@@ -184,11 +198,9 @@ def test_before_the_game_begins() -> None:
     assert found.episode.join(None, "bob", "human", 1001.0) == "robot2"
 
 
-def test_a_recording_that_does_not_resimulate_is_refused() -> None:
+def test_recording_that_does_not_resimulate_is_refused() -> None:
     game = Game().play(20)
     frames = Recording(game.bytes).frames
-    from robotouille.replay.container import MAGIC, pack_frame
-
     step = next(f for f in frames if f["kind"] == "step" and f.get("add"))
     step["add"] = []
     forged = MAGIC + b"".join(pack_frame(frame) for frame in frames)
@@ -196,11 +208,82 @@ def test_a_recording_that_does_not_resimulate_is_refused() -> None:
         restored(forged)
 
 
-def test_zeros_behind_the_last_frame_are_cut_off_and_other_damage_is_not() -> None:
-    from robotouille.replay.container import intact
+def test_countdown_starts_again_once_all_participants_are_back() -> None:
+    rules = Rules(clock=Clock.REALTIME, step_rate=10.0, countdown=3.0)
+    recorder, episode = Recorder(WORLD), Episode(WORLD, rules)
+    content = recorder.begin(header(WORLD.task, rules, episode="e"))
+    for player in WORLD.players:
+        episode.join(player, player, "human", 5.0, session=player)
+    assert episode.starts_at == 8.0
+    content += recorder.record(episode.events())
+    episode = restored(content, now=100.0).episode
+    for now, player in enumerate(WORLD.players, 101):
+        assert (episode.in_progress, episode.starts_at) == (False, None)
+        episode.set_present(player, True, float(now))
+    assert episode.starts_at == 105.0
+    episode.tick(105.0)
+    assert episode.running
 
-    stream = Game().play(5).bytes
-    assert intact(stream) == intact(stream + b"\0" * 5000) == len(stream)
-    assert intact(stream[:-1]) < len(stream) - 1
-    with pytest.raises(RecordingError, match="damaged"):
-        restored(stream + b"\xff\x00\x00\x00 not a frame " + b"x" * 300)
+
+@pytest.mark.parametrize("told", [True, False])
+def test_two_restarts_in_a_row_wait_for_the_same_participants(told: bool) -> None:
+    game = Game(Clock.REALTIME).play(5)
+    found = restored(game.bytes, now=100.0)
+    game.episode, game.bytes = found.episode, game.bytes[: found.kept] + found.missing
+    if told:
+        game.episode.set_present("robot2", True, 100.2)
+    game.flush()
+    episode = restored(game.bytes, now=100.5).episode
+    step = episode.step
+    episode.set_present("robot1", True, 101.0)
+    episode.tick(104.0)
+    assert episode.pauses.shown == (PauseReason.RESTART, 110.5)
+    episode.set_present("robot2", True, 105.0)
+    episode.tick(106.0)
+    assert episode.step > step
+
+
+def test_operators_pause_outlives_a_restart() -> None:
+    game = Game(Clock.REALTIME).play(5)
+    game.episode.pause(PauseReason.OPERATOR, game.now)
+    game.flush()
+    episode = restored(game.bytes, now=100.0).episode
+    for player in WORLD.players:
+        episode.set_present(player, True, 101.0)
+    step = episode.step
+    episode.tick(200.0)
+    assert (episode.pauses.shown, episode.step) == ((PauseReason.OPERATOR, None), step)
+    episode.resume(PauseReason.OPERATOR, 200.0)
+    episode.tick(201.0)
+    assert episode.step > step
+
+
+def test_decision_to_do_nothing_is_taken_once() -> None:
+    """Clients send a request again if the process stopped before it answered."""
+    game = Game(Clock.LOCKSTEP).play(0)
+    for player in WORLD.players:
+        game.episode.submit(player, ActionRequest(1), 1.0)
+    game.flush()
+    episode = restored(game.bytes).episode
+    for player in WORLD.players:
+        episode.set_present(player, True, 1001.0)
+    for seq in (1, 2):
+        for player in WORLD.players:
+            episode.submit(player, ActionRequest(seq), 1002.0)
+        assert episode.step == seq
+
+
+def test_absent_participant_has_the_whole_grace_after_a_restart() -> None:
+    rules = Rules(clock=Clock.REALTIME, step_rate=10.0, grace=5.0, absence=Absence.PAUSE)
+    recorder, episode = Recorder(WORLD), Episode(WORLD, rules)
+    content = recorder.begin(header(WORLD.task, rules, episode="e"))
+    for player in WORLD.players:
+        episode.join(player, player, "human", 0.0, session=player)
+    episode.set_present("robot2", False, 1.0)
+    episode = restored(content + recorder.record(episode.events()), now=100.0).episode
+    episode.set_present("robot1", True, 107.0)
+    episode.tick(107.0)
+    assert episode.in_progress
+    assert episode.pauses.shown == (PauseReason.ABSENCE, 112.0)
+    episode.tick(112.0)
+    assert outcome(episode)[0] is Reason.ABANDONED

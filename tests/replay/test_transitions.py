@@ -1,39 +1,37 @@
-"""Recordings as rows for learning: who saw what, asked for what, and got it or not."""
+"""Transitions of recordings."""
 
 from __future__ import annotations
 
 import pytest
 
-from robotouille import ProtocolError, State, World
-from robotouille.episode import Clock, Episode, Rules
+from robotouille import State, World
+from robotouille.episode import ActionRequest, Clock, Episode, Rules
 from robotouille.planning import solve
 from robotouille.replay import Recording
-from robotouille.replay.analysis.transitions import Transition
-from robotouille.replay.recorder import Recorder, header
 from robotouille.world.grounding.objects import Atom
+from tests.support.games import record
 
 TEAM = World("multi_agent/01")
 BAD = "place-item(robot1, lettuce1, table1)"
 
 
 def recorded(world: World, rules: Rules) -> Recording:
-    """Two robots: what cannot be done, what is no action, a lost race, and nothing."""
-    episode, recorder = Episode(world, rules), Recorder(world)
-    stream = recorder.begin(header(world.task, rules, episode="e"))
+    """Play an invalid action, a malformed one, a lost race, and a decision to do nothing."""
+    episode = Episode(world, rules)
     for player in world.players:
         episode.join(player, player.upper(), "model", 0.0)
-    episode.submit("robot1", 1, BAD, 1.0, reasoning="I hold it, I think")
-    episode.submit("robot1", 2, "fly to the moon", 1.5)
+    episode.submit("robot1", ActionRequest(1, BAD, reasoning="I hold it, I think"), 1.0)
+    episode.submit("robot1", ActionRequest(2, "fly to the moon"), 1.5)
     first, second = (episode.state.actions(player) for player in world.players)
     place = next(a for a in first if a.name == "move")
     same = next((a for a in second if a.arguments[2:] == place.arguments[2:]), None)
-    episode.submit("robot1", 3, place, 2.0, reasoning="over there")
-    episode.submit("robot2", 1, same, 2.5)
-    episode.submit("robot1", 4, None, 3.0)
-    episode.submit("robot2", 2, episode.state.actions("robot2")[0], 4.0)
+    episode.submit("robot1", ActionRequest(3, place, reasoning="over there"), 2.0)
+    episode.submit("robot2", ActionRequest(1, same), 2.5)
+    episode.submit("robot1", ActionRequest(4), 3.0)
+    episode.submit("robot2", ActionRequest(2, episode.state.actions("robot2")[0]), 4.0)
     episode.say("ROBOT2", "robot2", "hello", 4.5)
     episode.abort(5.0, "enough")
-    return Recording(stream + recorder.record(episode.events()))
+    return Recording(record(episode, episode.events()))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +39,7 @@ def recording() -> Recording:
     return recorded(TEAM, Rules(clock=Clock.LOCKSTEP, max_steps=9))
 
 
-def test_everything_that_was_asked_for_is_there_in_order(recording: Recording) -> None:
+def test_all_requests_in_order(recording: Recording) -> None:
     rows = list(recording.transitions())
     assert [(row.step, row.seat, row.valid, row.action is None) for row in rows] == [
         (1, "robot1", False, False),
@@ -59,7 +57,7 @@ def test_everything_that_was_asked_for_is_there_in_order(recording: Recording) -
     assert rows[3].reasons and rows[3].time >= rows[1].time
 
 
-def test_states_are_those_around_the_step(recording: Recording) -> None:
+def test_states_before_and_after_the_step(recording: Recording) -> None:
     states = dict(recording.states())
     for row in recording.transitions():
         assert row.state == states[row.step - 1]
@@ -70,48 +68,33 @@ def test_states_are_those_around_the_step(recording: Recording) -> None:
             assert row.action in row.state.actions(row.seat)
 
 
-def test_the_step_that_reaches_the_goal_is_rewarded() -> None:
+def test_step_that_reaches_the_goal_is_rewarded() -> None:
     world = World("synchronous/01")
     rules = Rules()
-    episode, recorder = Episode(world, rules), Recorder(world)
-    stream = recorder.begin(header(world.task, rules, episode="e"))
+    episode = Episode(world, rules)
     episode.join("robot1", "ada", "bot", 0.0)
     plan = solve(world).plan
     assert plan is not None
     for seq, (action,) in enumerate(plan, 1):
-        episode.submit("robot1", seq, action, float(seq))
-    rows = list(Recording(stream + recorder.record(episode.events())).transitions())
+        episode.submit("robot1", ActionRequest(seq, action), float(seq))
+    rows = list(Recording(record(episode, episode.events())).transitions())
     assert [row.reward for row in rows] == [0.0] * 7 + [1.0]
 
 
-def test_stale_answers_are_there() -> None:
-    rules = Rules()
-    world = World("synchronous/01")
-    episode, recorder = Episode(world, rules), Recorder(world)
-    stream = recorder.begin(header(world.task, rules, episode="e"))
-    episode.join("robot1", "ada", "model", 0.0)
-    episode.reject("robot1", 1, "99", ProtocolError("action/stale", "step 0 is past"), 1.0)
-    (row,) = Recording(stream + recorder.record(episode.events())).transitions()
-    assert isinstance(row, Transition)
-    assert (row.action, row.valid, row.text) == (None, False, "99")
-    assert row.reasons == ("step 0 is past",)
-
-
-def test_what_chance_took_back_is_in_the_next_state() -> None:
+def test_random_reversals_are_in_the_next_state() -> None:
     world = World("synchronous/01")
 
     def undone(state: State) -> list[Atom]:
         return [atom for atom in state.atoms() if atom[0] == "has_item"]
 
     rules = Rules()
-    episode, recorder = Episode(world, rules, undone=undone), Recorder(world)
-    stream = recorder.begin(header(world.task, rules, episode="e"))
+    episode = Episode(world, rules, random_reversal=undone)
     episode.join("robot1", "ada", "bot", 0.0)
     for seq, name in enumerate(("move", "pick-up-item", "wait"), 1):
         actions = episode.state.actions("robot1")
         wanted = [a for a in actions if a.name == name and "table1" in a.arguments[2:]]
-        episode.submit("robot1", seq, (wanted or list(actions[-1:]))[0], float(seq))
-    recording = Recording(stream + recorder.record(episode.events()))
+        episode.submit("robot1", ActionRequest(seq, (wanted or list(actions[-1:]))[0]), float(seq))
+    recording = Recording(record(episode, episode.events()))
     rows = list(recording.transitions())
     states = [state for _, state in recording.states()]
     assert [row.state for row in rows] == states[:-1]
@@ -120,18 +103,17 @@ def test_what_chance_took_back_is_in_the_next_state() -> None:
     assert not any(atom[0] == "has_item" for atom in rows[1].next_state.atoms())
 
 
-def test_staleness_counts_from_the_state_that_was_looked_at() -> None:
-    episode, recorder = Episode(TEAM, Rules(clock=Clock.LOCKSTEP, max_steps=9)), Recorder(TEAM)
-    stream = recorder.begin(header(TEAM.task, episode.rules, episode="e"))
+def test_staleness_counts_from_the_basis() -> None:
+    episode = Episode(TEAM, Rules(clock=Clock.LOCKSTEP, max_steps=9))
     for player in TEAM.players:
         episode.join(player, player.upper(), "model", 0.0)
     for seq, basis in enumerate((0, 0, None), start=1):
         for player in TEAM.players:
             action = next(a for a in episode.state.actions(player) if a.name in ("move", "wait"))
             mine = basis if player == "robot1" else None
-            episode.submit(player, seq, action, float(seq), basis=mine)
+            episode.submit(player, ActionRequest(seq, action, basis=mine), float(seq))
     episode.abort(5.0, "enough")
-    recording = Recording(stream + recorder.record(episode.events()))
+    recording = Recording(record(episode, episode.events()))
     mine = [row for row in recording.transitions() if row.seat == "robot1"]
     assert [row.staleness for row in mine] == [0, 1, None]
     seats = recording.measures().seats

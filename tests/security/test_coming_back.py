@@ -1,4 +1,4 @@
-"""Whoever comes back with an old token is judged by the rules that hold now."""
+"""Returning sessions are judged by the present rules."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
-from tests.support.newcomers import FORWARDED, ONE_COOK, TWO_COOKS, hello, minted, opened
+from tests.support.handshakes import FORWARDED, ONE_COOK, TWO_COOKS, hello, mint_token, opened
 from tests.support.servers import Raw, serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 NOW = 1_800_000_000.0
 HOUR = 3600.0
@@ -28,7 +28,7 @@ def joining(room: Room, role: str = "player") -> dict[str, Any]:
 async def came_in(
     server: Server, room: Room, role: str = "player", *, leave: bool = False, **fields: Any
 ) -> str:
-    """The resume token of somebody who was in a room, and whose line is lost now."""
+    """Return the resume token of a participant who has lost the connection."""
     async with opened(server, **FORWARDED) as connection:
         await hello(connection, **fields)
         joined = await connection.ask(joining(room, role), "joined")
@@ -44,146 +44,125 @@ def member(room: Room, participant: str) -> Session:
 
 @pytest.mark.parametrize("restart", [False, True])
 @pytest.mark.parametrize("leave", [False, True])
-def test_spectators_of_old_are_no_more_than_there_may_be(
+@virtual
+async def test_returning_spectators_respect_the_limit(
     tmp_path: Path, restart: bool, leave: bool
 ) -> None:
-    """Nor those who come in the meantime; who finds no place can say hello anew."""
-
-    async def main() -> None:
-        async with AsyncExitStack() as stack:
-            server = await stack.enter_async_context(serving(tmp_path, max_spectators=2))
-            room = server.lobby.create(TWO_COOKS, owner="")
-            old = [await came_in(server, room, "spectator", leave=leave) for _ in range(6)]
-            if restart:
-                await server.stop("restart", hand_over=True)
-                server = await stack.enter_async_context(
-                    serving(tmp_path, seed=2, max_spectators=2)
-                )
-                room = server.lobby.find(room.code)
-            watching = 0
-            for token in old:
-                connection = await stack.enter_async_context(opened(server))
-                answer = await hello(connection, resume=token)
-                watching += answer["type"] == "welcome" and room.spectators > watching
-                assert room.spectators <= 2
-                if answer["type"] == "error":
-                    assert answer["code"] == "auth/expired"
-                    await hello(connection)
-                    if room.spectators == 2:
-                        refused = await connection.ask(joining(room, "spectator"), "joined")
-                        assert refused["code"] == "episode/full"
-            assert watching == min(2, room.spectators)
-
-    run(main())
-
-
-def test_a_ban_outlives_the_server_and_covers_every_session(tmp_path: Path) -> None:
-    """One who watched before, and played later under another session of the same token."""
-
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            room = server.lobby.create(TWO_COOKS, owner="")
-            token = minted(server, Role.PLAYER)
-            watched = await came_in(server, room, "spectator", leave=True, token=token)
-            seated = await came_in(server, room, token=token)
-            stranger = await came_in(server, room)
-            room.kick(member(room, "p-1"), "rude")
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(serving(tmp_path, max_spectators=2))
+        room = server.lobby.create(TWO_COOKS, owner="")
+        old = [await came_in(server, room, "spectator", leave=leave) for _ in range(6)]
+        if restart:
             await server.stop("restart", hand_over=True)
-        async with serving(tmp_path, seed=2) as server:
+            server = await stack.enter_async_context(serving(tmp_path, seed=2, max_spectators=2))
             room = server.lobby.find(room.code)
-            async with opened(server) as eve:
-                for old in (watched, seated):
-                    assert (await hello(eve, resume=old))["code"] == "auth/expired"
-                assert (await hello(eve, token=token))["type"] == "welcome"
-                for role in ("player", "spectator"):
-                    answer = await eve.ask(joining(room, role), "joined")
-                    assert answer["code"] == "episode/banned"
-                assert room.members == []
-            async with opened(server) as bob:
-                assert (await hello(bob, resume=stranger))["resumed"]
-                assert (await bob.expect("joined"))["seat"] == "robot2"
-
-    run(main())
-
-
-def test_who_is_sent_out_goes_with_all_of_their_sessions(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            room = server.lobby.create(TWO_COOKS, owner="")
-            token = minted(server, Role.PLAYER)
-            async with opened(server) as one, opened(server) as two, opened(server) as other:
-                for connection, fields in ((one, {"token": token}), (two, {"token": token})):
-                    await hello(connection, **fields)
-                await hello(other)
-                await one.ask(joining(room), "joined")
-                await two.ask(joining(room, "spectator"), "joined")
-                await other.ask(joining(room), "joined")
-                room.kick(member(room, "p-1"), "rude")
-                for connection in (one, two):
-                    assert (await connection.expect("left"))["reason"] == "rude"
-                assert [session.player for session in room.members] == ["robot2"]
-
-    run(main())
+        watching = 0
+        for token in old:
+            connection = await stack.enter_async_context(opened(server))
+            answer = await hello(connection, resume=token)
+            watching += answer["type"] == "welcome" and room.spectators > watching
+            assert room.spectators <= 2
+            if answer["type"] == "error":
+                assert answer["code"] == "auth/expired"
+                await hello(connection)
+                if room.spectators == 2:
+                    refused = await connection.ask(joining(room, "spectator"), "joined")
+                    assert refused["code"] == "episode/full"
+        assert watching == min(2, room.spectators)
 
 
-def test_a_server_that_asks_for_tokens_now_takes_no_anonymous_session_of_old(
+@virtual
+async def test_ban_survives_a_restart_and_covers_all_sessions(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        token = mint_token(server, Role.PLAYER)
+        watched = await came_in(server, room, "spectator", leave=True, token=token)
+        seated = await came_in(server, room, token=token)
+        stranger = await came_in(server, room)
+        room.kick(member(room, "p-1"), "rude")
+        await server.stop("restart", hand_over=True)
+    async with serving(tmp_path, seed=2) as server:
+        room = server.lobby.find(room.code)
+        async with opened(server) as eve:
+            for old in (watched, seated):
+                assert (await hello(eve, resume=old))["code"] == "auth/expired"
+            assert (await hello(eve, token=token))["type"] == "welcome"
+            for role in ("player", "spectator"):
+                answer = await eve.ask(joining(room, role), "joined")
+                assert answer["code"] == "episode/banned"
+            assert room.members == []
+        async with opened(server) as bob:
+            assert (await hello(bob, resume=stranger))["resumed"]
+            assert (await bob.expect("joined"))["seat"] == "robot2"
+
+
+@virtual
+async def test_removal_covers_all_sessions_of_a_participant(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        token = mint_token(server, Role.PLAYER)
+        async with opened(server) as one, opened(server) as two, opened(server) as other:
+            for connection, fields in ((one, {"token": token}), (two, {"token": token})):
+                await hello(connection, **fields)
+            await hello(other)
+            await one.ask(joining(room), "joined")
+            await two.ask(joining(room, "spectator"), "joined")
+            await other.ask(joining(room), "joined")
+            room.kick(member(room, "p-1"), "rude")
+            for connection in (one, two):
+                assert (await connection.expect("left"))["reason"] == "rude"
+            assert [session.player for session in room.members] == ["robot2"]
+
+
+@virtual
+async def test_strict_server_refuses_old_anonymous_sessions(
     tmp_path: Path,
 ) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            room = server.lobby.create(TWO_COOKS, owner="")
-            anonymous = await came_in(server, room)
-            bearer = await came_in(server, room, token=minted(server, Role.PLAYER))
-            await server.stop("restart", hand_over=True)
-        async with serving(tmp_path, seed=2, require_token=True) as server:
-            async with opened(server) as connection:
-                refused = await hello(connection, resume=anonymous)
-                assert (refused["code"], refused["field"]) == ("auth/required", "resume")
-                assert (await hello(connection, resume=bearer))["resumed"]
-                assert (await connection.expect("joined"))["seat"] == "robot2"
-
-    run(main())
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        anonymous = await came_in(server, room)
+        bearer = await came_in(server, room, token=mint_token(server, Role.PLAYER))
+        await server.stop("restart", hand_over=True)
+    async with serving(tmp_path, seed=2, require_token=True) as server:
+        async with opened(server) as connection:
+            refused = await hello(connection, resume=anonymous)
+            assert (refused["code"], refused["field"]) == ("auth/required", "resume")
+            assert (await hello(connection, resume=bearer))["resumed"]
+            assert (await connection.expect("joined"))["seat"] == "robot2"
 
 
-def test_an_anonymous_session_may_what_a_newcomer_from_there_may(tmp_path: Path) -> None:
-    """A host by being on this machine is none elsewhere."""
-
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            async with opened(server) as here:
-                assert (await hello(here))["role"] == "host"
-                created = await here.ask({**CREATE, "grace": 86400.0}, "created")
-                joined = await here.ask({"type": "join", "episode": created["code"]}, "joined")
-            token = joined["resume"]
-            for headers, role in ((FORWARDED, "player"), ({}, "host"), (FORWARDED, "player")):
-                async with opened(server, **headers) as again:
-                    welcome = await hello(again, resume=token)
-                    assert (welcome["resumed"], welcome["role"]) == (True, role)
-                    assert (await again.expect("joined"))["seat"] == "robot1"
-                    answer = await again.ask(CREATE, "created")
-                    assert answer["type"] == ("created" if role == "host" else "error")
-                    token = welcome["resume"]
-
-    run(main())
+@virtual
+async def test_anonymous_session_gets_the_role_of_its_address(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        async with opened(server) as here:
+            assert (await hello(here))["role"] == "host"
+            created = await here.ask({**CREATE, "grace": 86400.0}, "created")
+            joined = await here.ask({"type": "join", "episode": created["code"]}, "joined")
+        token = joined["resume"]
+        for headers, role in ((FORWARDED, "player"), ({}, "host"), (FORWARDED, "player")):
+            async with opened(server, **headers) as again:
+                welcome = await hello(again, resume=token)
+                assert (welcome["resumed"], welcome["role"]) == (True, role)
+                assert (await again.expect("joined"))["seat"] == "robot1"
+                answer = await again.ask(CREATE, "created")
+                assert answer["type"] == ("created" if role == "host" else "error")
+                token = welcome["resume"]
 
 
-def test_who_has_a_seat_keeps_it_when_the_role_token_ends_and_others_do_not(
+@virtual
+async def test_seat_outlives_the_role_token(
     tmp_path: Path,
 ) -> None:
     now = [NOW]
-
-    async def main() -> None:
-        async with serving(tmp_path, require_token=True, wall=lambda: now[0]) as server:
-            room = server.lobby.create(TWO_COOKS.model_copy(update={"grace": 86400.0}), owner="")
-            token = minted(server, Role.PLAYER, seconds=HOUR)
-            seated = await came_in(server, room, token=token)
-            watched = await came_in(server, room, "spectator", token=token)
-            now[0] += 2 * HOUR
-            async with opened(server) as one, opened(server) as two:
-                assert (await hello(one, resume=seated))["resumed"]
-                assert (await hello(two, resume=watched))["code"] == "auth/expired"
-
-    run(main())
+    async with serving(tmp_path, require_token=True, wall=lambda: now[0]) as server:
+        room = server.lobby.create(TWO_COOKS.model_copy(update={"grace": 86400.0}), owner="")
+        token = mint_token(server, Role.PLAYER, seconds=HOUR)
+        seated = await came_in(server, room, token=token)
+        watched = await came_in(server, room, "spectator", token=token)
+        now[0] += 2 * HOUR
+        async with opened(server) as one, opened(server) as two:
+            assert (await hello(one, resume=seated))["resumed"]
+            assert (await hello(two, resume=watched))["code"] == "auth/expired"
 
 
 SCOPED: dict[Role, dict[str, str]] = {
@@ -195,7 +174,7 @@ SCOPED: dict[Role, dict[str, str]] = {
         "say": "auth/role",
     },
 }  # fmt: skip
-"""What a token for one episode is answered there, by role; empty if it may."""
+"""Code of the answer to a token for one episode, by role; empty if the role may send it."""
 
 
 async def code_of(connection: Raw, request: dict[str, Any], answer: str) -> str:
@@ -205,47 +184,40 @@ async def code_of(connection: Raw, request: dict[str, Any], answer: str) -> str:
 
 
 @pytest.mark.parametrize("role", Role)
-def test_a_token_for_one_episode_is_for_that_one_in_every_message(
+@virtual
+async def test_token_for_one_episode_is_checked_in_every_message(
     tmp_path: Path, role: Role
 ) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            mine, other = (server.lobby.create(ONE_COOK, owner="") for _ in range(2))
-            for only in (mine.code, mine.id, mine.code.replace("-", "").lower()):
-                async with opened(server) as connection:
-                    await hello(connection, token=minted(server, role, episode=only))
-                    expected = SCOPED[role]
-                    assert await code_of(connection, CREATE, "created") == expected["create"]
-                    if not expected["list"]:
-                        listed = await connection.ask({"type": "list"}, "episodes")
-                        assert [row["code"] for row in listed["episodes"]] == [mine.code]
-                    for name, part in (("play", "player"), ("watch", "spectator")):
-                        code = await code_of(connection, joining(other, part), "joined")
-                        assert code == (expected[name] or "auth/episode")
-                        assert (
-                            await code_of(connection, joining(mine, part), "joined")
-                            == expected[name]
-                        )
-                        if not expected[name]:
-                            say = {"type": "say", "text": "x"}
-                            assert await code_of(connection, say, "said") == expected["say"]
-                            await connection.ask({"type": "leave"}, "left")
-            assert other.members == []
-            assert len(server.lobby.rooms) == 2
-
-    run(main())
+    async with serving(tmp_path) as server:
+        mine, other = (server.lobby.create(ONE_COOK, owner="") for _ in range(2))
+        for only in (mine.code, mine.id, mine.code.replace("-", "").lower()):
+            async with opened(server) as connection:
+                await hello(connection, token=mint_token(server, role, episode=only))
+                expected = SCOPED[role]
+                assert await code_of(connection, CREATE, "created") == expected["create"]
+                if not expected["list"]:
+                    listed = await connection.ask({"type": "list"}, "episodes")
+                    assert [row["code"] for row in listed["episodes"]] == [mine.code]
+                for name, part in (("play", "player"), ("watch", "spectator")):
+                    code = await code_of(connection, joining(other, part), "joined")
+                    assert code == (expected[name] or "auth/episode")
+                    assert (
+                        await code_of(connection, joining(mine, part), "joined") == expected[name]
+                    )
+                    if not expected[name]:
+                        say = {"type": "say", "text": "x"}
+                        assert await code_of(connection, say, "said") == expected["say"]
+                        await connection.ask({"type": "leave"}, "left")
+        assert other.members == []
+        assert len(server.lobby.rooms) == 2
 
 
-def test_codes_cannot_be_guessed_with_a_token_for_another_episode(tmp_path: Path) -> None:
-    """That a code exists is nothing to find out by trying."""
-
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            mine, other = (server.lobby.create(ONE_COOK, owner="") for _ in range(2))
-            token = minted(server, Role.PLAYER, episode=mine.code)
-            async with opened(server, **FORWARDED) as connection:
-                await hello(connection, token=token)
-                codes = [await code_of(connection, joining(other), "joined") for _ in range(21)]
-                assert codes == ["auth/episode"] * 20 + ["rate/codes"]
-
-    run(main())
+@virtual
+async def test_codes_cannot_be_guessed_with_a_limited_token(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        mine, other = (server.lobby.create(ONE_COOK, owner="") for _ in range(2))
+        token = mint_token(server, Role.PLAYER, episode=mine.code)
+        async with opened(server, **FORWARDED) as connection:
+            await hello(connection, token=token)
+            codes = [await code_of(connection, joining(other), "joined") for _ in range(21)]
+            assert codes == ["auth/episode"] * 20 + ["rate/codes"]

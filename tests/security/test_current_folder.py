@@ -1,4 +1,4 @@
-"""Processes that are started from a folder do not run what lies there."""
+"""Processes do not run files of the folder they are started from."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 
 from robotouille_client.bots.partner_process import COMMAND as PARTNERS
 from robotouille_client.loadtest.worker_pool import COMMAND as LOAD_WORKER
-from robotouille_server.rooms.substitutes.worker_process import COMMAND as SUBSTITUTES
-from robotouille_server.runtime.supervisor import COMMAND as SERVER_WORKER
+from robotouille_server.rooms.bot_worker import COMMAND as SUBSTITUTES
+from robotouille_server.runtime.workers import COMMAND as SERVER_WORKER
 
 COMMANDS = {
     "server": (*SERVER_WORKER, "--version"),
@@ -24,7 +24,7 @@ COMMANDS = {
 
 @pytest.mark.process
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_a_json_py_of_the_folder_is_no_library(command: Sequence[str], tmp_path: Path) -> None:
+def test_json_py_in_the_folder_is_not_imported(command: Sequence[str], tmp_path: Path) -> None:
     (tmp_path / "json.py").write_text("raise SystemExit('this is the folder')")
     ended = subprocess.run(command, cwd=tmp_path, input=b"\n", capture_output=True, timeout=60)
     assert b"this is the folder" not in ended.stderr
@@ -37,7 +37,7 @@ import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
 
-from robotouille.certification.spawning import spawn_context
+from robotouille.processes import spawn_context
 
 if __name__ == "__main__":
     context = spawn_context()
@@ -49,8 +49,8 @@ if __name__ == "__main__":
 
 
 @pytest.mark.process
-def test_nor_do_the_processes_of_pools(tmp_path: Path) -> None:
-    """The variable that keeps them from it is not left behind."""
+def test_processes_of_pools_do_not_import_it(tmp_path: Path) -> None:
+    """The variable that prevents this is removed afterwards."""
     folder, program = tmp_path / "folder", tmp_path / "program.py"
     folder.mkdir()
     for library in LIBRARIES:
@@ -63,7 +63,7 @@ def test_nor_do_the_processes_of_pools(tmp_path: Path) -> None:
     assert ended.stdout.splitlines() == [f"{folder} 1", "None"]
 
 
-def test_all_pools_are_such() -> None:
+def test_all_pools_are_protected() -> None:
     root = Path(__file__).parents[2]
     sources = [
         path

@@ -1,4 +1,4 @@
-"""What the pages on security and operations show works as it is written there."""
+"""Examples in the documentation of security and operation."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from pathlib import Path
 
 import pytest
 
+from robotouille import ProtocolError
+from robotouille_client import connect
 from robotouille_server import ServerSettings
 from robotouille_server.runtime.metrics import Metrics
 from tests.support.pages import read, titled
 from tests.support.servers import serving
 from tests.support.sources import ROOT
 
-PAGES = ("security.md", "threat_model.md", "operations.md")
+PAGES = ("security.md", "operate_a_server.md")
 
 
 async def output(*words: str) -> str:
@@ -28,29 +30,30 @@ async def output(*words: str) -> str:
 
 
 @pytest.mark.process
-def test_another_programs_token_is_taken(tmp_path: Path) -> None:
-    for name in ("mint.py", "hello.py"):
-        (tmp_path / name).write_text(titled("security.md", name), encoding="utf-8")
+def test_token_of_another_program_is_accepted(tmp_path: Path) -> None:
+    (tmp_path / "mint.py").write_text(titled("security.md", "mint.py"), encoding="utf-8")
 
     async def scenario() -> None:
         keys = tmp_path / "keys.json"
         async with serving(tmp_path / "r", keys=keys, require_token=True) as server:
             token = await output(str(tmp_path / "mint.py"), str(keys))
-            role = await output(str(tmp_path / "hello.py"), server.url, token)
-            assert role == "player"
-            refused = await output(str(tmp_path / "hello.py"), server.url, token[:-3])
-            assert refused == "auth/invalid"
+            async with connect(server.url, name="robin", token=token) as client:
+                assert client.role == "player"
+            with pytest.raises(ProtocolError) as refused:
+                async with connect(server.url, name="robin", token=token[:-3]):
+                    pass
+            assert refused.value.code == "auth/invalid"
 
     asyncio.run(scenario())
 
 
 @pytest.mark.process
-def test_the_settings_of_the_service_are_good(tmp_path: Path) -> None:
+def test_settings_of_the_service_are_valid(tmp_path: Path) -> None:
     file = tmp_path / "robotouille.toml"
-    file.write_text(titled("operations.md", "/etc/robotouille.toml"), encoding="utf-8")
+    file.write_text(titled("operate_a_server.md", "/etc/robotouille.toml"), encoding="utf-8")
     settings = ServerSettings(config=file)
     assert settings.require_token
-    unit = titled("operations.md", "/etc/systemd/system/robotouille.service")
+    unit = titled("operate_a_server.md", "/etc/systemd/system/robotouille.service")
     numbers = dict(re.findall(r"^(\w+)=(\d+)$", unit, re.MULTILINE))
     assert int(numbers["TimeoutStopSec"]) > settings.drain_seconds
     assert int(numbers["LimitNOFILE"]) > settings.max_connections
@@ -65,7 +68,7 @@ def test_every_flag_of_the_server_exists(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_every_code_is_one_that_the_server_sends(page: str) -> None:
+def test_every_documented_code_is_sent(page: str) -> None:
     sources = "".join(
         path.read_text(encoding="utf-8")
         for folder in ("server", "shared")
@@ -76,21 +79,22 @@ def test_every_code_is_one_that_the_server_sends(page: str) -> None:
         assert f'"{code}"' in sources, code
 
 
-def test_every_metric_to_look_at_exists() -> None:
+def test_every_documented_metric_exists() -> None:
     known = {
         family.name + ("_total" if family.type == "counter" else "")
         for family in Metrics().registry.collect()
     }
-    assert set(re.findall(r"`(robotouille_[a-z_]+)", read("operations.md"))) <= known
+    assert set(re.findall(r"`(robotouille_[a-z_]+)", read("operate_a_server.md"))) <= known
 
 
-def test_every_setting_that_is_named_exists() -> None:
+def test_every_documented_setting_exists() -> None:
     text = "".join(read(page) for page in PAGES)
     named = set(re.findall(r"\(`([a-z_]+)`\)|setting `([a-z_]+)`", text))
     others = {"moved", "aborted"}  # a message and an outcome
     assert {"".join(pair) for pair in named} - others <= set(ServerSettings.model_fields)
 
 
-def test_every_file_of_settings_has_settings_only() -> None:
-    for block in re.findall(r"^```toml[^\n]*\n(.*?)^```$", read("operations.md"), re.S | re.M):
+def test_setting_files_are_valid() -> None:
+    page = read("operate_a_server.md")
+    for block in re.findall(r"^```toml[^\n]*\n(.*?)^```$", page, re.S | re.M):
         assert set(tomllib.loads(block)) <= set(ServerSettings.model_fields)

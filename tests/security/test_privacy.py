@@ -1,4 +1,4 @@
-"""Where participants connect from is written down only where the operator asks for it."""
+"""IP addresses are recorded only if the operator asks for it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLAGS = (
 
 
 async def play(url: str, code: str) -> str:
-    """A whole episode by somebody from elsewhere; the id of their session."""
+    """Play an episode from another machine; return the id of the session."""
     headers = {"X-Forwarded-For": ADDRESS}
     async with connect(url, additional_headers=headers, compression=None, proxy=None) as socket:
         ada = Raw(socket, text=True)
@@ -38,9 +38,7 @@ async def play(url: str, code: str) -> str:
 
 
 @pytest.mark.parametrize("flags", [(), ("--record-addresses",)])
-def test_addresses_are_in_the_log_only_where_that_is_set(
-    tmp_path: Path, flags: tuple[str, ...]
-) -> None:
+def test_addresses_are_logged_only_if_enabled(tmp_path: Path, flags: tuple[str, ...]) -> None:
     with process(tmp_path / "r", *FLAGS, *flags) as (server, url, code):
         session = asyncio.run(play(url, code))
         server.send_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Files that nobody else may read: written whole or not at all."""
+"""Private files: access, atomic writes, errors."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "keys.json"
 
 
-def test_only_the_owner_may_read_what_is_written(path: Path) -> None:
+def test_only_the_owner_may_read_written_files(path: Path) -> None:
     write_private(path, b"secret", replace=False)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert read_private(path, 100) == b"secret"
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
-def test_one_that_is_there_is_replaced_only_where_that_is_asked_for(path: Path) -> None:
+def test_existing_file_is_replaced_only_on_request(path: Path) -> None:
     write_private(path, b"first", replace=False)
     with pytest.raises(FileExistsError):
         write_private(path, b"second", replace=False)
@@ -44,14 +44,14 @@ def test_one_that_is_there_is_replaced_only_where_that_is_asked_for(path: Path) 
 
 
 @pytest.mark.parametrize("mode", [0o644, 0o660, 0o602])
-def test_what_others_may_use_is_not_believed(path: Path, mode: int) -> None:
+def test_file_accessible_to_others_is_refused(path: Path, mode: int) -> None:
     path.write_bytes(b"secret")
     path.chmod(mode)
-    with pytest.raises(PrivateFileError, match="others may use it"):
+    with pytest.raises(PrivateFileError, match="other users may access it"):
         read_private(path, 100)
 
 
-def test_faults_name_the_file(path: Path) -> None:
+def test_errors_name_the_file(path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         read_private(path, 100)
     write_private(path, b"x" * 101, replace=False)

@@ -1,4 +1,4 @@
-"""Who may do what."""
+"""Roles and their permissions."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def label(message: messages.ClientMessage) -> str:
 
 
 @pytest.mark.parametrize("role", Role)
-def test_each_role_may_send_what_the_table_says(role: Role) -> None:
+def test_each_role_may_send_its_messages(role: Role) -> None:
     refused = set()
     for message in EXAMPLES:
         try:
@@ -57,13 +57,12 @@ def test_each_role_may_send_what_the_table_says(role: Role) -> None:
     assert refused == REFUSED[role]
 
 
-def test_every_message_is_decided_on() -> None:
-    """A new message is refused to all but operators until the table has it; none is forgotten."""
+def test_every_message_type_has_permissions() -> None:
     assert {message.type for message in EXAMPLES} == PERMISSIONS[Role.OPERATOR]
     assert set(PERMISSIONS) == set(Role)
 
 
-def test_roles_are_in_order() -> None:
+def test_roles_include_lower_roles() -> None:
     order = [Role.OPERATOR, Role.HOST, Role.PLAYER, Role.SPECTATOR]
     for i, one in enumerate(order):
         for j, other in enumerate(order):
@@ -71,7 +70,7 @@ def test_roles_are_in_order() -> None:
             assert (PERMISSIONS[one] >= PERMISSIONS[other]) >= one.includes(other)
 
 
-def test_a_refusal_names_the_role_it_takes() -> None:
+def test_refusal_names_the_required_role() -> None:
     with pytest.raises(ProtocolError, match=r"a player may not send 'create'.*the role host"):
         check_permission(Role.PLAYER, messages.Create())
     with pytest.raises(ProtocolError, match=r"a spectator may not send 'act'.*the role player"):
@@ -81,7 +80,7 @@ def test_a_refusal_names_the_role_it_takes() -> None:
 ROOM = {"episode": "ad9ac0c99d4665c2", "code": "QWERTYUPAS"}
 
 
-def test_a_token_for_an_episode_opens_no_other() -> None:
+def test_token_for_an_episode_opens_no_other() -> None:
     join = messages.Join(episode="whatever")
     for only in ("", "ad9ac0c99d4665c2", "QWERTYUPAS", "qwert-yupas"):
         assert check_join(join, only=only, seat="", **ROOM) is None
@@ -91,7 +90,7 @@ def test_a_token_for_an_episode_opens_no_other() -> None:
         assert (caught.value.code, caught.value.field) == ("auth/episode", "episode")
 
 
-def test_a_token_for_a_seat_gives_that_seat() -> None:
+def test_token_for_a_seat_requests_that_seat() -> None:
     anywhere = messages.Join(episode="x")
     right = messages.Join(episode="x", seat="robot2")
     wrong = messages.Join(episode="x", seat="robot1")
@@ -105,17 +104,17 @@ def test_a_token_for_a_seat_gives_that_seat() -> None:
     assert (caught.value.code, caught.value.field) == ("auth/seat", "seat")
 
 
-def test_a_token_for_a_seat_is_for_no_more() -> None:
+def test_token_for_a_seat_refuses_other_seats() -> None:
     alone = messages.Join(episode="x", seats=["robot2"])
     assert check_join(alone, only="", seat="robot2", **ROOM) == "robot2"
     several = [messages.Join(episode="x", seats=seats) for seats in ("all", ["robot2", "robot1"])]
     for join in several:
         assert check_join(join, only="", seat="", **ROOM) is None
-        with pytest.raises(ProtocolError, match="for the seat robot2 alone") as caught:
+        with pytest.raises(ProtocolError, match="for the seat robot2 only") as caught:
             check_join(join, only="", seat="robot2", **ROOM)
         assert (caught.value.code, caught.value.field) == ("auth/seat", "seats")
 
 
-def test_case_and_dashes_of_codes_do_not_matter() -> None:
+def test_codes_ignore_case_and_dashes() -> None:
     assert same_episode(" qwert-yupas ", "QWERTYUPAS")
     assert not same_episode("QWERTYUPAS", "QWERTYUPAZ")

@@ -1,39 +1,26 @@
-"""A whole server: who is let in, and what each may do there."""
+"""Access to a whole server."""
 
 from __future__ import annotations
 
 import asyncio
-import ssl
 import time
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-import trustme
-from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from robotouille_server import Server, ServerSettings, serve
+from robotouille_server import Server
 from robotouille_server.auth.keys import FileKeyring, rotate
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import Tokens
-from tests.support.newcomers import FORWARDED, ONE_COOK, TWO_COOKS, hello, minted, opened
-from tests.support.servers import Raw, crash, serving
-from tests.support.virtual_time import run
+from tests.support.handshakes import FORWARDED, ONE_COOK, TWO_COOKS, hello, mint_token, opened
+from tests.support.servers import crash, serving
+from tests.support.virtual_time import virtual
 
 NOW = 1_800_000_000.0
 TASK = "synchronous/01_cheese_sandwich"
-
-
-class Wall:
-    """Unix time that a test sets."""
-
-    def __init__(self) -> None:
-        self.now = NOW
-
-    def __call__(self) -> float:
-        return self.now
 
 
 CREATE = {"type": "create", "task": TASK}
@@ -46,7 +33,7 @@ REQUESTS: dict[str, tuple[dict[str, Any], str]] = {
 
 
 async def allowed(server: Server, headers: dict[str, str], **fields: Any) -> set[str]:
-    """Which requests are granted to a newcomer."""
+    """Return the requests that a new session may send."""
     granted = set()
     for name, (request, answer) in REQUESTS.items():
         room = server.lobby.create(ONE_COOK, owner="")
@@ -65,138 +52,94 @@ async def allowed(server: Server, headers: dict[str, str], **fields: Any) -> set
 EVERYTHING = {"create", "list", "play", "watch"}
 
 
-def test_without_a_token_only_programs_on_this_machine_may_create(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path) as server:
-            assert await allowed(server, {}) == EVERYTHING
-            assert await allowed(server, FORWARDED) == {"play", "watch"}
-            assert await allowed(server, {"Host": "kitchen.example.org"}) == {"play", "watch"}
-
-    run(scenario())
+@virtual
+async def test_only_local_programs_may_create_without_a_token(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        assert await allowed(server, {}) == EVERYTHING
+        assert await allowed(server, FORWARDED) == {"play", "watch"}
+        assert await allowed(server, {"Host": "kitchen.example.org"}) == {"play", "watch"}
 
 
-def test_a_token_gives_its_role_wherever_its_bearer_is(tmp_path: Path) -> None:
+@virtual
+async def test_token_gives_its_role_from_every_address(tmp_path: Path) -> None:
     expected = {
         Role.OPERATOR: EVERYTHING,
         Role.HOST: EVERYTHING,
         Role.PLAYER: {"play", "watch"},
         Role.SPECTATOR: {"watch"},
     }
-
-    async def scenario() -> None:
-        async with serving(tmp_path, require_token=True) as server:
-            for role, granted in expected.items():
-                token = minted(server, role)
-                assert await allowed(server, FORWARDED, token=token) == granted
-                assert await allowed(server, {}, token=token) == granted
-
-    run(scenario())
+    async with serving(tmp_path, require_token=True) as server:
+        for role, granted in expected.items():
+            token = mint_token(server, role)
+            assert await allowed(server, FORWARDED, token=token) == granted
+            assert await allowed(server, {}, token=token) == granted
 
 
-def test_a_server_that_asks_for_tokens_lets_nobody_in_without(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path, require_token=True) as server:
+@virtual
+async def test_strict_server_requires_a_token(tmp_path: Path) -> None:
+    async with serving(tmp_path, require_token=True) as server:
+        async with opened(server) as connection:
+            assert (await hello(connection))["code"] == "auth/required"
+            assert (await connection.ask(CREATE))["code"] == "protocol/hello"
+            welcome = await hello(connection, token=mint_token(server, Role.SPECTATOR))
+            assert (welcome["type"], welcome["role"]) == ("welcome", "spectator")
+
+
+@virtual
+async def test_name_and_limits_of_a_token_are_binding(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        mine = server.lobby.create(TWO_COOKS, owner="")
+        other = server.lobby.create(TWO_COOKS, owner="")
+        token = mint_token(server, Role.PLAYER, name="Zoë", episode=mine.code, seat="robot2")
+        async with opened(server, **FORWARDED) as connection:
+            await hello(connection, token=token, name="Mallory")
+            join = {"type": "join", "episode": other.code}
+            assert (await connection.ask(join))["code"] == "auth/episode"
+            join = {"type": "join", "episode": mine.code, "seat": "robot1"}
+            assert (await connection.ask(join))["code"] == "auth/seat"
+            joined = await connection.ask({"type": "join", "episode": mine.id}, "joined")
+            assert joined["seat"] == "robot2"
+            snapshot = await connection.expect("snapshot")
+            assert snapshot["seats"][1]["name"] == "Zoë"
+
+
+@virtual
+async def test_limits_of_a_token_survive_a_restart(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        mine = server.lobby.create(TWO_COOKS, owner="")
+        other = server.lobby.create(TWO_COOKS, owner="")
+        token = mint_token(server, Role.PLAYER, episode=mine.code, seat="robot1")
+        async with opened(server, **FORWARDED) as connection:
+            await hello(connection, token=token)
+            join = {"type": "join", "episode": mine.code}
+            joined = await connection.ask(join, "joined")
+            await crash(server)
+    async with serving(tmp_path, seed=2) as server:
+        async with opened(server, **FORWARDED) as connection:
+            assert (await hello(connection, resume=joined["resume"]))["resumed"]
+            await connection.ask({"type": "leave"}, "left")
+            join = {"type": "join", "episode": other.code}
+            assert (await connection.ask(join, "joined")).get("code") == "auth/episode"
+
+
+@virtual
+async def test_keys_can_be_rotated_while_the_server_runs(tmp_path: Path) -> None:
+    async with serving(tmp_path / "r", keys=tmp_path / "keys.json") as server:
+        old = mint_token(server, Role.HOST)
+        rotate(tmp_path / "keys.json", keep=2)
+        elsewhere = Tokens(FileKeyring(tmp_path / "keys.json"), time.time)
+        new = elsewhere.mint_role(Role.HOST, "x", seconds=60)
+        for token in (old, new):
             async with opened(server) as connection:
-                assert (await hello(connection))["code"] == "auth/required"
-                assert (await connection.ask(CREATE))["code"] == "protocol/hello"
-                welcome = await hello(connection, token=minted(server, Role.SPECTATOR))
-                assert (welcome["type"], welcome["role"]) == ("welcome", "spectator")
-
-    run(scenario())
-
-
-def test_a_bad_token_is_worse_than_none(tmp_path: Path) -> None:
-    """Who gives a token that does not hold is not let in as somebody without."""
-    wall = Wall()
-    settings = ServerSettings(port=0, recordings=tmp_path)
-
-    async def scenario() -> None:
-        async with serve(settings, wall=wall) as server:
-            token = minted(server, Role.HOST, seconds=60)
+                assert (await hello(connection, token=token))["type"] == "welcome"
+        rotate(tmp_path / "keys.json", keep=1)
+        for token in (old, new):
             async with opened(server) as connection:
-                assert (await hello(connection, token=token[:-4]))["code"] == "auth/invalid"
-                wall.now += 60
-                assert (await hello(connection, token=token))["code"] == "auth/expired"
-                assert (await hello(connection, token="."))["field"] == "token"
-
-    run(scenario())
-
-
-def test_the_name_and_place_of_a_token_are_binding(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path) as server:
-            mine = server.lobby.create(TWO_COOKS, owner="")
-            other = server.lobby.create(TWO_COOKS, owner="")
-            token = minted(server, Role.PLAYER, name="Zoë", episode=mine.code, seat="robot2")
-            async with opened(server, **FORWARDED) as connection:
-                await hello(connection, token=token, name="Mallory")
-                join = {"type": "join", "episode": other.code}
-                assert (await connection.ask(join))["code"] == "auth/episode"
-                join = {"type": "join", "episode": mine.code, "seat": "robot1"}
-                assert (await connection.ask(join))["code"] == "auth/seat"
-                joined = await connection.ask({"type": "join", "episode": mine.id}, "joined")
-                assert joined["seat"] == "robot2"
-                snapshot = await connection.expect("snapshot")
-                assert snapshot["seats"][1]["name"] == "Zoë"
-
-    run(scenario())
-
-
-def test_a_resume_token_is_no_role_token_and_the_other_way_round(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path) as server:
-            async with opened(server) as connection:
-                welcome = await hello(connection)
-            async with opened(server) as connection:
-                refused = await hello(connection, token=welcome["resume"])
-                assert (refused["code"], refused["field"]) == ("auth/invalid", "token")
-                refused = await hello(connection, resume=minted(server, Role.OPERATOR))
-                assert (refused["code"], refused["field"]) == ("auth/invalid", "resume")
-
-    run(scenario())
-
-
-def test_a_restart_does_not_widen_what_a_token_is_limited_to(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path) as server:
-            mine = server.lobby.create(TWO_COOKS, owner="")
-            other = server.lobby.create(TWO_COOKS, owner="")
-            token = minted(server, Role.PLAYER, episode=mine.code, seat="robot1")
-            async with opened(server, **FORWARDED) as connection:
-                await hello(connection, token=token)
-                join = {"type": "join", "episode": mine.code}
-                joined = await connection.ask(join, "joined")
-                await crash(server)
-        async with serving(tmp_path, seed=2) as server:
-            async with opened(server, **FORWARDED) as connection:
-                assert (await hello(connection, resume=joined["resume"]))["resumed"]
-                await connection.ask({"type": "leave"}, "left")
-                join = {"type": "join", "episode": other.code}
-                assert (await connection.ask(join, "joined")).get("code") == "auth/episode"
-
-    run(scenario())
-
-
-def test_keys_can_be_rotated_while_the_server_runs(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path / "r", keys=tmp_path / "keys.json") as server:
-            old = minted(server, Role.HOST)
-            rotate(tmp_path / "keys.json", keep=2)
-            elsewhere = Tokens(FileKeyring(tmp_path / "keys.json"), time.time)
-            new = elsewhere.mint_role(Role.HOST, "x", seconds=60)
-            for token in (old, new):
-                async with opened(server) as connection:
-                    assert (await hello(connection, token=token))["type"] == "welcome"
-            rotate(tmp_path / "keys.json", keep=1)
-            for token in (old, new):
-                async with opened(server) as connection:
-                    assert (await hello(connection, token=token))["code"] == "auth/invalid"
-
-    run(scenario())
+                assert (await hello(connection, token=token))["code"] == "auth/invalid"
 
 
 async def status(server: Server, **headers: str) -> tuple[int, str]:
-    """The HTTP answer to somebody who would connect: 101 if they may."""
+    """Return the HTTP status of a handshake; 101 if it is accepted."""
     try:
         async with opened(server, **headers):
             return 101, ""
@@ -204,144 +147,127 @@ async def status(server: Server, **headers: str) -> tuple[int, str]:
         return error.response.status_code, (error.response.body or b"").decode()
 
 
-def test_pages_of_other_sites_cannot_use_the_server_of_who_looks_at_them(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path, origins="https://kitchen.example.org") as server:
-            code, text = await status(server, Origin="https://evil.example")
-            assert code == 403
-            assert "--origins" in text
-            assert (await status(server, Origin="https://kitchen.example.org"))[0] == 101
-            assert (await status(server))[0] == 101
-
-    run(scenario())
+@virtual
+async def test_foreign_web_pages_are_refused(tmp_path: Path) -> None:
+    async with serving(tmp_path, origins="https://kitchen.example.org") as server:
+        code, text = await status(server, Origin="https://evil.example")
+        assert code == 403
+        assert "--origins" in text
+        assert (await status(server, Origin="https://kitchen.example.org"))[0] == 101
+        assert (await status(server))[0] == 101
 
 
 TWO_FROM_ELSEWHERE = {"max_connections_per_address": 2, "trust_proxy": "loopback"}
 
 
-def test_an_address_has_so_many_connections_and_gets_them_back(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path, **TWO_FROM_ELSEWHERE) as server:
-            async with AsyncExitStack() as stack:
-                for number in range(3):
-                    connection = await stack.enter_async_context(opened(server, **FORWARDED))
-                    answer = await hello(connection)
-                    if number < 2:
-                        assert answer["type"] == "welcome"
-                assert (answer["type"], answer["code"]) == ("bye", "rate/connections")
-                assert answer["retry"] is True
-                with pytest.raises(ConnectionClosed):
-                    await connection.receive()
-                assert connection.socket.close_code == 1013
-                for headers in ({"X-Forwarded-For": "203.0.113.10"}, {}):
-                    other = await stack.enter_async_context(opened(server, **headers))
-                    assert (await hello(other))["type"] == "welcome"
-            await asyncio.sleep(1)
-            async with opened(server, **FORWARDED) as connection:
-                assert (await hello(connection))["type"] == "welcome"
-
-    run(scenario())
+@virtual
+async def test_connections_per_address_are_limited(tmp_path: Path) -> None:
+    async with serving(tmp_path, **TWO_FROM_ELSEWHERE) as server:
+        async with AsyncExitStack() as stack:
+            for number in range(3):
+                connection = await stack.enter_async_context(opened(server, **FORWARDED))
+                answer = await hello(connection)
+                if number < 2:
+                    assert answer["type"] == "welcome"
+            assert (answer["type"], answer["code"]) == ("bye", "rate/connections")
+            assert answer["retry"] is True
+            with pytest.raises(ConnectionClosed):
+                await connection.receive()
+            assert connection.socket.close_code == 1013
+            for headers in ({"X-Forwarded-For": "203.0.113.10"}, {}):
+                other = await stack.enter_async_context(opened(server, **headers))
+                assert (await hello(other))["type"] == "welcome"
+        await asyncio.sleep(1)
+        async with opened(server, **FORWARDED) as connection:
+            assert (await hello(connection))["type"] == "welcome"
 
 
-def test_those_who_say_nothing_keep_nobody_out(tmp_path: Path) -> None:
-    """As many silent connections as one may have, and an anonymous one in each place."""
-
-    async def scenario() -> None:
-        async with serving(tmp_path, **TWO_FROM_ELSEWHERE) as server, AsyncExitStack() as stack:
-            token = minted(server, Role.PLAYER)
-            for _ in range(2):
-                anonymous = await stack.enter_async_context(opened(server, **FORWARDED))
-                assert (await hello(anonymous))["type"] == "welcome"
-            silent = [await stack.enter_async_context(opened(server, **FORWARDED)) for _ in "12"]
-            holders = []
-            for _ in range(2):
-                holders.append(await stack.enter_async_context(opened(server, **FORWARDED)))
-                assert (await hello(holders[-1], token=token))["type"] == "welcome"
-            for connection in silent[:1]:
-                bye = await connection.receive()
-                assert (bye["type"], bye["code"]) == ("bye", "rate/connections")
-            third = await stack.enter_async_context(opened(server, **FORWARDED))
-            assert (await hello(third, token=token))["code"] == "rate/connections"
-            other = await stack.enter_async_context(opened(server, **FORWARDED))
-            other_token = server.tokens.mint_role(Role.PLAYER, "p-2", seconds=60)
-            assert (await hello(other, token=other_token))["type"] == "welcome"
-
-    run(scenario())
+@virtual
+async def test_silent_connections_keep_nobody_out(tmp_path: Path) -> None:
+    async with serving(tmp_path, **TWO_FROM_ELSEWHERE) as server, AsyncExitStack() as stack:
+        token = mint_token(server, Role.PLAYER)
+        for _ in range(2):
+            anonymous = await stack.enter_async_context(opened(server, **FORWARDED))
+            assert (await hello(anonymous))["type"] == "welcome"
+        silent = [await stack.enter_async_context(opened(server, **FORWARDED)) for _ in "12"]
+        holders = []
+        for _ in range(2):
+            holders.append(await stack.enter_async_context(opened(server, **FORWARDED)))
+            assert (await hello(holders[-1], token=token))["type"] == "welcome"
+        for connection in silent[:1]:
+            bye = await connection.receive()
+            assert (bye["type"], bye["code"]) == ("bye", "rate/connections")
+        third = await stack.enter_async_context(opened(server, **FORWARDED))
+        assert (await hello(third, token=token))["code"] == "rate/connections"
+        other = await stack.enter_async_context(opened(server, **FORWARDED))
+        other_token = server.tokens.mint_role(Role.PLAYER, "p-2", seconds=60)
+        assert (await hello(other, token=other_token))["type"] == "welcome"
 
 
-def test_who_comes_back_needs_no_second_place(tmp_path: Path) -> None:
+@virtual
+async def test_returning_client_needs_no_second_slot(tmp_path: Path) -> None:
     """The server has not noticed yet that the first connection is dead."""
-
-    async def scenario() -> None:
-        options = {**TWO_FROM_ELSEWHERE, "max_connections_per_address": 1}
-        async with serving(tmp_path, **options) as server, AsyncExitStack() as stack:
-            room = server.lobby.create(TWO_COOKS, owner="")
-            first = await stack.enter_async_context(opened(server, **FORWARDED))
-            await hello(first)
-            joined = await first.ask({"type": "join", "episode": room.code}, "joined")
-            again = await stack.enter_async_context(opened(server, **FORWARDED))
-            assert (await hello(again, resume=joined["resume"]))["resumed"]
-            assert (await first.expect("bye"))["code"] == "session/elsewhere"
-            await asyncio.sleep(1)
-            third = await stack.enter_async_context(opened(server, **FORWARDED))
-            assert (await hello(third))["code"] == "rate/connections"
-
-    run(scenario())
+    options = {**TWO_FROM_ELSEWHERE, "max_connections_per_address": 1}
+    async with serving(tmp_path, **options) as server, AsyncExitStack() as stack:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        first = await stack.enter_async_context(opened(server, **FORWARDED))
+        await hello(first)
+        joined = await first.ask({"type": "join", "episode": room.code}, "joined")
+        again = await stack.enter_async_context(opened(server, **FORWARDED))
+        assert (await hello(again, resume=joined["resume"]))["resumed"]
+        assert (await first.expect("bye"))["code"] == "session/elsewhere"
+        await asyncio.sleep(1)
+        third = await stack.enter_async_context(opened(server, **FORWARDED))
+        assert (await hello(third))["code"] == "rate/connections"
 
 
-def test_a_guesser_locks_out_nobody_with_a_token(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path, trust_proxy="loopback") as server:
-            room = server.lobby.create(ONE_COOK, owner="")
-            async with opened(server, **FORWARDED) as guesser:
-                await hello(guesser)
-                wrong = {"type": "join", "episode": "AAAAA-AAAAA"}
-                codes = [(await guesser.ask(wrong))["code"] for _ in range(21)]
-                assert codes[-1] == "rate/codes"
-            async with opened(server, **FORWARDED) as holder:
-                await hello(holder, token=minted(server, Role.PLAYER))
-                right = {"type": "join", "episode": room.code}
-                assert (await holder.ask(right, "joined"))["type"] == "joined"
-                await holder.ask({"type": "leave"}, "left")
-                codes = [(await holder.ask(wrong))["code"] for _ in range(21)]
-                assert codes == ["episode/unknown"] * 20 + ["rate/codes"]
-
-    run(scenario())
+@virtual
+async def test_guesser_does_not_block_token_bearers(tmp_path: Path) -> None:
+    async with serving(tmp_path, trust_proxy="loopback") as server:
+        room = server.lobby.create(ONE_COOK, owner="")
+        async with opened(server, **FORWARDED) as guesser:
+            await hello(guesser)
+            wrong = {"type": "join", "episode": "AAAAA-AAAAA"}
+            codes = [(await guesser.ask(wrong))["code"] for _ in range(21)]
+            assert codes[-1] == "rate/codes"
+        async with opened(server, **FORWARDED) as holder:
+            await hello(holder, token=mint_token(server, Role.PLAYER))
+            right = {"type": "join", "episode": room.code}
+            assert (await holder.ask(right, "joined"))["type"] == "joined"
+            await holder.ask({"type": "leave"}, "left")
+            codes = [(await holder.ask(wrong))["code"] for _ in range(21)]
+            assert codes == ["episode/unknown"] * 20 + ["rate/codes"]
 
 
-def test_codes_cannot_be_guessed_by_trying(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path, trust_proxy="loopback") as server:
-            room = server.lobby.create(ONE_COOK, owner="")
-            codes = []
-            for _ in range(3):
-                async with opened(server, **FORWARDED) as connection:
-                    await hello(connection)
-                    for number in range(10):
-                        join = {"type": "join", "episode": f"AAAAAAAA{'ABCDEFGHJK'[number]}A"}
-                        codes.append((await connection.ask(join))["code"])
-            assert codes == ["episode/unknown"] * 20 + ["rate/codes"] * 10
+@virtual
+async def test_wrong_codes_are_limited(tmp_path: Path) -> None:
+    async with serving(tmp_path, trust_proxy="loopback") as server:
+        room = server.lobby.create(ONE_COOK, owner="")
+        codes = []
+        for _ in range(3):
             async with opened(server, **FORWARDED) as connection:
                 await hello(connection)
-                right = {"type": "join", "episode": room.code}
-                assert (await connection.ask(right))["code"] == "rate/codes"
-                await asyncio.sleep(60)
-                assert (await connection.ask(right, "joined"))["type"] == "joined"
+                for number in range(10):
+                    join = {"type": "join", "episode": f"AAAAAAAA{'ABCDEFGHJK'[number]}A"}
+                    codes.append((await connection.ask(join))["code"])
+        assert codes == ["episode/unknown"] * 20 + ["rate/codes"] * 10
+        async with opened(server, **FORWARDED) as connection:
+            await hello(connection)
+            right = {"type": "join", "episode": room.code}
+            assert (await connection.ask(right))["code"] == "rate/codes"
+            await asyncio.sleep(60)
+            assert (await connection.ask(right, "joined"))["type"] == "joined"
 
-    run(scenario())
 
-
-def test_metrics_are_for_this_machine(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path) as server:
-            assert "robotouille_connections" in (await fetch(server, "/metrics"))
-            assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 203.0.113.9"))
-            assert "403" in (await fetch(server, "/metrics", "Host: server:8765"))
-        async with serving(tmp_path, metrics_from="loopback") as server:
-            assert " 200 " in (await fetch(server, "/metrics", "Host: server:8765"))
-            assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 127.0.0.1"))
-
-    run(scenario())
+@virtual
+async def test_metrics_are_for_this_machine_only(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        assert "robotouille_connections" in (await fetch(server, "/metrics"))
+        assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 203.0.113.9"))
+        assert "403" in (await fetch(server, "/metrics", "Host: server:8765"))
+    async with serving(tmp_path, metrics_from="loopback") as server:
+        assert " 200 " in (await fetch(server, "/metrics", "Host: server:8765"))
+        assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 127.0.0.1"))
 
 
 async def fetch(server: Server, path: str, *headers: str) -> str:
@@ -351,24 +277,3 @@ async def fetch(server: Server, path: str, *headers: str) -> str:
     answer = await reader.read()
     writer.close()
     return answer.decode()
-
-
-def test_a_server_with_a_certificate_speaks_tls(tmp_path: Path) -> None:
-    authority = trustme.CA()
-    issued = authority.issue_cert("127.0.0.1")
-    cert, key = tmp_path / "chain.pem", tmp_path / "key.pem"
-    cert.write_bytes(b"".join(blob.bytes() for blob in issued.cert_chain_pems))
-    key.write_bytes(issued.private_key_pem.bytes())
-    key.chmod(0o600)
-    context = ssl.create_default_context()
-    authority.configure_trust(context)
-
-    async def scenario() -> None:
-        async with serving(tmp_path / "r", tls_cert=cert, tls_key=key) as server:
-            assert server.url.startswith("wss://")
-            async with connect(server.url, ssl=context, proxy=None) as socket:
-                assert (await hello(Raw(socket, text=True)))["type"] == "welcome"
-            with pytest.raises(ssl.SSLCertVerificationError):
-                await connect(server.url, proxy=None)
-
-    run(scenario())

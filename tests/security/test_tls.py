@@ -1,4 +1,4 @@
-"""TLS: real handshakes with a certificate that changes while the server runs."""
+"""TLS with a certificate that changes while the server runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,18 @@ from websockets.asyncio.server import ServerConnection, serve
 from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.cli import _greeting, first_room
-from robotouille_server.transport.certificate import certificate_names
-from robotouille_server.transport.tls import POLL_SECONDS, ServerTLS, TLSFileError
+from robotouille_server.transport.tls import (
+    POLL_SECONDS,
+    ServerTLS,
+    TLSFileError,
+    certificate_names,
+)
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import run, virtual
 
 
 class Pair:
-    """A certificate chain and its key on disk, and the authority that clients trust."""
+    """Certificate chain and key on disk, with the authority that clients trust."""
 
     def __init__(self, folder: Path) -> None:
         self.cert = folder / "chain.pem"
@@ -48,7 +52,7 @@ class Pair:
 
 
 def replace(path: Path, content: bytes) -> None:
-    """As renewing programs do: another file takes the name."""
+    """Replace a file as renewal programs do: by a new file with its name."""
     new = path.with_suffix(".new")
     new.write_bytes(content)
     new.chmod(0o600)
@@ -83,82 +87,64 @@ async def serial_now(url: str, pair: Pair) -> str:
         return serial(connection)
 
 
-def test_a_renewed_certificate_is_served_and_open_connections_live_on(pair: Pair) -> None:
-    async def scenario() -> None:
-        async with secure_server(ServerTLS(pair.cert, pair.key), 10.0) as url:
-            async with connect(url, ssl=pair.client(), ping_interval=None) as old:
-                pair.renew()
-                assert await serial_now(url, pair) == serial(old)
-                await asyncio.sleep(11)
-                assert await serial_now(url, pair) != serial(old)
-                await old.send("still here")
-                assert await old.recv() == "still here"
-
-    run(scenario())
-
-
-def test_a_server_that_runs_takes_the_renewed_certificate(pair: Pair, tmp_path: Path) -> None:
-    async def scenario() -> None:
-        async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
-            async with connect(server.url, ssl=pair.client(), proxy=None) as old:
-                assert await serial_now(server.url, pair) == serial(old)
-                pair.renew()
-                await asyncio.sleep(POLL_SECONDS + 1)
-                assert await serial_now(server.url, pair) != serial(old)
-
-    run(scenario())
-
-
-def test_a_half_renewed_certificate_is_not_served(pair: Pair) -> None:
-    """The key comes first and the certificate later: in between the old pair is whole."""
-
-    async def scenario() -> None:
-        tls = ServerTLS(pair.cert, pair.key)
-        async with secure_server(tls) as url:
-            before = await serial_now(url, pair)
-            old_cert = pair.cert.read_bytes()
+@virtual
+async def test_renewed_certificate_is_served_and_connections_survive(pair: Pair) -> None:
+    async with secure_server(ServerTLS(pair.cert, pair.key), 10.0) as url:
+        async with connect(url, ssl=pair.client(), ping_interval=None) as old:
             pair.renew()
-            new_cert = pair.cert.read_bytes()
-            replace(pair.cert, old_cert)
+            assert await serial_now(url, pair) == serial(old)
             await asyncio.sleep(11)
-            assert await serial_now(url, pair) == before
-            replace(pair.cert, new_cert)
-            await asyncio.sleep(11)
-            assert await serial_now(url, pair) != before
+            assert await serial_now(url, pair) != serial(old)
+            await old.send("still here")
+            assert await old.recv() == "still here"
 
-    run(scenario())
+
+@virtual
+async def test_running_server_uses_the_renewed_certificate(pair: Pair, tmp_path: Path) -> None:
+    async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
+        async with connect(server.url, ssl=pair.client(), proxy=None) as old:
+            assert await serial_now(server.url, pair) == serial(old)
+            pair.renew()
+            await asyncio.sleep(POLL_SECONDS + 1)
+            assert await serial_now(server.url, pair) != serial(old)
+
+
+@virtual
+async def test_half_renewed_certificate_is_not_served(pair: Pair) -> None:
+    tls = ServerTLS(pair.cert, pair.key)
+    async with secure_server(tls) as url:
+        before = await serial_now(url, pair)
+        old_cert = pair.cert.read_bytes()
+        pair.renew()
+        new_cert = pair.cert.read_bytes()
+        replace(pair.cert, old_cert)
+        await asyncio.sleep(11)
+        assert await serial_now(url, pair) == before
+        replace(pair.cert, new_cert)
+        await asyncio.sleep(11)
+        assert await serial_now(url, pair) != before
 
 
 @pytest.mark.parametrize("fault", ["garbage", "empty", "gone", "another's key"])
-def test_a_broken_renewal_leaves_the_old_certificate(pair: Pair, fault: str) -> None:
-    async def scenario() -> None:
-        tls = ServerTLS(pair.cert, pair.key)
-        async with secure_server(tls) as url:
-            before = await serial_now(url, pair)
-            if fault == "gone":
-                pair.cert.unlink()
-            elif fault == "another's key":
-                pair.renew(cert=False)
-            else:
-                replace(pair.cert, {"garbage": b"\0\1\2", "empty": b""}[fault])
-            assert not tls.reload()
-            assert await serial_now(url, pair) == before
-            pair.renew()
-            assert tls.reload()
-            assert await serial_now(url, pair) != before
-
-    run(scenario())
-
-
-def test_nothing_is_reloaded_while_nothing_changes(pair: Pair) -> None:
+@virtual
+async def test_invalid_renewal_keeps_the_old_certificate(pair: Pair, fault: str) -> None:
     tls = ServerTLS(pair.cert, pair.key)
-    assert not tls.reload()
-    pair.renew()
-    assert tls.reload()
-    assert not tls.reload()
+    async with secure_server(tls) as url:
+        before = await serial_now(url, pair)
+        if fault == "gone":
+            pair.cert.unlink()
+        elif fault == "another's key":
+            pair.renew(cert=False)
+        else:
+            replace(pair.cert, {"garbage": b"\0\1\2", "empty": b""}[fault])
+        assert not tls.reload()
+        assert await serial_now(url, pair) == before
+        pair.renew()
+        assert tls.reload()
+        assert await serial_now(url, pair) != before
 
 
-def test_old_versions_of_tls_are_refused(pair: Pair) -> None:
+def test_old_tls_versions_are_refused(pair: Pair) -> None:
     async def scenario() -> None:
         tls = ServerTLS(pair.cert, pair.key)
         assert tls.context.minimum_version is ssl.TLSVersion.TLSv1_2
@@ -178,30 +164,26 @@ def test_old_versions_of_tls_are_refused(pair: Pair) -> None:
         run(scenario())
 
 
-def test_clients_without_tls_are_not_served(pair: Pair) -> None:
-    async def scenario() -> None:
-        async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
-            with pytest.raises(Exception, match=r"HTTP|handshake|message|reset"):
-                await connect(url.replace("wss", "ws"))
-            assert await serial_now(url, pair)
-
-    run(scenario())
+@virtual
+async def test_clients_without_tls_are_refused(pair: Pair) -> None:
+    async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
+        with pytest.raises(Exception, match=r"HTTP|handshake|message|reset"):
+            await connect(url.replace("wss", "ws"))
+        assert await serial_now(url, pair)
 
 
-def test_the_client_library_says_what_is_wrong_with_tls(pair: Pair) -> None:
-    async def scenario() -> None:
-        async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
-            with pytest.raises(ConnectionFailedError, match=r"not trusted here .*SSL_CERT_FILE"):
-                await Client(url, name="ada").__aenter__()
-        async with serve(echo, "127.0.0.1", 0) as plain:
-            port = next(iter(plain.sockets)).getsockname()[1]
-            with pytest.raises(ConnectionFailedError, match="Does the server speak TLS"):
-                await Client(f"wss://127.0.0.1:{port}", name="ada").__aenter__()
-
-    run(scenario())
+@virtual
+async def test_client_library_explains_tls_errors(pair: Pair) -> None:
+    async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
+        with pytest.raises(ConnectionFailedError, match=r"not trusted here .*SSL_CERT_FILE"):
+            await Client(url, name="ada").__aenter__()
+    async with serve(echo, "127.0.0.1", 0) as plain:
+        port = next(iter(plain.sockets)).getsockname()[1]
+        with pytest.raises(ConnectionFailedError, match="does not use TLS"):
+            await Client(f"wss://127.0.0.1:{port}", name="ada").__aenter__()
 
 
-def test_missing_files_are_named(pair: Pair, tmp_path: Path) -> None:
+def test_missing_files_are_reported(pair: Pair, tmp_path: Path) -> None:
     gone = tmp_path / "gone.pem"
     with pytest.raises(TLSFileError, match=r"--tls-cert .*gone\.pem: No such file"):
         ServerTLS(gone, pair.key)
@@ -211,7 +193,7 @@ def test_missing_files_are_named(pair: Pair, tmp_path: Path) -> None:
         ServerTLS(tmp_path, pair.key)
 
 
-def test_both_settings_are_needed(pair: Pair) -> None:
+def test_both_settings_are_required(pair: Pair) -> None:
     assert ServerTLS.from_settings(pair.cert, pair.key).context
     with pytest.raises(TLSFileError, match="--tls-cert is given without --tls-key"):
         ServerTLS.from_settings(pair.cert, None)
@@ -219,10 +201,10 @@ def test_both_settings_are_needed(pair: Pair) -> None:
         ServerTLS.from_settings(None, pair.key)
 
 
-def test_files_that_do_not_fit_are_named(pair: Pair, tmp_path: Path) -> None:
-    with pytest.raises(TLSFileError, match=r"--tls-cert .*key\.pem: there is no certificate"):
+def test_swapped_files_are_reported(pair: Pair, tmp_path: Path) -> None:
+    with pytest.raises(TLSFileError, match=r"--tls-cert .*key\.pem: the file has no certificate"):
         ServerTLS(pair.key, pair.cert)
-    with pytest.raises(TLSFileError, match=r"--tls-key .*chain\.pem: there is no private key"):
+    with pytest.raises(TLSFileError, match=r"--tls-key .*chain\.pem: the file has no private key"):
         ServerTLS(pair.cert, pair.cert)
     pair.renew(cert=False)
     with pytest.raises(TLSFileError, match=r"the key .*key\.pem does not belong to .*chain\.pem"):
@@ -233,7 +215,7 @@ def test_files_that_do_not_fit_are_named(pair: Pair, tmp_path: Path) -> None:
         ServerTLS(pair.cert, pair.key)
 
 
-def test_a_key_with_a_passphrase_is_refused_and_not_asked_for(pair: Pair) -> None:
+def test_key_with_a_passphrase_is_refused(pair: Pair) -> None:
     key = serialization.load_pem_private_key(pair.key.read_bytes(), None)
     locked = key.private_bytes(
         serialization.Encoding.PEM,
@@ -247,7 +229,7 @@ def test_a_key_with_a_passphrase_is_refused_and_not_asked_for(pair: Pair) -> Non
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file modes")
 @pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="root reads everything")
-def test_an_unreadable_key_is_named(pair: Pair) -> None:
+def test_unreadable_key_is_reported(pair: Pair) -> None:
     pair.key.chmod(0)
     with pytest.raises(TLSFileError, match=r"--tls-key .*key\.pem: Permission denied"):
         ServerTLS(pair.cert, pair.key)
@@ -274,18 +256,18 @@ def issued(folder: Path, *names: str, common_name: str | None = None) -> ServerT
         ([], ""),
     ],
 )
-def test_a_certificates_name(tmp_path: Path, names: list[str], name: str) -> None:
+def test_name_of_a_certificate(tmp_path: Path, names: list[str], name: str) -> None:
     assert issued(tmp_path, *names, common_name="some one").name == name
 
 
-def test_another_certificate_has_another_name(tmp_path: Path) -> None:
+def test_renewed_certificate_changes_the_name(tmp_path: Path) -> None:
     tls = issued(tmp_path, "old.example.org")
     issued(tmp_path, "new.example.org")
     assert tls.reload()
     assert tls.name == "new.example.org"
 
 
-def test_a_certificate_that_cannot_be_read_has_no_name(pair: Pair) -> None:
+def test_unreadable_certificate_has_no_name(pair: Pair) -> None:
     whole = certificate_names(pair.cert.read_bytes())
     assert whole == ([], ["127.0.0.1"])
     end = "-----END CERTIFICATE-----"
@@ -295,7 +277,7 @@ def test_a_certificate_that_cannot_be_read_has_no_name(pair: Pair) -> None:
     assert certificate_names(b"nothing") == ([], [])
 
 
-async def test_people_are_told_the_certificates_name(tmp_path: Path) -> None:
+async def test_public_url_has_the_certificates_name(tmp_path: Path) -> None:
     issued(tmp_path, "kitchen.example.org")
     files = {"tls_cert": tmp_path / "chain.pem", "tls_key": tmp_path / "key.pem"}
     async with serving(tmp_path, host="0.0.0.0", **files) as server:

@@ -1,4 +1,4 @@
-"""`robotouille-token`, as an operator uses it."""
+"""Command `robotouille-token`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def granted(keys: Path, token: str, now: float = NOW) -> RoleGrant:
     return Tokens(FileKeyring(keys), lambda: now).check_role(token)
 
 
-def test_a_minted_token_is_one_line_that_the_server_takes(keys: Path) -> None:
+def test_minted_token_is_accepted(keys: Path) -> None:
     options = [
         "--subject",
         "p-017",
@@ -59,7 +59,7 @@ def test_a_minted_token_is_one_line_that_the_server_takes(keys: Path) -> None:
     ("words", "seconds"),
     [([], 86400), (["--days", "7"], 7 * 86400), (["--days", "1", "--hours", "12"], 36 * 3600)],
 )
-def test_tokens_last_as_long_as_is_said(keys: Path, words: list[str], seconds: int) -> None:
+def test_validity_of_tokens(keys: Path, words: list[str], seconds: int) -> None:
     done = command("mint", "host", *words, "--keys", str(keys), "--json")
     answer = json.loads(done.stdout)
     assert Tokens(FileKeyring(keys), lambda: NOW).check_role(answer["token"]).expires == (
@@ -68,7 +68,7 @@ def test_tokens_last_as_long_as_is_said(keys: Path, words: list[str], seconds: i
     assert answer["role"] == "host"
 
 
-def test_show_says_what_a_token_grants(keys: Path) -> None:
+def test_show_prints_the_grant(keys: Path) -> None:
     token = command("mint", "host", "--subject", "ada", "--keys", str(keys)).stdout.strip()
     shown = command("show", token, "--keys", str(keys))
     token_id = granted(keys, token).token_id
@@ -79,7 +79,7 @@ def test_show_says_what_a_token_grants(keys: Path) -> None:
     assert (answer["subject"], answer["expires"]) == ("ada", "2027-01-16T08:00:00Z")
 
 
-def test_show_says_why_the_server_would_refuse_it(keys: Path, tmp_path: Path) -> None:
+def test_show_explains_refusals(keys: Path, tmp_path: Path) -> None:
     token = command("mint", "host", "--keys", str(keys)).stdout.strip()
     late = command("show", token, "--keys", str(keys), now=NOW + 86400)
     assert (late.exit_code, late.stdout) == (1, "")
@@ -90,8 +90,8 @@ def test_show_says_why_the_server_would_refuse_it(keys: Path, tmp_path: Path) ->
     assert "auth/invalid" in foreign.stderr
 
 
-def test_tokens_without_a_subject_are_told_apart(keys: Path) -> None:
-    """Limits and bans go by the subject: two people must not share one by chance."""
+def test_tokens_without_a_subject_get_different_ones(keys: Path) -> None:
+    """Limits and bans apply per subject."""
     tokens = [command("mint", "player", "--keys", str(keys)).stdout.strip() for _ in range(2)]
     one, other = (granted(keys, token) for token in tokens)
     assert one.subject.startswith("p-")
@@ -99,13 +99,13 @@ def test_tokens_without_a_subject_are_told_apart(keys: Path) -> None:
     assert one.token_id != other.token_id
 
 
-def test_a_revoked_token_is_shown_as_such(keys: Path) -> None:
+def test_show_reports_revocation(keys: Path) -> None:
     token = command("mint", "host", "--keys", str(keys)).stdout.strip()
     other = command("mint", "host", "--keys", str(keys)).stdout.strip()
     done = command("revoke", "-", "--keys", str(keys), text=token)
     token_id = granted(keys, token).token_id
     revoked = keys.with_name("revoked.json")
-    assert done.stdout == f"{revoked}: the token {token_id} is refused from now on\n"
+    assert done.stdout == f"{revoked}: the token {token_id} is revoked\n"
     shown = command("show", token, "--keys", str(keys))
     assert (shown.exit_code, shown.stdout.endswith(": revoked.\n")) == (1, True)
     assert json.loads(command("show", token, "--keys", str(keys), "--json").stdout)["revoked"]
@@ -115,21 +115,21 @@ def test_a_revoked_token_is_shown_as_such(keys: Path) -> None:
     assert command("show", other, "--keys", str(keys)).exit_code == 1
 
 
-def test_only_players_and_spectators_have_tokens_for_one_session(keys: Path) -> None:
+def test_once_is_for_players_and_spectators(keys: Path) -> None:
     done = command("mint", "player", "--once", "--keys", str(keys))
     assert granted(keys, done.stdout.strip()).once
-    assert "good for one session" in done.stderr
+    assert "valid for one session" in done.stderr
     refused = command("mint", "host", "--once", "--keys", str(keys))
     assert (refused.exit_code, refused.stdout) == (1, "")
     assert "--once is for players" in refused.stderr
 
 
-def test_rotation_says_what_signs_what_verifies_and_what_is_over(keys: Path) -> None:
+def test_rotate_reports_new_kept_and_dropped_keys(keys: Path) -> None:
     first = load(keys)[0].kid
     token = command("mint", "host", "--keys", str(keys)).stdout.strip()
     done = command("rotate", "--keys", str(keys), "--keep", "2")
     second = load(keys)[0].kid
-    assert done.stdout == f"{keys}: {second} signs from now on; {first} still verify\n"
+    assert done.stdout == f"{keys}: new tokens are signed with {second}; {first} still valid\n"
     assert granted(keys, token)
     done = command("rotate", "--keys", str(keys), "--keep", "2", "--json")
     third = load(keys)[0].kid
@@ -139,17 +139,19 @@ def test_rotation_says_what_signs_what_verifies_and_what_is_over(keys: Path) -> 
     assert command("show", token, "--keys", str(keys)).exit_code == 1
 
 
-def test_rotation_makes_a_missing_file_and_mint_does_not(tmp_path: Path) -> None:
+def test_rotate_creates_a_missing_file_and_mint_does_not(tmp_path: Path) -> None:
     path = tmp_path / "new.json"
     refused = command("mint", "host", "--keys", str(path))
     assert refused.exit_code == 1
-    assert refused.stderr.startswith(f"robotouille-token: {path}: there is no such file")
+    assert refused.stderr.startswith(f"robotouille-token: {path}: the file does not exist")
     assert not path.exists()
     assert command("rotate", "--keys", str(path)).exit_code == 0
     assert command("mint", "host", "--keys", str(path)).exit_code == 0
 
 
-def test_the_keys_of_the_environment_win(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_of_the_environment_take_precedence(
+    keys: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ROBOTOUILLE_SIGNING_KEYS", f"env:{'A' * 43}")
     token = command("mint", "host", "--keys", str(keys)).stdout.strip()
     assert command("show", token).exit_code == 0
@@ -174,7 +176,7 @@ def test_the_keys_of_the_environment_win(keys: Path, monkeypatch: pytest.MonkeyP
         (["revoke", ""], 1),
     ],
 )
-def test_mistakes_are_reported_in_a_line(keys: Path, words: list[str], status: int) -> None:
+def test_errors_are_one_line(keys: Path, words: list[str], status: int) -> None:
     done = command(*words, "--keys", str(keys))
     assert done.exit_code == status
     assert done.stdout == ""

@@ -1,22 +1,30 @@
-"""A server that cannot start, or fails, takes no game with it."""
+"""Server that starts, drains and fails; its settings and logs."""
 
 from __future__ import annotations
 
 import asyncio
+import fcntl
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from structlog.testing import capture_logs
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server import ServerSettings, serve
 from robotouille_server.app import CannotListenError
+from robotouille_server.cli import main
+from robotouille_server.runtime.logs import LINE_SECONDS, LoopErrors
+from tests.support.processes import COMMAND, process
 from tests.support.servers import crash, raw, serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 
 async def left_behind(folder: Path) -> None:
-    """An episode whose server was killed."""
+    """Return the folder of an episode whose server was killed."""
     async with serving(folder) as server, connect(server.url, name="ada") as ada:
         game = await ada.join((await ada.create("synchronous/01")).code)
         await game.act(game.actions[0])
@@ -28,48 +36,165 @@ def still_open(folder: Path) -> bool:
     return file.name.endswith(".rbt.part") and read_recording(file).outcome is None
 
 
-def test_a_port_in_use_ends_no_episode(tmp_path: Path) -> None:
-    async def main() -> None:
-        await left_behind(tmp_path / "a")
-        async with serving(tmp_path / "b") as other:
-            settings = ServerSettings(port=other.port, recordings=tmp_path / "a")
-            with pytest.raises(CannotListenError):
-                async with serve(settings):
-                    pass
-
-    run(main())
+@virtual
+async def test_port_in_use_ends_no_episode(tmp_path: Path) -> None:
+    await left_behind(tmp_path / "a")
+    async with serving(tmp_path / "b") as other:
+        settings = ServerSettings(port=other.port, recordings=tmp_path / "a")
+        with pytest.raises(CannotListenError):
+            async with serve(settings):
+                pass
     assert still_open(tmp_path / "a")
 
 
-def test_nor_does_a_failure(tmp_path: Path) -> None:
-    async def main() -> None:
-        await left_behind(tmp_path)
-        with pytest.raises(ZeroDivisionError):
-            async with serving(tmp_path, seed=2) as server:
-                assert len(server.lobby.rooms) == 1
-                raise ZeroDivisionError
-
-    run(main())
+@virtual
+async def test_failure_ends_no_episode(tmp_path: Path) -> None:
+    await left_behind(tmp_path)
+    with pytest.raises(ZeroDivisionError):
+        async with serving(tmp_path, seed=2) as server:
+            assert len(server.lobby.rooms) == 1
+            raise ZeroDivisionError
     assert still_open(tmp_path)
 
 
-def test_a_message_in_the_last_moment_is_not_answered_from_an_empty_lobby(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server, raw(server, hello=False) as late:
-            async with raw(server) as ada:
-                created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
-                joined = await ada.ask({"type": "join", "episode": created["code"]}, "joined")
-            hello = {"type": "hello", "protocol": 1, "name": "ada", "resume": joined["resume"]}
-            await late.send(hello)
-            stopping = asyncio.create_task(server.stop("restart", hand_over=True))
-            answer = await late.receive()
-            await stopping
-            if answer["type"] == "welcome":
-                answer = await late.expect("bye")
-            assert (answer["type"], answer["code"], answer["retry"]) == (
-                "bye",
-                "server/restart",
-                True,
-            )
+@virtual
+async def test_message_during_shutdown_is_answered_by_the_shutdown_notice(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, raw(server, hello=False) as late:
+        async with raw(server) as ada:
+            created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+            joined = await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+        hello = {"type": "hello", "protocol": 1, "name": "ada", "resume": joined["resume"]}
+        await late.send(hello)
+        stopping = asyncio.create_task(server.stop("restart", hand_over=True))
+        answer = await late.receive()
+        await stopping
+        if answer["type"] == "welcome":
+            answer = await late.expect("bye")
+        assert (answer["type"], answer["code"], answer["retry"]) == (
+            "bye",
+            "server/restart",
+            True,
+        )
 
-    run(main())
+
+@virtual
+async def test_draining_server_takes_over_no_recordings(tmp_path: Path) -> None:
+    foreign = tmp_path / "20260101T000000Z_x_00000000000000aa.rbt.part"
+    foreign.write_bytes(b"RBTL\x01")
+    with foreign.open("ab") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        async with serving(tmp_path) as old, raw(old) as ada:
+            created = await ada.ask({"type": "create", "task": "multi_agent/02"}, "created")
+            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+            assert created["episode"] in old.lobby.rooms
+            draining = asyncio.create_task(old.drain(20))
+            await asyncio.sleep(3)
+            assert not old.lobby.rooms
+            async with serving(tmp_path, seed=2) as new:
+                assert list(new.lobby.rooms) == [created["episode"]]
+            await draining
+
+
+@pytest.mark.process
+def test_settings_come_from_flag_then_environment_then_file(tmp_path: Path) -> None:
+    config = tmp_path / "server.toml"
+    config.write_text(
+        'max_steps = 11\nstep_rate = 7.0\nmode = "realtime"\ntask = "synchronous/02"\n'
+    )
+
+    async def rules(url: str, code: str) -> dict[str, object]:
+        async with connect(url, name="ada") as client:
+            game = await client.join(code, role="spectator")
+            return {**game.clock, "task": game.world.task.name}
+
+    flags = ("--config", str(config), "--max-steps", "33")
+    with process(tmp_path, *flags, ROBOTOUILLE_MAX_STEPS="22", ROBOTOUILLE_STEP_RATE="9") as (
+        _,
+        url,
+        code,
+    ):
+        found = asyncio.run(rules(url, code))
+    assert found["max_steps"] == 33
+    assert found["step_rate"] == 9.0
+    assert found["clock"] == "realtime"
+    assert str(found["task"]).startswith("synchronous/02")
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--mode", "sundial"], "--mode: Input should be 'turn', 'lockstep' or 'realtime'"),
+        (["--port", "70000"], "--port: Input should be less than or equal to 65535"),
+        (["--config", "no-such.toml"], "no-such.toml"),
+        (["--frobnicate"], "No such option"),
+    ],
+)
+def test_invalid_flag_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    flags: list[str],
+    words: str,
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["robotouille-server", *flags])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    errors = capsys.readouterr().err
+    assert words in re.sub(r"\s+", " ", errors.replace("│", " "))
+    assert "Traceback" not in errors
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--task", "synchronus/01"], "no task or file 'synchronus/01'"),
+        (["--task", "synchronous/01", "--seats", "3"], "possible: 1"),
+    ],
+)
+def test_unknown_task_is_reported(tmp_path: Path, flags: list[str], words: str) -> None:
+    arguments = [*COMMAND, "--recordings", str(tmp_path), "--port", "0", *flags]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0
+    assert words in re.sub(r"\s+", " ", done.stderr.replace("│", " "))
+    assert "Traceback" not in done.stderr
+
+
+def test_invalid_setting_is_reported_as_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "server.toml"
+    config.write_text('prot = 8000\ngrace = "long"\nmax_steps = 7\n')
+    monkeypatch.setenv("ROBOTOUILLE_PORT", "eight")
+    flags = ["--recordings", str(tmp_path), "--config", str(config), "--step-rate", "-1"]
+    monkeypatch.setattr(sys, "argv", ["robotouille-server", *flags])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert f"{config}: unknown setting 'prot'; did you mean 'port'?" in lines
+    assert any(line.startswith(f"{config}: grace: Input should be a valid") for line in lines)
+    assert any(line.startswith("ROBOTOUILLE_PORT: Input should be a valid") for line in lines)
+    assert any(line.startswith("--step-rate: Input should be greater than") for line in lines)
+    assert len(lines) == 4
+
+
+class Counts:
+    log_suppressed = 0
+
+
+def test_equal_errors_are_logged_rarely() -> None:
+    now, counts = 0.0, Counts()
+    errors = LoopErrors(lambda: now, counts)
+    loop = asyncio.new_event_loop()
+    context = {"message": "socket.accept() out of system resource", "exception": OSError(24, "x")}
+    with capture_logs() as lines:
+        for _ in range(1000):
+            errors.handle(loop, context)
+        errors.handle(loop, {"message": "another", "exception": ValueError("y")})
+        assert [line["message"] for line in lines] == [context["message"], "another"]
+        assert counts.log_suppressed == 999
+        now += LINE_SECONDS
+        errors.handle(loop, context)
+    assert lines[-1]["repeated"] == 999
+    loop.close()

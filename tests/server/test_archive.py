@@ -1,4 +1,4 @@
-"""Whoever comes back to a game that has ended sees its end, and no other game waits for that."""
+"""Archive: participants who come back after the end see it, and no other episode is delayed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ import pytest
 from robotouille.replay.recording import Recording
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
-from robotouille_server.rooms.recordings import archive
-from robotouille_server.rooms.recordings.archive import FRAMES_A_TURN, LIST_SECONDS, MAX_SOUGHT
-from robotouille_server.rooms.recordings.storage import Folder
+from robotouille_server.auth.tokens import ResumeGrant
+from robotouille_server.rooms import archive
+from robotouille_server.rooms.archive import FRAMES_A_TURN, LIST_SECONDS, MAX_SOUGHT
+from robotouille_server.rooms.storage import Folder
 from tests.support.servers import crash, raw, serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 HELLO = {"type": "hello", "protocol": 1, "name": "bob"}
 
 
 class CountingFolder(Folder):
-    """Counts who looks for what, and notices who does so on the event loop."""
+    """Folder that records its reads, and whether they happen on the event loop."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -41,30 +42,26 @@ class CountingFolder(Folder):
 
 
 def token_for(server: Server, episode: str) -> str:
-    """That of a session of an episode which nobody here knows."""
-    return server.tokens.mint_resume(
+    """Return a resume token for a session in an episode that the server does not know."""
+    grant = ResumeGrant(
         session=f"session of {episode}",
         generation=1,
         name="eve",
         kind="human",
         role=Role.PLAYER,
-        seconds=3600,
         episode=episode,
         seat="robot1",
-        only_episode="",
-        only_seat="",
-        view="state",
-        role_expires=0.0,
-        token_id="",
-        participant="",
     )
+    return server.tokens.mint_resume(grant, 3600)
 
 
 @asynccontextmanager
 async def after_the_end(
     folder: Path, steps: int = 60, **options: Any
 ) -> AsyncIterator[tuple[Server, str]]:
-    """Another server than that on which a game ended, and the token of who missed the end."""
+    """Run a second server after an episode has ended on a first one; yield a token for the
+    episode.
+    """
     async with serving(folder) as first:
         async with raw(first) as ada:
             request = {"type": "create", "task": "synchronous/01", "max_steps": steps}
@@ -78,109 +75,96 @@ async def after_the_end(
         yield second, joined["resume"]
 
 
-def test_other_games_have_their_turns_meanwhile(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with after_the_end(tmp_path, steps=400) as (server, _):
-            turns = 0
+@virtual
+async def test_other_episodes_run_during_a_search(tmp_path: Path) -> None:
+    async with after_the_end(tmp_path, steps=400) as (server, _):
+        turns = 0
 
-            async def count() -> None:
-                nonlocal turns
-                while True:
-                    turns += 1
-                    await asyncio.sleep(0)
+        async def count() -> None:
+            nonlocal turns
+            while True:
+                turns += 1
+                await asyncio.sleep(0)
 
-            other = asyncio.create_task(count())
-            await server.lobby.show_end(next(iter(server.lobby._recovery.archive._names)))  # type: ignore[union-attr]
-            other.cancel()
-            assert turns > 2 * 400 / FRAMES_A_TURN
-            assert len(server.lobby.rooms) == 1
-
-    run(main())
+        other = asyncio.create_task(count())
+        await server.lobby.show_end(next(iter(server.lobby._recovery.archive._names)))  # type: ignore[union-attr]
+        other.cancel()
+        assert turns > 2 * 400 / FRAMES_A_TURN
+        assert len(server.lobby.rooms) == 1
 
 
-def test_what_is_said_meanwhile_is_answered_after_the_welcome(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with after_the_end(tmp_path) as (server, token):
-            async with raw(server, hello=False) as bob:
-                await bob.send({**HELLO, "resume": token})
-                for ref in (1, 2, 3):
-                    await bob.send({"type": "list", "ref": ref})
-                welcome = await bob.receive()
-                assert (welcome["type"], welcome["resumed"]) == ("welcome", True)
-                heard = [await bob.receive() for _ in range(6)]
-                assert [m["ref"] for m in heard if m["type"] == "episodes"] == [1, 2, 3]
-                (snapshot,) = [m for m in heard if m["type"] == "snapshot"]
-                assert (snapshot["step"], snapshot["outcome"]["reason"]) == (60, "step_limit")
-
-    run(main())
+@virtual
+async def test_messages_during_a_search_are_answered_after_welcome(tmp_path: Path) -> None:
+    async with after_the_end(tmp_path) as (server, token):
+        async with raw(server, hello=False) as bob:
+            await bob.send({**HELLO, "resume": token})
+            for ref in (1, 2, 3):
+                await bob.send({"type": "list", "ref": ref})
+            welcome = await bob.receive()
+            assert (welcome["type"], welcome["resumed"]) == ("welcome", True)
+            heard = [await bob.receive() for _ in range(6)]
+            assert [m["ref"] for m in heard if m["type"] == "episodes"] == [1, 2, 3]
+            (snapshot,) = [m for m in heard if m["type"] == "snapshot"]
+            assert (snapshot["step"], snapshot["outcome"]["reason"]) == (60, "step_limit")
 
 
 @pytest.mark.parametrize(("limit", "value"), [("MAX_STEPS", 59), ("MAX_BYTES", 10_000)])
-def test_of_one_that_was_too_long_it_is_said_that_it_is_over(
+@virtual
+async def test_too_long_recording_is_refused_with_the_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, value: int
 ) -> None:
     monkeypatch.setattr(archive, limit, value)
-
-    async def main() -> None:
-        async with after_the_end(tmp_path) as (server, token):
-            async with raw(server, hello=False) as bob:
-                refused = await bob.ask({**HELLO, "resume": token}, "welcome")
-                assert refused["code"] == "auth/expired"
-                assert "the episode is over" in refused["message"]
-                anew = await bob.ask(HELLO, "welcome")
-                assert anew["type"] == "welcome", anew
-            assert not server.lobby.rooms
-
-    run(main())
+    async with after_the_end(tmp_path) as (server, token):
+        async with raw(server, hello=False) as bob:
+            refused = await bob.ask({**HELLO, "resume": token}, "welcome")
+            assert refused["code"] == "auth/expired"
+            assert "the episode has ended" in refused["message"]
+            again = await bob.ask(HELLO, "welcome")
+            assert again["type"] == "welcome", again
+        assert not server.lobby.rooms
 
 
-def test_one_that_goes_away_meanwhile_disturbs_nobody(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with after_the_end(tmp_path, steps=300) as (server, token):
-            async with raw(server, hello=False) as bob:
-                await bob.send({**HELLO, "resume": token})
-                while not server.lobby._recovery.archive._sought:  # type: ignore[union-attr]
-                    await asyncio.sleep(0)
-                bob.socket.transport.abort()
-            async with raw(server, hello=False) as again:
-                welcome = await again.ask({**HELLO, "resume": token}, "welcome")
-                assert welcome["resumed"] is True
-            assert len(server.lobby.rooms) == 1
-
-    run(main())
+@virtual
+async def test_client_that_disconnects_during_a_search_is_harmless(tmp_path: Path) -> None:
+    async with after_the_end(tmp_path, steps=100) as (server, token):
+        async with raw(server, hello=False) as bob:
+            await bob.send({**HELLO, "resume": token})
+            while not server.lobby._recovery.archive._sought:  # type: ignore[union-attr]
+                await asyncio.sleep(0)
+            bob.socket.transport.abort()
+        async with raw(server, hello=False) as again:
+            welcome = await again.ask({**HELLO, "resume": token}, "welcome")
+            assert welcome["resumed"] is True
+        assert len(server.lobby.rooms) == 1
 
 
-def test_a_server_that_stops_meanwhile_stops(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with after_the_end(tmp_path, steps=300) as (server, token):
-            async with raw(server, hello=False) as bob:
-                await bob.send({**HELLO, "resume": token})
-                while not server.lobby._recovery.archive._sought:  # type: ignore[union-attr]
-                    await asyncio.sleep(0)
-                await server.stop()
-            tasks = asyncio.all_tasks() - {asyncio.current_task()}
-            assert not [task for task in tasks if "greet_later" in repr(task)]
-
-    run(main())
+@virtual
+async def test_server_can_stop_during_a_search(tmp_path: Path) -> None:
+    async with after_the_end(tmp_path, steps=100) as (server, token):
+        async with raw(server, hello=False) as bob:
+            await bob.send({**HELLO, "resume": token})
+            while not server.lobby._recovery.archive._sought:  # type: ignore[union-attr]
+                await asyncio.sleep(0)
+            await server.stop()
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        assert not [task for task in tasks if "_handle_hello_later" in repr(task)]
 
 
-def test_a_copy_of_a_closed_recording_is_nobodys_end(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with after_the_end(tmp_path) as (server, token):
-            (whole,) = tmp_path.glob("*.rbt")
-            (tmp_path / f"a_copy_{whole.name}").write_bytes(whole.read_bytes())
-            whole.unlink()
-            async with raw(server, hello=False) as bob:
-                refused = await bob.ask({**HELLO, "resume": token}, "welcome")
-                assert refused["code"] == "auth/expired"
-
-    run(main())
+@virtual
+async def test_copy_of_a_recording_is_ignored(tmp_path: Path) -> None:
+    async with after_the_end(tmp_path) as (server, token):
+        (whole,) = tmp_path.glob("*.rbt")
+        (tmp_path / f"a_copy_{whole.name}").write_bytes(whole.read_bytes())
+        whole.unlink()
+        async with raw(server, hello=False) as bob:
+            refused = await bob.ask({**HELLO, "resume": token}, "welcome")
+            assert refused["code"] == "auth/expired"
 
 
-def test_who_has_said_hello_is_not_silent_however_long_it_takes(
+@virtual
+async def test_long_search_does_not_count_as_silence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It was thrown out after twice the time for a `hello`."""
     show = archive.Archive._show
 
     async def slowly(self: archive.Archive, episode: str) -> None:
@@ -188,107 +172,94 @@ def test_who_has_said_hello_is_not_silent_however_long_it_takes(
         await show(self, episode)
 
     monkeypatch.setattr(archive.Archive, "_show", slowly)
-
-    async def main() -> None:
-        async with after_the_end(tmp_path) as (server, token):
-            async with raw(server, hello=False) as bob:
-                answer = await bob.ask({**HELLO, "resume": token}, "welcome", "bye")
-                assert (answer["type"], answer["resumed"]) == ("welcome", True)
-            async with raw(server, hello=False) as bob:
-                await bob.send({**HELLO, "resume": token})
-                await asyncio.sleep(12)
-            await asyncio.sleep(1)
-            waiting = [t for t in asyncio.all_tasks() if "_handle_hello_later" in str(t.get_coro())]
-            assert not waiting, "who has gone is still being looked for"
-
-    run(main())
+    async with after_the_end(tmp_path) as (server, token):
+        async with raw(server, hello=False) as bob:
+            answer = await bob.ask({**HELLO, "resume": token}, "welcome", "bye")
+            assert (answer["type"], answer["resumed"]) == ("welcome", True)
+        async with raw(server, hello=False) as bob:
+            await bob.send({**HELLO, "resume": token})
+            await asyncio.sleep(12)
+        await asyncio.sleep(1)
+        waiting = [t for t in asyncio.all_tasks() if "_handle_hello_later" in str(t.get_coro())]
+        assert not waiting, "who has gone is still being looked for"
 
 
-def test_for_those_who_ask_the_folder_is_listed_now_and_then_and_beside_the_games(
+@virtual
+async def test_folder_is_listed_rarely_and_in_a_thread(
     tmp_path: Path,
 ) -> None:
-    """Resume tokens of episodes that nobody knows cost anybody next to nothing to have."""
+    """Anybody can send resume tokens of unknown episodes, so they must be cheap."""
     folder = CountingFolder(tmp_path)
-
-    async def main() -> None:
-        async with serving(tmp_path, storage=folder) as server, raw(server, hello=False) as eve:
-            folder.listed.clear()
-            begin = asyncio.get_running_loop().time()
-            for number in range(6):
-                for _ in range(20):
-                    token = token_for(server, f"{number:016x}")
-                    refused = await eve.ask({**HELLO, "resume": token}, "welcome")
-                    assert refused["code"] == "auth/expired"
-                    await asyncio.sleep(0.05)
-            took = asyncio.get_running_loop().time() - begin
-            assert 1 <= len(folder.listed) <= 1 + took / LIST_SECONDS
-            assert not any(folder.listed), "the games waited for the disk"
-
-    run(main())
+    async with serving(tmp_path, storage=folder) as server, raw(server, hello=False) as eve:
+        folder.listed.clear()
+        begin = asyncio.get_running_loop().time()
+        for number in range(6):
+            for _ in range(20):
+                token = token_for(server, f"{number:016x}")
+                refused = await eve.ask({**HELLO, "resume": token}, "welcome")
+                assert refused["code"] == "auth/expired"
+                await asyncio.sleep(0.05)
+        took = asyncio.get_running_loop().time() - begin
+        assert 1 <= len(folder.listed) <= 1 + took / LIST_SECONDS
+        assert not any(folder.listed), "the games waited for the disk"
 
 
-def test_an_episode_that_another_process_closes_is_found_after_a_look_in_vain(
+@virtual
+async def test_recording_closed_by_another_process_is_found_later(
     tmp_path: Path,
 ) -> None:
-    async def main() -> None:
-        async with after_the_end(tmp_path) as (server, token):
-            (closed,) = tmp_path.glob("*.rbt")
-            hidden = closed.rename(tmp_path / "elsewhere")
-            server.lobby.recover()
-            async with raw(server, hello=False) as eve, raw(server, hello=False) as bob:
-                unknown = token_for(server, "0" * 16)
-                refused = await eve.ask({**HELLO, "resume": unknown}, "welcome")
-                assert refused["code"] == "auth/expired"
-                hidden.rename(closed)
-                welcome = await bob.ask({**HELLO, "resume": token}, "welcome")
-                assert welcome.get("resumed") is True, welcome
-
-    run(main())
+    async with after_the_end(tmp_path) as (server, token):
+        (closed,) = tmp_path.glob("*.rbt")
+        hidden = closed.rename(tmp_path / "elsewhere")
+        server.lobby.recover()
+        async with raw(server, hello=False) as eve, raw(server, hello=False) as bob:
+            unknown = token_for(server, "0" * 16)
+            refused = await eve.ask({**HELLO, "resume": unknown}, "welcome")
+            assert refused["code"] == "auth/expired"
+            hidden.rename(closed)
+            welcome = await bob.ask({**HELLO, "resume": token}, "welcome")
+            assert welcome.get("resumed") is True, welcome
 
 
-def test_no_more_than_so_many_episodes_are_looked_for_at_a_time(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with after_the_end(tmp_path) as (server, token):
-            seeking = server.lobby._recovery.archive  # type: ignore[union-attr]
-            await server.lobby.show_end("the next listing is some seconds away")
-            asked = [
-                asyncio.create_task(server.lobby.show_end(f"{number}"))
-                for number in range(MAX_SOUGHT + 10)
-            ]
-            await asyncio.sleep(0)
-            assert len(seeking._sought) == MAX_SOUGHT
-            async with raw(server, hello=False) as bob:
-                refused = await bob.ask({**HELLO, "resume": token}, "welcome")
-                assert refused["code"] == "auth/expired"
-                assert "too many" in refused["message"]
-                assert (await bob.ask(HELLO, "welcome"))["type"] == "welcome"
-            await asyncio.sleep(2 * LIST_SECONDS)
-            async with raw(server, hello=False) as bob:
-                assert (await bob.ask({**HELLO, "resume": token}, "welcome"))["resumed"]
-            assert len(seeking._missed) <= MAX_SOUGHT
-            refusals = [one for one in await asyncio.gather(*asked, return_exceptions=True) if one]
-            assert len(refusals) == 10
-
-    run(main())
+@virtual
+async def test_number_of_concurrent_searches_is_limited(tmp_path: Path) -> None:
+    async with after_the_end(tmp_path) as (server, token):
+        seeking = server.lobby._recovery.archive  # type: ignore[union-attr]
+        await server.lobby.show_end("the next listing is some seconds away")
+        asked = [
+            asyncio.create_task(server.lobby.show_end(f"{number}"))
+            for number in range(MAX_SOUGHT + 10)
+        ]
+        await asyncio.sleep(0)
+        assert len(seeking._sought) == MAX_SOUGHT
+        async with raw(server, hello=False) as bob:
+            refused = await bob.ask({**HELLO, "resume": token}, "welcome")
+            assert refused["code"] == "auth/expired"
+            assert "too many" in refused["message"]
+            assert (await bob.ask(HELLO, "welcome"))["type"] == "welcome"
+        await asyncio.sleep(2 * LIST_SECONDS)
+        async with raw(server, hello=False) as bob:
+            assert (await bob.ask({**HELLO, "resume": token}, "welcome"))["resumed"]
+        assert len(seeking._missed) <= MAX_SOUGHT
+        refusals = [one for one in await asyncio.gather(*asked, return_exceptions=True) if one]
+        assert len(refusals) == 10
 
 
-def test_where_all_need_a_token_nothing_is_looked_for_for_one_without(tmp_path: Path) -> None:
+@virtual
+async def test_strict_server_does_not_search_for_anonymous_sessions(tmp_path: Path) -> None:
     folder = CountingFolder(tmp_path)
-
-    async def main() -> None:
-        async with after_the_end(tmp_path, storage=folder, require_token=True) as (server, token):
-            folder.listed.clear()
-            folder.read_files.clear()
-            async with raw(server, hello=False) as bob:
-                for resume in (token, token_for(server, "0" * 16)):
-                    refused = await bob.ask({**HELLO, "resume": resume}, "welcome")
-                    assert refused["code"] == "auth/required"
-            assert (folder.listed, folder.read_files) == ([], [])
-
-    run(main())
+    async with after_the_end(tmp_path, storage=folder, require_token=True) as (server, token):
+        folder.listed.clear()
+        folder.read_files.clear()
+        async with raw(server, hello=False) as bob:
+            for resume in (token, token_for(server, "0" * 16)):
+                refused = await bob.ask({**HELLO, "resume": resume}, "welcome")
+                assert refused["code"] == "auth/required"
+        assert (folder.listed, folder.read_files) == ([], [])
 
 
-def test_one_that_is_too_long_is_read_no_further_and_not_again(
+@virtual
+async def test_too_long_recording_is_read_only_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(archive, "MAX_STEPS", 50)
@@ -302,32 +273,26 @@ def test_one_that_is_too_long_is_read_no_further_and_not_again(
             yield step
         raise AssertionError(f"{reading} was read to its end")
 
-    async def main() -> None:
-        async with after_the_end(tmp_path, steps=400, storage=folder) as (server, token):
-            monkeypatch.setattr(Recording, "opening", counted)
-            folder.read_files.clear()
-            async with raw(server, hello=False) as bob:
-                told = [await bob.ask({**HELLO, "resume": token}, "welcome") for _ in range(5)]
-            assert {answer["code"] for answer in told} == {"auth/expired"}
-            assert all("more than 50 steps" in answer["message"] for answer in told)
-            assert turns[-1] == 51
-            assert len(folder.read_files) == 1
-
-    run(main())
+    async with after_the_end(tmp_path, steps=400, storage=folder) as (server, token):
+        monkeypatch.setattr(Recording, "opening", counted)
+        folder.read_files.clear()
+        async with raw(server, hello=False) as bob:
+            told = [await bob.ask({**HELLO, "resume": token}, "welcome") for _ in range(5)]
+        assert {answer["code"] for answer in told} == {"auth/expired"}
+        assert all("more than 50 steps" in answer["message"] for answer in told)
+        assert turns[-1] == 51
+        assert len(folder.read_files) == 1
 
 
-def test_one_that_is_damaged_is_not_read_again(tmp_path: Path) -> None:
+@virtual
+async def test_damaged_recording_is_read_only_once(tmp_path: Path) -> None:
     folder = CountingFolder(tmp_path)
-
-    async def main() -> None:
-        async with after_the_end(tmp_path, storage=folder) as (server, token):
-            (closed,) = tmp_path.glob("*.rbt")
-            closed.write_bytes(closed.read_bytes()[:-5])
-            folder.read_files.clear()
-            async with raw(server, hello=False) as bob:
-                for _ in range(3):
-                    refused = await bob.ask({**HELLO, "resume": token}, "welcome")
-                    assert refused["code"] == "auth/expired"
-            assert len(folder.read_files) == 1
-
-    run(main())
+    async with after_the_end(tmp_path, storage=folder) as (server, token):
+        (closed,) = tmp_path.glob("*.rbt")
+        closed.write_bytes(closed.read_bytes()[:-5])
+        folder.read_files.clear()
+        async with raw(server, hello=False) as bob:
+            for _ in range(3):
+                refused = await bob.ask({**HELLO, "resume": token}, "welcome")
+                assert refused["code"] == "auth/expired"
+        assert len(folder.read_files) == 1

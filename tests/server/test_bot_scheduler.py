@@ -1,4 +1,4 @@
-"""Whose turn it is: the stand-in whose step comes first, with the state that is there by then."""
+"""Scheduler of substitutes: earliest deadline first, with the present state."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Any
 
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
-from robotouille_server.rooms.substitutes.bot_scheduler import MAX_IN_FLIGHT, BotScheduler
-from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError
-from robotouille_server.rooms.substitutes.bots import BotAnswer, Question
+from robotouille_server.rooms.bot_worker import BotWorkerLostError
+from robotouille_server.rooms.bots import BotAnswer, Question
+from robotouille_server.rooms.substitutes import MAX_IN_FLIGHT, BotScheduler
 
 TASK = load_task("training/03_multi_agent@2")
 
 
 class Slow:
-    """Answers when it is told to."""
+    """Worker that answers on request."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, asyncio.Future[BotAnswer]]] = []
@@ -47,7 +47,7 @@ class Slow:
 
 
 class Seat:
-    """A stand-in that always has to decide, unless it is `over`."""
+    """Substitute that always has to decide, unless the episode is `over`."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -73,7 +73,7 @@ def checked(course: Any) -> None:
     asyncio.run(main())
 
 
-def test_the_oldest_deadline_comes_first_and_few_are_asked_at_once() -> None:
+def test_earliest_deadline_is_asked_first() -> None:
     async def course(worker: Slow, scheduler: BotScheduler) -> None:
         first = [Seat(f"first{number}") for number in range(MAX_IN_FLIGHT)]
         for seat in first:
@@ -91,21 +91,7 @@ def test_the_oldest_deadline_comes_first_and_few_are_asked_at_once() -> None:
     checked(course)
 
 
-def test_nobody_thinks_about_what_is_over() -> None:
-    async def course(worker: Slow, scheduler: BotScheduler) -> None:
-        for number in range(MAX_IN_FLIGHT):
-            scheduler.schedule(Seat(str(number)), 0.0)
-        back, absent = Seat("back"), Seat("absent")
-        scheduler.schedule(back, 1.0)
-        scheduler.schedule(absent, 2.0)
-        back.over = True
-        await worker.answer()
-        assert worker.busy_with[-1] == "absent"
-
-    checked(course)
-
-
-def test_worlds_are_learnt_once_and_while_nobody_waits() -> None:
+def test_worlds_are_learnt_once_and_only_when_idle() -> None:
     async def course(worker: Slow, scheduler: BotScheduler) -> None:
         seat = Seat("seat")
         scheduler.schedule(seat, 0.0)
@@ -117,7 +103,7 @@ def test_worlds_are_learnt_once_and_while_nobody_waits() -> None:
         assert worker.busy_with == ["learn robot1"], "one at a time"
         scheduler.schedule(seat, 1.0)
         await worker.answer()
-        assert worker.busy_with == ["seat"], "a stand-in waits for a lesson"
+        assert worker.busy_with == ["seat"], "a substitute waits for a lesson"
         await worker.answer()
         await worker.answer()
         assert worker.busy_with == []
@@ -125,7 +111,7 @@ def test_worlds_are_learnt_once_and_while_nobody_waits() -> None:
     checked(course)
 
 
-def test_a_thought_that_is_lost_is_answered_by_nothing() -> None:
+def test_lost_question_is_answered_by_none() -> None:
     async def course(worker: Slow, scheduler: BotScheduler) -> None:
         seat = Seat("seat")
         scheduler.schedule(seat, 0.0)

@@ -1,4 +1,4 @@
-"""What substitute bots decide: alike in like games, for the price of one, in bounded memory."""
+"""Decisions of substitutes: equal for equal states, shared plans, bounded memory."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import pytest
 
 from robotouille.domain.loading import load_task
 from robotouille.planning.beam.planner import BeamPlanner
+from robotouille.planning.bot_process import MoveRow
 from robotouille.world.world import State, World, shared_world
-from robotouille_server.rooms.substitutes import bots
-from robotouille_server.rooms.substitutes.bots import Bots, ObservedMove
+from robotouille_server.rooms import bots
+from robotouille_server.rooms.bots import Bots
 from tests.support.questions import question
 
 TASK = load_task("multi_agent/01@2")
@@ -19,7 +20,7 @@ OTHERS = [load_task(f"multi_agent/0{number}") for number in (2, 3, 4)]
 
 @pytest.fixture
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
-    """The states from which plans are sought."""
+    """Record the states from which plans are searched."""
     sought: list[State] = []
     solve = BeamPlanner.solve
 
@@ -31,7 +32,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
     return sought
 
 
-def test_games_in_the_same_state_share_a_plan(searches: list[State]) -> None:
+def test_bots_in_the_same_state_share_a_plan(searches: list[State]) -> None:
     here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
     first = here.answer(TASK.digest, question(state))
@@ -41,7 +42,7 @@ def test_games_in_the_same_state_share_a_plan(searches: list[State]) -> None:
     assert len(searches) == searched
 
 
-def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> None:
+def test_world_is_learnt_once_per_seat(searches: list[State]) -> None:
     here = Bots()
     here.show(TASK)
     for player in ("robot1", "robot2", "robot1", "robot2"):
@@ -54,8 +55,8 @@ def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> No
 
 
 def course(here: Bots, bot: int, steps: int) -> list[Any]:
-    """What one stand-in does, as long as nobody else does anything."""
-    world, moves, done = World(TASK), (), []  # type: tuple[World, tuple[tuple[ObservedMove, ...], ...], list[Any]]
+    """Return the actions of one substitute while nobody else acts."""
+    world, moves, done = World(TASK), (), []  # type: tuple[World, tuple[tuple[MoveRow, ...], ...], list[Any]]
     state = world.initial
     for _ in range(steps):
         if state.busy_steps("robot1"):
@@ -71,8 +72,8 @@ def course(here: Bots, bot: int, steps: int) -> list[Any]:
     return done
 
 
-def test_the_same_questions_have_the_same_answers() -> None:
-    """Whoever else has thought before, and in whatever process."""
+def test_equal_questions_get_equal_answers() -> None:
+    """Even if other bots have planned before, or in another process."""
     fresh, used = Bots(), Bots()
     for here in (fresh, used):
         here.show(TASK)
@@ -84,7 +85,7 @@ def test_the_same_questions_have_the_same_answers() -> None:
 
 
 @pytest.mark.slow
-def test_what_was_found_out_is_forgotten_when_it_is_much(
+def test_planner_is_reset_after_many_searches(
     searches: list[State], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bots, "MAX_SEARCHES", 3)
@@ -101,7 +102,7 @@ def test_what_was_found_out_is_forgotten_when_it_is_much(
     assert len(set(searches)) > 3
 
 
-def test_few_worlds_and_bots_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_worlds_and_bots_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bots, "MAX_WORLDS", 2)
     monkeypatch.setattr(bots, "MAX_BOTS", 3)
     here = Bots()
@@ -115,11 +116,11 @@ def test_few_worlds_and_bots_are_remembered(monkeypatch: pytest.MonkeyPatch) -> 
     assert list(here._bots) == [17, 18, 19]
 
 
-def test_a_mind_that_failed_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_bot_starts_over(monkeypatch: pytest.MonkeyPatch) -> None:
     here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
     answer = here.answer(TASK.digest, question(state))
-    nonsense: tuple[tuple[ObservedMove, ...], ...] = ((("robot1", "dance", (), True),),)
+    nonsense: tuple[tuple[MoveRow, ...], ...] = ((("robot1", "dance", (), True),),)
     with pytest.raises(KeyError, match="dance"):
         here.answer(TASK.digest, question(state, observed=nonsense))
     assert here.answer(TASK.digest, question(state, observed=nonsense)) == answer

@@ -12,20 +12,20 @@ import psutil
 import pytest
 
 from robotouille.replay.recording import read_recording
-from robotouille_client import Over, connect
+from robotouille_client import GameEnded, connect
 from tests.support.processes import COMMAND, process, started
 
 
 async def play_until_signal(
     url: str, code: str, server: subprocess.Popen[str], number: int
-) -> Over:
+) -> GameEnded:
     async with connect(url, name="ada", reconnect=False) as client:
         game = await client.join(code)
         result = await game.act(game.actions[0])
         assert result.applied
         server.send_signal(number)
         async for event in game:
-            if isinstance(event, Over):
+            if isinstance(event, GameEnded):
                 return event
     raise AssertionError("the game did not end")
 
@@ -89,21 +89,21 @@ def test_health_and_metrics_on_the_same_port(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_a_port_in_use_is_said(tmp_path: Path) -> None:
+def test_port_in_use_is_reported(tmp_path: Path) -> None:
     with process(tmp_path, "--task", "synchronous/01") as (_, url, _code):
         port = url.rsplit(":", 1)[1]
         arguments = [*COMMAND, "--port", port, "--recordings", str(tmp_path)]
         done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert f"cannot listen on 127.0.0.1:{port}" in done.stderr
-    assert done.stderr.splitlines()[0].endswith("; take another with --port")
+    assert done.stderr.splitlines()[0].endswith("; choose another port with --port")
 
 
 @pytest.mark.process
 @pytest.mark.parametrize(
     "words", [("--task", "nope"), ("--task", "synchronous/01", "--seats", "7")]
 )
-def test_a_task_that_is_none_is_said_before_anybody_is_let_in(
+def test_invalid_task_is_reported_before_the_server_listens(
     words: tuple[str, ...], tmp_path: Path
 ) -> None:
     arguments = [*COMMAND, "--port", "0", "--recordings", str(tmp_path / "recordings"), *words]

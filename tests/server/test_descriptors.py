@@ -1,4 +1,4 @@
-"""A server that has no more file descriptors keeps its games, its log and its wits."""
+"""Server without file descriptors: episodes and log survive."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from robotouille_server import ServerSettings
-from robotouille_server.runtime import descriptors
+from robotouille_server.runtime import process_limits as descriptors
 from robotouille_server.runtime.logs import configure_logs
 from tests.support.server_process import server_process
 
@@ -42,7 +42,7 @@ def ask(client: Any, message: dict[str, Any], kind: str) -> dict[str, Any]:
 
 
 def newcomer(url: str, tls: ssl.SSLContext | None) -> str:
-    """What somebody is answered who comes now; "" for nothing."""
+    """Return the answer to a new connection, or an empty string."""
     try:
         with connect(url, subprotocols=[SUBPROTOCOL], open_timeout=5, ssl=tls) as client:  # type: ignore[list-item]
             return str(
@@ -55,7 +55,7 @@ def newcomer(url: str, tls: ssl.SSLContext | None) -> str:
 @pytest.mark.process
 @pytest.mark.slow
 @pytest.mark.parametrize("encrypted", [False, True], ids=["ws", "wss"])
-def test_silent_connections_take_neither_games_nor_the_disk(
+def test_silent_connections_harm_neither_episodes_nor_recordings(
     tmp_path: Path, encrypted: bool
 ) -> None:
     with ExitStack() as stack:
@@ -107,10 +107,10 @@ def test_silent_connections_take_neither_games_nor_the_disk(
         ("::1", "", "debug"),
     ],
 )
-def test_a_limit_that_is_too_small_is_said_at_the_start(
+def test_small_limit_is_logged_at_startup(
     host: str, proxy: str, level: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It warns where others can connect; a newcomer who plays alone has nothing to fear."""
+    """It is a warning only where other machines can connect."""
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 2048))
     monkeypatch.setattr(resource, "setrlimit", lambda *_: None)
     configure_logs("debug", "console")
@@ -126,7 +126,7 @@ def test_a_limit_that_is_too_small_is_said_at_the_start(
     assert told["log_level"] == level
 
 
-def test_the_soft_limit_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_soft_limit_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     limits = [(1024, 524288)]
     monkeypatch.setattr(resource, "getrlimit", lambda _: limits[-1])
     monkeypatch.setattr(resource, "setrlimit", lambda _, both: limits.append(both))

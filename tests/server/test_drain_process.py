@@ -1,4 +1,4 @@
-"""A server process that is told to stop lets its running games end first."""
+"""Stopping a server process: running games may end first."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import psutil
 import pytest
 
 from robotouille import GroundAction, ProtocolError, World, load_task
+from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
 from robotouille.replay.recording import Recording, read_recording
-from robotouille.resources import data_folder
-from robotouille_client import Game, Over, connect
+from robotouille_client import Game, GameEnded, connect
 from tests.support.processes import process
 from tests.support.worker_processes import workers
 
@@ -30,7 +30,7 @@ Moves = Sequence[GroundAction | None]
 
 
 def the_plan() -> Moves:
-    """The moves of the plan that is shipped with the task."""
+    """Return the shipped plan of the task."""
     world = World(load_task(TASK))
     text = (data_folder("problems") / f"{TASK}.plan").read_text()
     return [action for (action,) in read_plan(text, world)]
@@ -44,7 +44,7 @@ def the_recording(folder: Path, ending: str) -> Recording:
 
 
 async def turned_away(url: str) -> None:
-    """Wait until nobody new is accepted."""
+    """Wait until new connections are refused."""
     where = urlsplit(url)
     for _ in range(600):
         with socket.socket() as probe:
@@ -54,18 +54,19 @@ async def turned_away(url: str) -> None:
     raise AssertionError(f"{url} still accepts connections")
 
 
-async def ending(game: Game) -> Over:
+async def ending(game: Game) -> GameEnded:
     async for event in game:
-        if isinstance(event, Over):
+        if isinstance(event, GameEnded):
             return event
     raise AssertionError("the game did not end")
 
 
 async def play_on(
     url: str, code: str, moves: Moves, last: int, told: Callable[[], None]
-) -> tuple[str, Over]:
-    """A game whose server is told to stop before its `last` moves: why it opens no other one
-    then, and how the game ends."""
+) -> tuple[str, GameEnded]:
+    """Stop a server before a game's `last` moves; return why it opens no game, and how the game
+    ends.
+    """
     async with connect(url, name="ada", reconnect=False) as client:
         game = await client.join(code)
         for move in moves[:-last]:
@@ -80,7 +81,7 @@ async def play_on(
 
 
 @pytest.mark.parametrize("reason", ["goal", "step_limit"])
-def test_a_game_that_is_nearly_over_ends_before_the_process(tmp_path: Path, reason: str) -> None:
+def test_game_that_ends_soon_is_finished(tmp_path: Path, reason: str) -> None:
     moves = the_plan() if reason == "goal" else [None] * 5
     flags = ("--task", TASK, "--max-steps", str(len(moves)), *DRAIN)
     with process(tmp_path / "r", *flags) as (server, url, code):
@@ -95,8 +96,8 @@ def test_a_game_that_is_nearly_over_ends_before_the_process(tmp_path: Path, reas
     assert len(recording.steps) == len(moves)
 
 
-async def told_twice(url: str, told: Callable[[], None]) -> Over:
-    """How a game ends whose server is told to stop, and told again while it waits."""
+async def told_twice(url: str, told: Callable[[], None]) -> GameEnded:
+    """Stop a server twice; return how its game ends."""
     async with asyncio.timeout(SOON), connect(url, name="ada", reconnect=False) as client:
         game = await client.join((await client.create(TASK)).code)
         assert (await game.act(None)).applied
@@ -107,30 +108,30 @@ async def told_twice(url: str, told: Callable[[], None]) -> Over:
         return await ending(game)
 
 
-def handed_over(over: Over, folder: Path) -> bool:
-    """Whether a game is left to the next process as it was."""
+def handed_over(over: GameEnded, folder: Path) -> bool:
+    """Return whether a game was left unchanged for the next process."""
     files = {file.name: read_recording(file) for file in folder.iterdir()}
     (left,) = [recording for recording in files.values() if recording.steps]
     assert left.verify().ok
     return over.outcome == {} and left.outcome is None and len(left.steps) == 2
 
 
-def test_a_second_signal_leaves_the_game_to_the_next_process_at_once(tmp_path: Path) -> None:
+def test_second_signal_hands_over_at_once(tmp_path: Path) -> None:
     with process(tmp_path / "r", *DRAIN) as (server, url, _code):
         over = asyncio.run(told_twice(url, server.terminate))
         assert server.wait(timeout=SOON) == 0
     assert handed_over(over, tmp_path / "r")
 
 
-def test_workers_are_told_a_second_time_too(tmp_path: Path) -> None:
+def test_second_signal_reaches_workers(tmp_path: Path) -> None:
     with workers(tmp_path / "r", 2, *DRAIN) as (supervisor, port):
         over = asyncio.run(told_twice(f"ws://127.0.0.1:{port}", supervisor.terminate))
         assert supervisor.wait(timeout=SOON) == 0
     assert handed_over(over, tmp_path / "r")
 
 
-def test_workers_are_told_and_let_their_games_end(tmp_path: Path) -> None:
-    async def main(url: str, told: Callable[[], None]) -> tuple[str, Over]:
+def test_workers_let_their_games_end(tmp_path: Path) -> None:
+    async def main(url: str, told: Callable[[], None]) -> tuple[str, GameEnded]:
         async with connect(url, name="host") as host:
             code = (await host.create(TASK, max_steps=5)).code
             return await play_on(url, code, [None] * 5, 3, told)

@@ -1,4 +1,4 @@
-"""What is said of an episode: made from it and the time, whoever hears it."""
+"""Messages about an episode."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pytest
 
 from robotouille import World
 from robotouille.episode import (
+    ActionRequest,
     Clock,
     Episode,
     PauseReason,
@@ -13,18 +14,18 @@ from robotouille.episode import (
     Rules,
     SeatTreatment,
     Stepped,
-)  # fmt: skip
+)
 from robotouille.episode.rules import ShownKind
 from robotouille.protocol import messages
 from robotouille.protocol.states import StateWriter
-from robotouille_server.rooms.broadcast.episode_messages import EpisodeMessages
+from robotouille_server.rooms.episode_messages import EpisodeMessages
 
 WORLD = World("synchronous/01_cheese_sandwich")
 (PLAYER,) = WORLD.players
 
 
 class Played:
-    """An episode of one bot, at a time that the test sets."""
+    """Episode of one bot at a time that the test sets."""
 
     def __init__(self, rules: Rules | None = None, treatment: SeatTreatment | None = None) -> None:
         self.now = 0.0
@@ -36,13 +37,15 @@ class Played:
     def step(self, *, waits: bool = False) -> Stepped:
         episode = self.episode
         action = None if waits else episode.state.actions(PLAYER)[0]
-        episode.submit(PLAYER, episode.seat(PLAYER).seq + 1, action, self.now, waits=waits)
+        episode.submit(
+            PLAYER, ActionRequest(episode.seat(PLAYER).seq + 1, action, waits=waits), self.now
+        )
         (stepped,) = [event for event in episode.events() if isinstance(event, Stepped)]
         return stepped
 
 
 @pytest.mark.parametrize(("shown_as", "told"), [(None, [0]), ("bot", [0]), ("human", None)])
-def test_a_delta_says_who_waits_but_unmasks_nobody(
+def test_delta_hides_waits_of_disguised_bots(
     shown_as: ShownKind | None, told: list[int] | None
 ) -> None:
     played = Played(treatment=SeatTreatment(shown_as=shown_as))
@@ -51,7 +54,7 @@ def test_a_delta_says_who_waits_but_unmasks_nobody(
     assert "waits" not in played.made.delta(played.step())
 
 
-def test_a_delta_is_a_message_of_the_protocol() -> None:
+def test_delta_is_a_valid_message() -> None:
     played = Played()
     played.episode.join(PLAYER, "Ada", "bot", 0.0)
     stepped = played.step()
@@ -61,7 +64,7 @@ def test_a_delta_is_a_message_of_the_protocol() -> None:
     assert (delta.did, delta.seq) == ([[0, move.action.name, *move.action.arguments]], [1])
 
 
-def test_a_pause_counts_down_to_its_end() -> None:
+def test_pause_has_its_remaining_time() -> None:
     played = Played()
     played.episode.join(PLAYER, "Ada", "bot", 0.0)
     assert played.made.pause is None
@@ -70,7 +73,7 @@ def test_a_pause_counts_down_to_its_end() -> None:
     assert played.made.pause == messages.Pause(reason="operator", left=3.0)
 
 
-def test_a_beginning_is_counted_down_to() -> None:
+def test_countdown_has_its_remaining_time() -> None:
     played = Played(Rules(clock=Clock.REALTIME, countdown=3.0))
     assert played.made.starts_in is None
     played.episode.join(PLAYER, "Ada", "human", 0.0)
@@ -78,7 +81,7 @@ def test_a_beginning_is_counted_down_to() -> None:
     assert played.made.starts_in == 2.0
 
 
-def test_seats_have_the_latency_of_those_who_play() -> None:
+def test_seats_have_latencies() -> None:
     played = Played()
     (free,) = played.made.seats({})
     assert (free.name, free.present, free.latency_ms) == ("", False, 0)
@@ -87,7 +90,7 @@ def test_seats_have_the_latency_of_those_who_play() -> None:
     assert (taken.name, taken.present, taken.latency_ms) == ("Ada", True, 150)
 
 
-def test_the_end_has_the_outcome_and_the_last_state() -> None:
+def test_ended_has_outcome_and_hash() -> None:
     played = Played(Rules(clock=Clock.LOCKSTEP, max_steps=1))
     played.episode.join(PLAYER, "Ada", "bot", 0.0)
     played.step()

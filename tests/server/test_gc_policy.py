@@ -1,4 +1,4 @@
-"""Garbage is looked for rarely, but it is; and hardly any is made."""
+"""Garbage collection: rare, sufficient, and with little garbage to collect."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from robotouille_server.runtime.gc_policy import CLOSED_AT_LEAST, NEW, rare_collections
+from robotouille_server.runtime.process_limits import CLOSED_AT_LEAST, NEW, rare_collections
 from tests.support.servers import raw, serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import run, virtual
 
 
 class Knot:
-    """Something that only the collector can free."""
+    """Object that only the collector can free."""
 
     def __init__(self) -> None:
         self.itself = self
@@ -28,13 +28,13 @@ def tie() -> weakref.ref[Knot]:
 
 
 def tie_old() -> weakref.ref[Knot]:
-    """One that is garbage only when the collector has seen it in use."""
+    """Create a knot that becomes garbage after the collector has seen it in use."""
     knot = Knot()
     gc.collect(1)
     return weakref.ref(knot)
 
 
-def test_garbage_waits_until_much_was_closed() -> None:
+def test_old_garbage_is_collected_after_many_closed_connections() -> None:
     async def main() -> None:
         there, closed = 10 * CLOSED_AT_LEAST, 0
         async with rare_collections(lambda: there, lambda: closed):
@@ -53,56 +53,36 @@ def test_garbage_waits_until_much_was_closed() -> None:
     assert gc.get_threshold() == usual
 
 
-def test_new_garbage_is_collected_soon() -> None:
-    async def main() -> None:
-        async with rare_collections(lambda: 0, lambda: 0):
-            await asyncio.sleep(0.1)
-            knot = tie()
-            kept = [[None] for _ in range(2 * NEW)]
-            assert knot() is None
-            assert len(kept) == 2 * NEW
-
-    run(main())
+@virtual
+async def test_young_garbage_is_collected_soon() -> None:
+    async with rare_collections(lambda: 0, lambda: 0):
+        await asyncio.sleep(0.1)
+        knot = tie()
+        kept = [[None] for _ in range(2 * NEW)]
+        assert knot() is None
+        assert len(kept) == 2 * NEW
 
 
-def test_a_fault_gives_the_collector_back_to_python() -> None:
-    def unknown() -> int:
-        raise RuntimeError
-
-    usual = gc.get_threshold()
-
-    async def main() -> None:
-        async with rare_collections(unknown, unknown):
-            await asyncio.sleep(10)
-            assert gc.get_threshold() == usual
-
-    run(main())
-
-
-def test_the_server_counts_all_that_came_and_went(tmp_path: Path) -> None:
-    """Those, too, who never said a word, or nothing that makes sense."""
-
-    async def main() -> None:
-        async with serving(tmp_path) as server:
-            async with raw(server) as ada:
-                created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
-                await ada.ask({"type": "join", "episode": created["code"]}, "joined")
-                assert (server.open_count, server.closed_count) == (2, 0)
-                await ada.ask({"type": "leave"}, "left")
-            for words in (b"", b"hello?\r\n\r\n"):
-                _, writer = await asyncio.open_connection("127.0.0.1", server.port)
-                writer.write(words)
-                await writer.drain()
-                writer.close()
-            await asyncio.sleep(2000)
-            assert (server.open_count, server.closed_count) == (0, 4)
-
-    run(main())
+@virtual
+async def test_server_counts_all_closed_connections(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        async with raw(server) as ada:
+            created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+            assert (server.open_count, server.closed_count) == (2, 0)
+            await ada.ask({"type": "leave"}, "left")
+        for words in (b"", b"hello?\r\n\r\n"):
+            _, writer = await asyncio.open_connection("127.0.0.1", server.port)
+            writer.write(words)
+            await writer.drain()
+            writer.close()
+        await asyncio.sleep(2000)
+        assert (server.open_count, server.closed_count) == (0, 4)
 
 
 @pytest.fixture(scope="module")
 def only_new_garbage() -> Iterator[None]:
-    """What other tests have left is not looked at again."""
+    """Exclude the garbage of other tests."""
     gc.collect()
     gc.freeze()
     yield
@@ -126,7 +106,7 @@ def only_new_garbage() -> Iterator[None]:
     ],
     ids=str,
 )
-def test_a_refused_message_leaves_nothing_behind(tmp_path: Path, message: dict[str, Any]) -> None:
+def test_refused_message_leaves_no_garbage(tmp_path: Path, message: dict[str, Any]) -> None:
     async def main() -> int:
         async with serving(tmp_path, messages_per_second=1000) as server, raw(server) as ada:
             await ada.send(message)
@@ -144,14 +124,12 @@ def test_a_refused_message_leaves_nothing_behind(tmp_path: Path, message: dict[s
         gc.enable()
 
 
-def test_a_flood_of_messages_that_cannot_be_read_ends_the_connection(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server, raw(server) as ada:
-            for _ in range(1000):
-                await ada.send({"type": "nonsense"})
-            await asyncio.sleep(1)
-            bye = await ada.expect("bye")
-            assert bye["code"] == "rate/limited"
-            assert server.metrics.dropped.labels("flood")._value.get() == 1
-
-    run(main())
+@virtual
+async def test_flood_of_unreadable_messages_closes_the_connection(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, raw(server) as ada:
+        for _ in range(1000):
+            await ada.send({"type": "nonsense"})
+        await asyncio.sleep(1)
+        bye = await ada.expect("bye")
+        assert bye["code"] == "rate/limited"
+        assert server.metrics.dropped.labels("flood")._value.get() == 1

@@ -1,4 +1,4 @@
-"""Whatever participants write, their recording can be read."""
+"""Limits of recordings: whatever participants send, readers can read the file."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 
 from robotouille.episode import quota, seats
 from robotouille.replay.recording import read_recording
-from robotouille_server.rooms.recordings import journal
+from robotouille_server.rooms import journal
 from tests.support.servers import raw, serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 IMPOSSIBLE = {"name": "move", "args": ["robot1", "table1", "table2"]}
 
@@ -20,28 +20,25 @@ def act(seq: int, **more: Any) -> dict[str, Any]:
     return {"type": "act", "seq": seq, "action": IMPOSSIBLE, **more}
 
 
-def test_beyond_its_quota_a_seat_is_told_and_plays_on(
+@virtual
+async def test_seat_beyond_its_quota_is_notified_and_plays_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(seats, "SEAT_QUOTA_BYTES", 20_000)
     monkeypatch.setattr(quota, "NEWCOMER_BYTES", 0)
-
-    async def main() -> None:
-        async with serving(tmp_path) as server, raw(server) as ada:
-            created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
-            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
-            await ada.expect("snapshot")
-            answers = [await ada.ask(act(n, reasoning="x" * 8000), "rejected") for n in (1, 2, 3)]
-            assert "code" not in answers[1]
-            assert answers[2]["code"] == "rate/words"
-            assert "act without" in (await ada.expect("notice"))["text"]
-            for seq in range(3, 200):
-                assert "code" not in await ada.ask(act(seq), "rejected")
-            there = {"name": "move", "args": ["robot1", "table3", "table1"]}
-            await ada.ask({**act(200), "action": there}, "delta")
-            assert (await ada.ask({"type": "say", "text": "hi"}, "said"))["code"] == "rate/words"
-
-    run(main())
+    async with serving(tmp_path) as server, raw(server) as ada:
+        created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+        await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+        await ada.expect("snapshot")
+        answers = [await ada.ask(act(n, reasoning="x" * 8000), "rejected") for n in (1, 2, 3)]
+        assert "code" not in answers[1]
+        assert answers[2]["code"] == "rate/words"
+        assert "send no more reasoning" in (await ada.expect("notice"))["text"]
+        for seq in range(3, 200):
+            assert "code" not in await ada.ask(act(seq), "rejected")
+        there = {"name": "move", "args": ["robot1", "table3", "table1"]}
+        await ada.ask({**act(200), "action": there}, "delta")
+        assert (await ada.ask({"type": "say", "text": "hi"}, "said"))["code"] == "rate/words"
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert recording.verify().ok
@@ -51,34 +48,31 @@ def test_beyond_its_quota_a_seat_is_told_and_plays_on(
     assert len(recording.stream) < 40_000
 
 
-def test_an_episode_ends_when_its_recording_is_as_long_as_one_may_be(
+@virtual
+async def test_episode_ends_at_the_maximum_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(journal, "MAX_RECORDING_BYTES", 30_000)
-
-    async def main() -> None:
-        async with serving(tmp_path) as server, raw(server) as ada:
-            order = {"type": "create", "task": "synchronous/01", "clock": "realtime"}
-            created = await ada.ask({**order, "step_rate": 60}, "created")
-            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
-            for number in range(1000):
-                await ada.send({"type": "say", "text": f"{number} " + "x" * 400})
-                if (await ada.expect("said", "ended"))["type"] == "ended":
-                    break
-            else:
-                pytest.fail("it went on")
-
-    run(main())
+    async with serving(tmp_path) as server, raw(server) as ada:
+        order = {"type": "create", "task": "synchronous/01", "clock": "realtime"}
+        created = await ada.ask({**order, "step_rate": 60}, "created")
+        await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+        for number in range(1000):
+            await ada.send({"type": "say", "text": f"{number} " + "x" * 400})
+            if (await ada.expect("said", "ended"))["type"] == "ended":
+                break
+        else:
+            pytest.fail("it went on")
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert recording.verify().ok
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "aborted"
-    assert recording.outcome["detail"] == "the recording is as long as one may be"
+    assert recording.outcome["detail"] == "the recording has reached its maximum size"
     assert 30_000 < len(recording.stream) < 35_000
 
 
-def test_what_may_be_written_is_less_than_what_is_read() -> None:
+def test_writers_limit_is_below_the_readers_limit() -> None:
     from robotouille.replay.container import MAX_FILE
 
     most_seats = 16

@@ -1,4 +1,4 @@
-"""Resume tokens, who is told what after a lost connection, and bots in absent people's places."""
+"""Resume tokens, missed messages and substitutes after a lost connection."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from pathlib import Path
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, connect
-from tests.support.servers import Raw, raw, serving
-from tests.support.virtual_time import run
+from robotouille_server.auth.roles import Role
+from tests.support.servers import Raw, raw, serving, with_clients
+from tests.support.virtual_time import run, virtual
 
 HELLO = {"type": "hello", "protocol": 1, "name": "ada"}
 
@@ -18,153 +19,138 @@ async def seated(client: Raw, task: str = "multi_agent/02", **options: object) -
     return await client.ask({"type": "join", "episode": created["code"]}, "joined")
 
 
-class TestTokens:
-    def test_each_use_brings_another_and_kills_those_before(self, tmp_path: Path) -> None:
-        async def main() -> None:
-            async with serving(tmp_path) as server:
-                async with raw(server) as first:
-                    token = (await seated(first))["resume"]
-                used = []
-                for _ in range(3):
-                    async with raw(server, hello=False) as again:
-                        welcome = await again.ask({**HELLO, "resume": token}, "welcome")
-                        assert welcome["resumed"] is True
-                        used.append(token)
-                        token = welcome["resume"]
-                        assert token not in used
-                async with raw(server, hello=False) as thief:
-                    for old in used[:2]:
-                        answer = await thief.ask({**HELLO, "resume": old}, "welcome")
-                        assert (answer["code"], answer["field"]) == ("auth/expired", "resume")
-
-        run(main())
-
-    def test_one_whose_answer_was_lost_is_good_again(self, tmp_path: Path) -> None:
-        """The line broke before the new token came: the old one still opens the door."""
-
-        async def main() -> None:
-            async with serving(tmp_path) as server:
-                async with raw(server) as first:
-                    token = (await seated(first))["resume"]
-                for _ in range(3):
-                    async with raw(server, hello=False) as again:
-                        welcome = await again.ask({**HELLO, "resume": token}, "welcome")
-                        assert welcome["resumed"] is True
-
-        run(main())
-
-    def test_they_expire(self, tmp_path: Path) -> None:
-        async def main() -> None:
-            clock = [1_000_000.0]
-            async with serving(tmp_path, wall=lambda: clock[0], resume_hours=1) as server:
-                async with raw(server) as first:
-                    token = (await seated(first))["resume"]
-                clock[0] += 3599
+class TestResumeTokens:
+    @virtual
+    async def test_each_use_invalidates_earlier_tokens(self, tmp_path: Path) -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as first:
+                token = (await seated(first))["resume"]
+            used = []
+            for _ in range(3):
                 async with raw(server, hello=False) as again:
                     welcome = await again.ask({**HELLO, "resume": token}, "welcome")
                     assert welcome["resumed"] is True
-                clock[0] += 2
-                async with raw(server, hello=False) as late:
-                    answer = await late.ask({**HELLO, "resume": token}, "welcome")
-                    assert answer["code"] == "auth/expired"
+                    used.append(token)
+                    token = welcome["resume"]
+                    assert token not in used
+            async with raw(server, hello=False) as thief:
+                for old in used[:2]:
+                    answer = await thief.ask({**HELLO, "resume": old}, "welcome")
+                    assert (answer["code"], answer["field"]) == ("auth/expired", "resume")
 
-        run(main())
-
-    def test_a_forged_one_opens_nothing(self, tmp_path: Path) -> None:
-        async def main() -> None:
-            async with serving(tmp_path) as server, raw(server) as first:
+    @virtual
+    async def test_token_with_a_lost_answer_is_valid_again(self, tmp_path: Path) -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as first:
                 token = (await seated(first))["resume"]
-                head, body, signature = token.split(".")
-                async with raw(server, hello=False) as thief:
-                    for forged in (f"{head}.{body}.{signature[:-4]}AAAA", f"{head}.{body}.", "x"):
-                        answer = await thief.ask({**HELLO, "resume": forged}, "welcome")
-                        assert answer["code"] == "auth/invalid"
-
-        run(main())
-
-    def test_a_token_is_for_its_own_seat(self, tmp_path: Path) -> None:
-        """Also after a restart, where only the recording says whose the seat is."""
-
-        async def main() -> None:
-            async with serving(tmp_path) as server:
-                async with raw(server) as ada, raw(server) as bob:
-                    joined = await seated(ada)
-                    other = await bob.ask({"type": "join", "episode": joined["code"]}, "joined")
-                    assert (joined["seat"], other["seat"]) == ("robot1", "robot2")
-                await server.stop("restart", hand_over=True)
-            async with serving(tmp_path, seed=2) as server:
-                for token, seat in ((other["resume"], "robot2"), (joined["resume"], "robot1")):
-                    async with raw(server, hello=False) as again:
-                        await again.ask({**HELLO, "resume": token}, "welcome")
-                        assert (await again.expect("joined"))["seat"] == seat
-
-        run(main())
-
-
-class TestWhatWasMissed:
-    def test_only_the_missed_deltas_and_words_come(self, tmp_path: Path) -> None:
-        async def main() -> None:
-            async with serving(tmp_path) as server, raw(server) as bob:
-                async with raw(server) as ada:
-                    joined = await seated(ada)
-                    await bob.ask({"type": "join", "episode": joined["code"]}, "joined")
-                    await ada.send({"type": "say", "text": "one"})
-                    said = await ada.expect("said")
-                    await ada.send({"type": "act", "seq": 1, "action": None})
-                    await bob.send({"type": "act", "seq": 1, "action": None})
-                    assert (await ada.expect("delta"))["step"] == 1
-                assert (await bob.expect("delta"))["step"] == 1
-                await asyncio.sleep(0.1)
-                for seq in (2, 3):
-                    await bob.send({"type": "act", "seq": seq, "action": None})
-                    assert (await bob.expect("delta"))["step"] == seq
-                await bob.send({"type": "say", "text": "two"})
-                await bob.expect("said")
-                seen = {"episode": joined["episode"], "step": 1, "said": said["number"]}
+            for _ in range(3):
                 async with raw(server, hello=False) as again:
-                    hello = {**HELLO, "resume": joined["resume"], "seen": seen}
-                    await again.ask(hello, "welcome")
-                    told = []
-                    while not told or told[-1]["type"] != "roster" or len(told) < 4:
-                        told.append(await again.receive())
-                    kinds = [m["type"] for m in told if m["type"] != "roster"]
-                    assert kinds == ["joined", "delta", "delta", "said"]
-                    assert [m["step"] for m in told if m["type"] == "delta"] == [2, 3]
-                    assert [m["text"] for m in told if m["type"] == "said"] == ["two"]
+                    welcome = await again.ask({**HELLO, "resume": token}, "welcome")
+                    assert welcome["resumed"] is True
 
-        run(main())
+    @virtual
+    async def test_resume_tokens_expire(self, tmp_path: Path) -> None:
+        clock = [1_000_000.0]
+        async with serving(tmp_path, wall=lambda: clock[0], resume_hours=1) as server:
+            async with raw(server) as first:
+                token = (await seated(first))["resume"]
+            clock[0] += 3599
+            async with raw(server, hello=False) as again:
+                welcome = await again.ask({**HELLO, "resume": token}, "welcome")
+                assert welcome["resumed"] is True
+            clock[0] += 2
+            async with raw(server, hello=False) as late:
+                answer = await late.ask({**HELLO, "resume": token}, "welcome")
+                assert answer["code"] == "auth/expired"
+
+    @virtual
+    async def test_forged_token_is_refused(self, tmp_path: Path) -> None:
+        async with serving(tmp_path) as server, raw(server) as first:
+            token = (await seated(first))["resume"]
+            head, body, signature = token.split(".")
+            async with raw(server, hello=False) as thief:
+                for forged in (f"{head}.{body}.{signature[:-4]}AAAA", f"{head}.{body}.", "x"):
+                    answer = await thief.ask({**HELLO, "resume": forged}, "welcome")
+                    assert answer["code"] == "auth/invalid"
+
+    @virtual
+    async def test_token_is_for_its_own_seat(self, tmp_path: Path) -> None:
+        """Also after a restart, when only the recording knows the seat's session."""
+        async with serving(tmp_path) as server:
+            async with raw(server) as ada, raw(server) as bob:
+                joined = await seated(ada)
+                other = await bob.ask({"type": "join", "episode": joined["code"]}, "joined")
+                assert (joined["seat"], other["seat"]) == ("robot1", "robot2")
+            await server.stop("restart", hand_over=True)
+        async with serving(tmp_path, seed=2) as server:
+            for token, seat in ((other["resume"], "robot2"), (joined["resume"], "robot1")):
+                async with raw(server, hello=False) as again:
+                    await again.ask({**HELLO, "resume": token}, "welcome")
+                    assert (await again.expect("joined"))["seat"] == seat
+
+
+class TestMissedMessages:
+    @virtual
+    async def test_only_missed_deltas_and_chat_are_sent(self, tmp_path: Path) -> None:
+        async with serving(tmp_path) as server, raw(server) as bob:
+            async with raw(server) as ada:
+                joined = await seated(ada)
+                await bob.ask({"type": "join", "episode": joined["code"]}, "joined")
+                await ada.send({"type": "say", "text": "one"})
+                said = await ada.expect("said")
+                await ada.send({"type": "act", "seq": 1, "action": None})
+                await bob.send({"type": "act", "seq": 1, "action": None})
+                assert (await ada.expect("delta"))["step"] == 1
+            assert (await bob.expect("delta"))["step"] == 1
+            await asyncio.sleep(0.1)
+            for seq in (2, 3):
+                await bob.send({"type": "act", "seq": seq, "action": None})
+                assert (await bob.expect("delta"))["step"] == seq
+            await bob.send({"type": "say", "text": "two"})
+            await bob.expect("said")
+            seen = {"episode": joined["episode"], "step": 1, "said": said["number"]}
+            async with raw(server, hello=False) as again:
+                hello = {**HELLO, "resume": joined["resume"], "seen": seen}
+                await again.ask(hello, "welcome")
+                told = []
+                while not told or told[-1]["type"] != "roster" or len(told) < 4:
+                    told.append(await again.receive())
+                kinds = [m["type"] for m in told if m["type"] != "roster"]
+                assert kinds == ["joined", "delta", "delta", "said"]
+                assert [m["step"] for m in told if m["type"] == "delta"] == [2, 3]
+                assert [m["text"] for m in told if m["type"] == "said"] == ["two"]
 
 
 async def two_people(ada: Client, bob: Client, **options: object):  # type: ignore[no-untyped-def]
-    # While a stand-in's thread thinks, simulated time jumps to the next timer: let that be none.
-    created = await ada.create("multi_agent/02", **{"move_budget": 0, **options})
+    # Without a move budget, no timer ends a step while a substitute plans.
+    created = await ada.create("training/03_multi_agent@2", **{"move_budget": 0, **options})
     return await ada.join(created.code), await bob.join(created.code)
 
 
-class TestStandIn:
-    def test_it_acts_in_the_next_step_and_gives_the_seat_back(self, tmp_path: Path) -> None:
-        async def main() -> None:
-            async with serving(tmp_path) as server, connect(server.url, name="bob") as bob:
-                ada = Client(server.url, name="ada", kind="human", seed=1)
-                async with ada:
-                    one, two = await two_people(ada, bob, absence="bot", stand_in="planner")
-                    await asyncio.gather(one.act(None), two.act(None))
-                    assert ada._socket is not None
-                    ada.protocol.reconnect = False
-                    ada._socket.transport.abort()
+class TestSubstitute:
+    @virtual
+    async def test_substitute_acts_in_the_next_step_and_returns_the_seat(
+        self, tmp_path: Path
+    ) -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="bob") as bob:
+            ada = Client(server.url, name="ada", kind="human")
+            async with ada:
+                one, two = await two_people(ada, bob, absence="bot", substitute="planner")
+                await asyncio.gather(one.act(None), two.act(None))
+                assert ada._socket is not None
+                ada.protocol.reconnect = False
+                ada._socket.transport.abort()
+                await asyncio.sleep(0.5)
+                assert [s.controller for s in two.seats] == ["substitute", "bot"]
+                for _ in range(10):
+                    await two.act(None)
+                assert ada.game is not None
+                async with raw(server, hello=False) as back:
+                    await back.ask({**HELLO, "resume": ada.resume}, "welcome")
+                    joined = await back.expect("joined")
+                    assert joined["seat"] == "robot1"
                     await asyncio.sleep(0.5)
-                    assert [s.controller for s in two.seats] == ["stand-in", "bot"]
-                    for _ in range(10):
-                        await two.act(None)
-                    assert ada.game is not None
-                    async with raw(server, hello=False) as back:
-                        await back.ask({**HELLO, "resume": ada.resume}, "welcome")
-                        joined = await back.expect("joined")
-                        assert joined["seat"] == "robot1"
-                        await asyncio.sleep(0.5)
-                        assert [s.controller for s in two.seats] == ["human", "bot"]
-
-        run(main())
+                    assert [s.controller for s in two.seats] == ["human", "bot"]
         (file,) = tmp_path.glob("*.rbt")
         recording = read_recording(file)
         assert recording.verify().ok
@@ -173,44 +159,66 @@ class TestStandIn:
         assert moves[2] == [("robot1", 0)], "not in the next step"
         assert sum(bool(m) for m in moves.values()) >= 5
         controllers = [n["controller"] for n in recording.notes() if n.get("player") == "robot1"]
-        assert controllers == ["human", "stand-in", "human", "stand-in"]
+        assert controllers == ["human", "substitute", "human", "substitute"]
 
-    def test_it_plays_a_game_to_its_goal(self, tmp_path: Path) -> None:
-        """Alone: who has gone finds the meal cooked."""
+    def test_substitute_reaches_the_goal(self, tmp_path: Path) -> None:
 
         async def main() -> dict:  # type: ignore[type-arg]
-            async with serving(tmp_path, grace=600) as server:
-                async with connect(server.url, name="eve") as eve:
-                    async with raw(server) as ada:
-                        options = {"absence": "bot", "clock": "lockstep"}
-                        joined = await seated(ada, "multi_agent/01", **options)
-                        other = await eve.join(joined["code"])
-                        assert other.seat == "robot2"
-                    while not other.ended:
-                        await other.act(None)
-                    return dict(other.outcome or {})
+            async with with_clients(tmp_path, "eve", grace=600) as (server, eve):
+                async with raw(server) as ada:
+                    options = {"absence": "bot", "clock": "lockstep"}
+                    joined = await seated(ada, "multi_agent/01", **options)
+                    other = await eve.join(joined["code"])
+                    assert other.seat == "robot2"
+                while not other.ended:
+                    await other.act(None)
+                return dict(other.outcome or {})
 
         outcome = run(main())
         assert outcome["reason"] == "goal"
 
 
-def test_a_pause_counts_down_for_all_to_see(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path, grace=20) as server, connect(server.url, name="bob") as bob:
-            async with raw(server) as ada:
-                joined = await seated(ada, clock="realtime", absence="pause", grace=12)
-                game = await bob.join(joined["code"])
-                while game.step < 3:
-                    await asyncio.sleep(0.1)
-            await asyncio.sleep(5)
-            assert game.pause is not None
-            assert (game.pause.reason, game.phase) == ("absence", "paused")
-            assert 11 < (game.pause.left or 0) <= 12
-            await asyncio.sleep(8)
-            assert game.outcome is not None
-            assert (game.outcome["reason"], game.outcome["detail"]) == (
-                "abandoned",
-                "raw did not come back",
-            )
+@virtual
+async def test_pause_shows_the_remaining_grace(tmp_path: Path) -> None:
+    async with serving(tmp_path, grace=20) as server, connect(server.url, name="bob") as bob:
+        async with raw(server) as ada:
+            joined = await seated(ada, clock="realtime", absence="pause", grace=12)
+            game = await bob.join(joined["code"])
+            while game.step < 3:
+                await asyncio.sleep(0.1)
+        await asyncio.sleep(5)
+        assert game.pause is not None
+        assert (game.pause.reason, game.phase) == ("absence", "paused")
+        assert 11 < (game.pause.left or 0) <= 12
+        await asyncio.sleep(8)
+        assert game.outcome is not None
+        assert (game.outcome["reason"], game.outcome["detail"]) == (
+            "abandoned",
+            "raw did not come back",
+        )
 
-    run(main())
+
+HOUR = 3600.0
+
+
+@virtual
+async def test_resuming_does_not_prolong_a_role(tmp_path: Path) -> None:
+    now = [1_800_000_000.0]
+    async with serving(tmp_path, wall=lambda: now[0], require_token=True) as server:
+        token = server.tokens.mint_role(Role.HOST, "carol", seconds=int(HOUR))
+        hello = {"type": "hello", "protocol": 1, "name": "carol"}
+        async with raw(server, hello=False) as one:
+            welcome = await one.ask({**hello, "token": token}, "welcome")
+            assert welcome["role"] == "host"
+            created = await one.ask({"type": "create", "grace": 86400.0}, "created")
+            joined = await one.ask({"type": "join", "episode": created["code"]}, "joined")
+        resume = joined["resume"]
+        for hours, role in [(0.5, "host"), (0.6, "player"), (20, "player"), (20, "player")]:
+            now[0] += hours * HOUR
+            async with raw(server, hello=False) as one:
+                welcome = await one.ask({**hello, "resume": resume}, "welcome")
+                assert (welcome["resumed"], welcome["role"]) == (True, role)
+                assert (await one.expect("joined"))["seat"] == joined["seat"]
+                answer = await one.ask({"type": "create"}, "created")
+                assert (answer.get("code") == "auth/role") is (role == "player")
+            resume = welcome["resume"]

@@ -1,20 +1,65 @@
-"""Snapshots: what is the same for all is encoded once a step, and each gets its own fields."""
+"""Snapshots, and messages from a room to its members."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from typing import Any
 
 import msgpack
 import pytest
+from pydantic import BaseModel
 
 from robotouille import World
-from robotouille.episode import Clock, Episode, Rules
+from robotouille.episode import ActionRequest, ChatPosted, Clock, Episode, Rules, Stepped
+from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.states import StateWriter
-from robotouille_server.rooms.broadcast.snapshots import Snapshots, last_seq, own_answers
-from robotouille_server.transport import frame_of
+from robotouille_server.auth import Role
+from robotouille_server.rooms.broadcaster import (
+    KEPT_DELTAS,
+    MAX_SPECTATOR_NAMES,
+    Broadcaster,
+)
+from robotouille_server.rooms.episode_messages import Snapshots, last_seq, own_answers
+from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.write_ahead import CommitGate
 
 WORLD = World("synchronous/01_cheese_sandwich")
+
+
+class SilentPeer:
+    """Peer that stores its messages in `got`; with `slow`, it does not keep up."""
+
+    def __init__(self, codec: Codec = MSGPACK) -> None:
+        self.codec = codec
+        self.slow = False
+        self.got: list[dict[str, Any]] = []
+        self.catch_up: Callable[[], None] | None = None
+        self.received_bytes = 0
+
+    @property
+    def behind(self) -> bool:
+        return self.slow
+
+    def keeps_up(self, catch_up: Callable[[], None]) -> bool:
+        self.catch_up = catch_up
+        return not self.slow
+
+    def send(self, message: BaseModel) -> None:
+        self.got.append(message.model_dump(mode="json"))
+
+    def send_frame(self, frame: bytes) -> None:
+        start = {126: 4, 127: 10}.get(frame[1], 2)
+        unpack = json.loads if self.codec is JSON else msgpack.unpackb
+        self.got.append(unpack(frame[start:]))
+
+    answer = send
+    answer_frame = send_frame
+
+    def kinds(self) -> list[str]:
+        """Return the types of the received messages, in order."""
+        return [message["type"] for message in self.got]
 
 
 @pytest.fixture
@@ -29,30 +74,8 @@ def snapshots(episode: Episode) -> Snapshots:
     return Snapshots("e-1", episode, StateWriter(WORLD))
 
 
-def fields(frame: bytes) -> dict[str, Any]:
-    """The message in a frame of MessagePack."""
-    size = 126 if frame[1] < 126 else 65536 if frame[1] == 126 else 0
-    start = {126: 2, 65536: 4, 0: 10}[size]
-    plain: dict[str, Any] = msgpack.unpackb(frame[start:], strict_map_key=False)
-    assert frame == frame_of(frame[start:])
-    return plain
-
-
-def test_a_snapshot_has_the_state_and_the_fields_of_who_gets_it(snapshots: Snapshots) -> None:
-    plain = fields(snapshots.frame(MSGPACK, {"seat": "robot1"}, with_task=False))
-    assert (plain["type"], plain["episode"], plain["step"]) == ("snapshot", "e-1", 0)
-    assert plain["seat"] == "robot1"
-    assert "task" not in plain
-
-
-def test_the_task_comes_with_it_where_it_is_not_known(snapshots: Snapshots) -> None:
-    plain = fields(snapshots.frame(MSGPACK, {}, with_task=True))
-    assert plain["task"] == WORLD.task.json
-    assert plain["digest"] == WORLD.task.digest
-
-
 @pytest.mark.parametrize("codec", [MSGPACK, JSON], ids=repr)
-def test_the_state_is_written_once_a_step_and_anew_for_the_next(
+def test_state_is_encoded_once_per_step(
     snapshots: Snapshots, episode: Episode, codec: Codec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[int] = []
@@ -66,20 +89,22 @@ def test_the_state_is_written_once_a_step_and_anew_for_the_next(
     for _ in range(3):
         snapshots.frame(codec, {}, with_task=False)
     assert written == [0]
-    episode.submit(WORLD.players[0], 1, episode.state.actions(WORLD.players[0])[0], 1.0)
+    episode.submit(
+        WORLD.players[0], ActionRequest(1, episode.state.actions(WORLD.players[0])[0]), 1.0
+    )
     episode.tick(2.0)
     for _ in range(3):
         snapshots.frame(codec, {}, with_task=False)
     assert written == [0, 1]
 
 
-def test_each_of_ones_seats_is_told_what_became_of_its_last_action() -> None:
+def test_each_seat_gets_the_result_of_its_last_action() -> None:
     world = World("training/03_multi_agent@3")
     episode = Episode(world, Rules(clock=Clock.LOCKSTEP), 0.0)
     episode.join_several(world.players, "Ada", "model", 0.0)
     for seq, player in enumerate(world.players, 1):
-        episode.submit(player, seq, None, 0.0)
-    episode.submit("robot3", 8, "Boil the sea", 0.0)
+        episode.submit(player, ActionRequest(seq), 0.0)
+    episode.submit("robot3", ActionRequest(8, "Boil the sea"), 0.0)
     own = own_answers(episode, ("robot1", "robot3"))
     assert (own["seat"], own["seq"], own["last_seq"], own["last_step"]) == ("robot1", 8, 1, 1)
     (answer,) = own["answers"]
@@ -88,3 +113,152 @@ def test_each_of_ones_seats_is_told_what_became_of_its_last_action() -> None:
     assert last_seq(episode, ("robot2",)) == 2
     assert own_answers(episode, ())["seat"] is None
     assert not any(own_answers(episode, ()).values())
+
+
+(PLAYER,) = WORLD.players
+
+
+class Room:
+    """Episode with one player, and its broadcaster."""
+
+    def __init__(self) -> None:
+        self.episode = Episode(WORLD, Rules(clock=Clock.LOCKSTEP), 0.0)
+        self.episode.join(PLAYER, "Ada", "human", 0.0)
+        self.episode.events()
+        self.broadcaster = Broadcaster(
+            "e-1", "AAAAA-BBBBB", self.episode, StateWriter(WORLD), lambda: 0.0, CommitGate(None)
+        )
+
+    def member(self, name: str, peer: SilentPeer | None = None, view: str = "state") -> SilentPeer:
+        session = Session(f"s-{name}", name=name, kind="human", role=Role.PLAYER)
+        session.players = (PLAYER,) if name == "Ada" else ()
+        session.view = view
+        session.peer = found = peer or SilentPeer()  # type: ignore[assignment]
+        self.broadcaster.members.append(session)
+        assert isinstance(found, SilentPeer)
+        return found
+
+    def session(self, name: str) -> Session:
+        return next(s for s in self.broadcaster.members if s.name == name)
+
+    def step(self) -> Stepped:
+        """Take a step and publish it."""
+        episode = self.episode
+        action = episode.state.actions(PLAYER)[0]
+        episode.submit(PLAYER, ActionRequest(episode.seat(PLAYER).seq + 1, action), 0.0)
+        (stepped,) = [event for event in episode.events() if isinstance(event, Stepped)]
+        self.broadcaster.publish_step(stepped)
+        return stepped
+
+
+@pytest.fixture
+def room() -> Room:
+    return Room()
+
+
+def test_slow_client_gets_a_snapshot_instead_of_deltas(room: Room) -> None:
+    slow, quick = room.member("Ada"), room.member("Bob")
+    slow.slow = True
+    room.step()
+    assert (slow.kinds(), quick.kinds()) == ([], ["delta"])
+    slow.slow = False
+    assert slow.catch_up is not None
+    slow.catch_up()
+    assert slow.kinds() == ["snapshot"]
+
+
+def test_returning_client_gets_missed_deltas_and_chat(room: Room) -> None:
+    peer = room.member("Ada")
+    for _ in range(3):
+        room.step()
+    room.broadcaster.publish_said(ChatPosted("Ada", PLAYER, "hello", 0.0, 1))
+    peer.got.clear()
+    seen = messages.Seen(episode="e-1", step=1, said=0)
+    room.broadcaster.welcome_back(room.session("Ada"), seen, "token")
+    assert peer.kinds() == ["joined", "delta", "delta", "said", "roster"]
+    assert [message["step"] for message in peer.got[1:3]] == [2, 3]
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        None,
+        messages.Seen(episode="another", step=1, said=0),
+        messages.Seen(episode="e-1", step=1, said=0, stale=True),
+        messages.Seen(episode="e-1", step=1000, said=0),
+    ],
+    ids=["nothing", "another episode", "stale", "the future"],
+)
+def test_returning_client_without_kept_deltas_gets_a_snapshot(
+    room: Room, seen: messages.Seen | None
+) -> None:
+    peer = room.member("Ada")
+    room.step()
+    peer.got.clear()
+    room.broadcaster.welcome_back(room.session("Ada"), seen, "token")
+    assert peer.kinds()[:2] == ["joined", "snapshot"]
+
+
+def test_number_of_kept_deltas_is_bounded(room: Room) -> None:
+    peer = room.member("Ada")
+    for _ in range(KEPT_DELTAS + 1):
+        room.step()
+    peer.got.clear()
+    seen = messages.Seen(episode="e-1", step=0, said=0)
+    room.broadcaster.welcome_back(room.session("Ada"), seen, "token")
+    assert peer.kinds()[:2] == ["joined", "snapshot"]
+
+
+def test_only_the_first_spectators_are_named(room: Room) -> None:
+    room.member("Ada")
+    names = [f"eva {i}" for i in range(MAX_SPECTATOR_NAMES + 2)]
+    for name in names:
+        room.member(name)
+    room.session(names[0]).peer = None
+    there = names[1:]
+    peer = room.member("Zoe")
+    room.broadcaster.publish_roster()
+    room.broadcaster.send_snapshot(room.session("Zoe"))
+    for message in peer.got:
+        assert message["spectators"] == len(there) + 1
+        assert message["spectator_names"] == there[:MAX_SPECTATOR_NAMES]
+
+
+class TestUnwritableRecording:
+    """Rosters when a recording starts to fail: they report the pause and nothing unwritten."""
+
+    def test_roster_repeats_the_last_one_with_the_pause(self, room: Room) -> None:
+        peer = room.member("Ada")
+        room.broadcaster.publish_roster()
+        room.step()
+        room.episode.set_present((PLAYER,), False, 0.0)
+        room.episode.abort(0.0, "nobody")
+        room.broadcaster.publish_unwritable()
+        before, _, told = peer.got
+        assert (told["phase"], told["pause"]) == ("paused", {"reason": "storage"})
+        assert told["seats"] == before["seats"]
+
+    def test_no_roster_before_the_first_one(self, room: Room) -> None:
+        peer = room.member("Ada")
+        room.broadcaster.publish_unwritable()
+        assert peer.got == []
+
+    def test_roster_has_the_last_published_turn(self) -> None:
+        world = World("multi_agent/01")
+        episode = Episode(world, Rules(clock=Clock.TURN), 0.0)
+        for player in world.players:
+            episode.join(player, player, "human", 0.0)
+        episode.events()
+        room = Room()
+        room.episode = episode
+        room.broadcaster = Broadcaster(
+            "e-1", "AAAAA-BBBBB", episode, StateWriter(world), lambda: 0.0, CommitGate(None)
+        )
+        peer = room.member("eve")
+        room.broadcaster.publish_roster()
+        episode.submit(world.players[0], ActionRequest(1), 0.0)
+        (stepped,) = [event for event in episode.events() if isinstance(event, Stepped)]
+        room.broadcaster.publish_step(stepped)
+        episode.submit(world.players[1], ActionRequest(1), 0.0)
+        room.broadcaster.publish_unwritable()
+        assert [message["turn"] for message in peer.got] == ["robot1", "robot2", "robot2"]

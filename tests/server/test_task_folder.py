@@ -1,4 +1,4 @@
-"""A folder of one's own tasks: what is served of it, what is refused, what a window draws."""
+"""Folder of the operator's own tasks."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 
 from robotouille.errors import ProtocolError
+from robotouille.installation import data_folder
 from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
-from robotouille.resources import data_folder
 from robotouille_client import connect
 from robotouille_server.cli import SERVER, _greeting, first_room
 from robotouille_server.runtime.task_folder import TaskFolderError, read_task_folder
 from tests.support.pixels import png
 from tests.support.servers import crash, raw, serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import virtual
 
 SVG = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8">
 <rect width="8" height="8" fill="#07fa3c"/></svg>"""
@@ -25,7 +25,7 @@ SVG = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8">
 
 @pytest.fixture
 def bistro(tmp_path: Path) -> Path:
-    """The shipped diner under another name, with pictures of its own."""
+    """Create a task like the shipped diner, with pictures of its own."""
     folder = tmp_path / "tasks"
     pictures = folder / "bistro"
     pictures.mkdir(parents=True)
@@ -49,120 +49,106 @@ def bistro(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_new_kitchen_is_opened_by_name_and_drawn_with_its_pictures(
+@virtual
+async def test_own_task_is_opened_by_name_and_drawn_with_its_pictures(
     tmp_path: Path, bistro: Path
 ) -> None:
     pygame = pytest.importorskip("pygame")
+    from robotouille_client.window.app.remote_game import fetch_look
     from robotouille_client.window.drawing.painter import Painter
     from robotouille_client.window.sources.remote import RemoteSource
-    from robotouille_client.window.sources.remote_look import fetch_look
 
     def painted(painter: Painter, source: RemoteSource) -> set[tuple[int, ...]]:
         surface = pygame.Surface((640, 360))
         painter.paint(surface, source.view())
         return {tuple(surface.get_at((x, y)))[:3] for x in range(640) for y in range(360)}
 
-    async def main() -> None:
-        pygame.font.init()
-        cache = tmp_path / "cache"
-        cache.mkdir()
-        async with (
-            serving(tmp_path / "recordings", tasks=bistro) as server,
-            connect(server.url, name="ada") as ada,
-        ):
-            game = await ada.join((await ada.create("crepes", max_steps=3)).code)
-            look = await fetch_look(ada, cache)
-            assert look is not None
-            assert {path.suffix for path in cache.iterdir()} == {".png", ".svg"}
-            bistro.rename(tmp_path / "elsewhere")  # The client is on another machine.
-            source = RemoteSource(game, lambda: 0.0)
-            own = {(250, 10 * number, 7) for number in range(10)}
-            seen = painted(Painter(look.rendering, look.pictures), source)
-            assert seen & own
-            assert (7, 250, 60) in seen
-            assert not painted(Painter(), source) & (own | {(7, 250, 60)})
-            for _ in range(3):
-                await game.act(None)
-        (file,) = (tmp_path / "recordings").glob("*.rbt")
-        recording = read_recording(file)
-        assert recording.task.name == "crepes"
-        assert recording.verify().ok
-
-    run(main())
+    pygame.font.init()
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    async with (
+        serving(tmp_path / "recordings", tasks=bistro) as server,
+        connect(server.url, name="ada") as ada,
+    ):
+        game = await ada.join((await ada.create("crepes", max_steps=3)).code)
+        look = await fetch_look(ada, cache)
+        assert look is not None
+        assert {path.suffix for path in cache.iterdir()} == {".png", ".svg"}
+        bistro.rename(tmp_path / "elsewhere")  # The client is on another machine.
+        source = RemoteSource(game, lambda: 0.0)
+        own = {(250, 10 * number, 7) for number in range(10)}
+        seen = painted(Painter(look.rendering, look.pictures), source)
+        assert seen & own
+        assert (7, 250, 60) in seen
+        assert not painted(Painter(), source) & (own | {(7, 250, 60)})
+        for _ in range(3):
+            await game.act(None)
+    (file,) = (tmp_path / "recordings").glob("*.rbt")
+    recording = read_recording(file)
+    assert recording.task.name == "crepes"
+    assert recording.verify().ok
 
 
-def test_after_a_restart_the_kitchen_still_has_its_look(tmp_path: Path, bistro: Path) -> None:
-    async def main() -> None:
-        recordings = tmp_path / "recordings"
-        join = {"type": "join", "role": "spectator"}
-        async with serving(recordings, tasks=bistro) as first, raw(first) as ada:
-            create = {"type": "create", "task": "crepes", "open_for": 9000.0}
-            code = (await ada.ask(create, "created"))["code"]
-            await crash(first)
-        async with serving(recordings, seed=2, tasks=bistro) as second, raw(second) as ada:
-            await ada.ask({**join, "episode": code}, "joined")
-            told = await ada.ask({"type": "get_rendering", "ref": 7}, "rendering")
-            assert told["pictures"]
-            digest = next(iter(told["pictures"].values()))
-            picture = await ada.ask({"type": "get_picture", "digest": digest}, "picture")
-            assert picture["digest"] == digest
-            refused = await ada.ask({"type": "get_picture", "digest": "0" * 64}, "picture")
-            assert refused["code"] == "message/invalid-field"
-
-    run(main())
+@virtual
+async def test_pictures_survive_a_restart(tmp_path: Path, bistro: Path) -> None:
+    recordings = tmp_path / "recordings"
+    join = {"type": "join", "role": "spectator"}
+    async with serving(recordings, tasks=bistro) as first, raw(first) as ada:
+        create = {"type": "create", "task": "crepes", "open_for": 9000.0}
+        code = (await ada.ask(create, "created"))["code"]
+        await crash(first)
+    async with serving(recordings, seed=2, tasks=bistro) as second, raw(second) as ada:
+        await ada.ask({**join, "episode": code}, "joined")
+        told = await ada.ask({"type": "get_rendering", "ref": 7}, "rendering")
+        assert told["pictures"]
+        digest = next(iter(told["pictures"].values()))
+        picture = await ada.ask({"type": "get_picture", "digest": digest}, "picture")
+        assert picture["digest"] == digest
+        refused = await ada.ask({"type": "get_picture", "digest": "0" * 64}, "picture")
+        assert refused["code"] == "message/invalid-field"
 
 
-def test_of_a_shipped_task_nothing_is_sent(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
-            await ada.join((await ada.create("synchronous/01")).code)
-            assert (await ada.rendering()).rendering is None
-
-    run(main())
+@virtual
+async def test_shipped_task_has_no_rendering_message(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
+        await ada.join((await ada.create("synchronous/01")).code)
+        assert (await ada.rendering()).rendering is None
 
 
-def test_a_name_that_is_none_is_answered_with_the_nearest_of_the_folder(
-    tmp_path: Path, bistro: Path
-) -> None:
-    async def main() -> None:
-        async with (
-            serving(tmp_path / "recordings", tasks=bistro) as server,
-            connect(server.url, name="ada") as ada,
-        ):
-            with pytest.raises(ProtocolError, match="'crepse'; did you mean 'crepes'") as refused:
-                await ada.create("crepse")
-            assert refused.value.code == "task/unknown"
-            with pytest.raises(ProtocolError, match="did you mean 'multi_agent/01_lettuce_burger'"):
-                await ada.create("multi_agent/01_letuce_burger")
-
-    run(main())
+@virtual
+async def test_unknown_name_suggests_a_task_of_the_folder(tmp_path: Path, bistro: Path) -> None:
+    async with (
+        serving(tmp_path / "recordings", tasks=bistro) as server,
+        connect(server.url, name="ada") as ada,
+    ):
+        with pytest.raises(ProtocolError, match="'crepse'; did you mean 'crepes'") as refused:
+            await ada.create("crepse")
+        assert refused.value.code == "task/unknown"
+        with pytest.raises(ProtocolError, match="did you mean 'multi_agent/01_lettuce_burger'"):
+            await ada.create("multi_agent/01_letuce_burger")
 
 
-def test_a_restarted_server_shows_its_own_kitchen_or_none(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as first, raw(first) as ada:
-            await ada.ask(
-                {"type": "create", "task": "synchronous/01", "open_for": 9000.0}, "created"
-            )
-            await crash(first)
-        async with serving(tmp_path, seed=2) as second:
-            assert first_room(second) is None
-            assert "going on with 1 earlier episode\n" in _greeting(second, None, "", 1)
-            own = second.lobby.create(messages.Create(), owner=SERVER)
-            assert first_room(second) is own
-
-    run(main())
+@virtual
+async def test_restarted_server_prints_only_its_own_code(tmp_path: Path) -> None:
+    async with serving(tmp_path) as first, raw(first) as ada:
+        await ada.ask({"type": "create", "task": "synchronous/01", "open_for": 9000.0}, "created")
+        await crash(first)
+    async with serving(tmp_path, seed=2) as second:
+        assert first_room(second) is None
+        assert "continuing 1 earlier episode, so no new one" in _greeting(second, None, "", 1)
+        own = second.lobby.create(messages.Create(), owner=SERVER)
+        assert first_room(second) is own
 
 
-def test_links_that_lead_outside_are_refused(bistro: Path) -> None:
+def test_links_out_of_the_folder_are_refused(bistro: Path) -> None:
     (bistro / "secret.json").symlink_to("/etc/passwd")
     (bistro / "inside.json").symlink_to(bistro / "crepes.json")
-    with pytest.raises(TaskFolderError, match=r"secret\.json: is a link that leads out") as refused:
+    with pytest.raises(TaskFolderError, match=r"secret\.json: a link that leads out") as refused:
         read_task_folder(bistro)
     assert "inside" not in str(refused.value)
 
 
-def test_every_broken_file_is_named(bistro: Path) -> None:
+def test_every_invalid_file_is_reported(bistro: Path) -> None:
     (bistro / "broken.json").write_text("{")
     (bistro / "poor.json").write_text('{"width": 3, "height": 3, "goal": 7}')
     with pytest.raises(TaskFolderError) as refused:
@@ -171,26 +157,26 @@ def test_every_broken_file_is_named(bistro: Path) -> None:
     assert "poor.json" in str(refused.value)
 
 
-def test_a_broken_picture_is_named(bistro: Path) -> None:
+def test_invalid_picture_is_reported(bistro: Path) -> None:
     picture = next((bistro / "bistro").glob("*.png"))
     picture.write_bytes(picture.read_bytes()[:40])
-    with pytest.raises(TaskFolderError, match=f"bistro/{picture.name}: is a torn PNG"):
+    with pytest.raises(TaskFolderError, match=f"bistro/{picture.name}: is a damaged PNG"):
         read_task_folder(bistro)
     picture.write_bytes(png((1, 2, 3)))
     (bistro / "bistro/griddle.svg").write_text('<svg viewBox="0 0 1 1">')
-    with pytest.raises(TaskFolderError, match=r"bistro/griddle.svg: is no SVG"):
+    with pytest.raises(TaskFolderError, match=r"bistro/griddle.svg: is not an SVG"):
         read_task_folder(bistro)
 
 
-def test_too_many_files_are_not_gone_through(bistro: Path) -> None:
+def test_too_many_files_are_refused(bistro: Path) -> None:
     for number in range(2_001):
         os.close(os.open(bistro / f"{number}.txt", os.O_CREAT))
     with pytest.raises(TaskFolderError, match="more than 2,000 files"):
         read_task_folder(bistro)
 
 
-def test_no_folder_and_none_with_tasks(tmp_path: Path) -> None:
-    with pytest.raises(TaskFolderError, match="no such folder"):
+def test_missing_and_empty_folders_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskFolderError, match="the folder does not exist"):
         read_task_folder(tmp_path / "none")
     with pytest.raises(TaskFolderError, match="no problem file"):
         read_task_folder(tmp_path)

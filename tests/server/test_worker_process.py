@@ -1,4 +1,4 @@
-"""The process in which stand-ins think: it answers as a thread would, and is never in the way."""
+"""Process of the substitutes, as the server sees it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,13 @@ import pytest
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Timing
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.substitutes import worker_process
-from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError, ThreadBotWorker
-from robotouille_server.rooms.substitutes.bots import Question
-from robotouille_server.rooms.substitutes.worker_process import ProcessBotWorker
+from robotouille_server.rooms import bot_worker as worker_process
+from robotouille_server.rooms.bot_worker import (
+    BotWorkerLostError,
+    ProcessBotWorker,
+    ThreadBotWorker,
+)
+from robotouille_server.rooms.bots import Question
 from tests.support.executors import ImmediateExecutor
 from tests.support.processes import process
 from tests.support.questions import question
@@ -44,7 +47,7 @@ async def bot_worker(*command: str) -> AsyncIterator[ProcessBotWorker]:
 
 
 def random_move(bot: int) -> Question:
-    """Quickly answered."""
+    """Return a question that is answered quickly."""
     return question(START, bot, kind="random")
 
 
@@ -55,7 +58,7 @@ async def gone(pid: int) -> None:
 
 
 @pytest.mark.slow
-def test_it_answers_as_a_thread_does() -> None:
+def test_process_answers_like_a_thread() -> None:
     async def main() -> None:
         thread = ThreadBotWorker(ImmediateExecutor())
         step = START.step([START.actions("robot1")[0]])
@@ -75,12 +78,11 @@ def test_it_answers_as_a_thread_does() -> None:
     asyncio.run(main())
 
 
-def test_it_is_shown_again_what_it_has_forgotten() -> None:
-    """Everybody may play another task."""
+def test_forgotten_task_is_sent_again() -> None:
     tasks = [load_task("training/03_multi_agent@2", timing=timing) for timing in Timing]
     program = (
-        "from robotouille_server.rooms.substitutes import bots; bots.MAX_WORLDS = 1;"
-        "from robotouille_server.rooms.substitutes.worker_main import main; main()"
+        "from robotouille_server.rooms import bots; bots.MAX_WORLDS = 1;"
+        "from robotouille_server.rooms.bots import main; main()"
     )
 
     async def main() -> None:
@@ -92,8 +94,8 @@ def test_it_is_shown_again_what_it_has_forgotten() -> None:
     asyncio.run(main())
 
 
-def test_one_that_dies_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was asked is lost, and what is asked at once, too; later another process answers."""
+def test_dead_process_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Questions are lost until the replacement has started."""
     monkeypatch.setattr(worker_process, "FIRST_BACK_OFF", 0.05)
 
     async def main() -> None:
@@ -115,7 +117,7 @@ def test_one_that_dies_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     asyncio.run(main())
 
 
-def test_one_that_dies_again_and_again_is_started_ever_more_rarely(
+def test_repeated_deaths_increase_the_back_off(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def main() -> None:
@@ -131,7 +133,7 @@ def test_one_that_dies_again_and_again_is_started_ever_more_rarely(
     asyncio.run(main())
 
 
-def test_where_no_process_can_be_started_a_thread_thinks(tmp_path: Path) -> None:
+def test_thread_answers_if_no_process_can_be_started(tmp_path: Path) -> None:
     async def main() -> None:
         async with bot_worker(str(tmp_path / "nothing")) as apart:
             with pytest.raises(BotWorkerLostError):
@@ -142,10 +144,9 @@ def test_where_no_process_can_be_started_a_thread_thinks(tmp_path: Path) -> None
     asyncio.run(main())
 
 
-def test_a_thread_thinks_no_longer_than_until_a_process_can_be_started(
+def test_thread_is_replaced_when_a_process_can_be_started(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Out of descriptors or memory for a moment, and not for the server's whole life."""
     refused: list[int] = []
 
     async def main() -> None:
@@ -183,7 +184,7 @@ def test_a_thread_thinks_no_longer_than_until_a_process_can_be_started(
     asyncio.run(main())
 
 
-def test_one_that_is_stuck_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stuck_process_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(worker_process, "REPLY_SECONDS", 0.05)
 
     async def main() -> None:
@@ -194,7 +195,7 @@ def test_one_that_is_stuck_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     asyncio.run(main())
 
 
-def test_it_heeds_no_signals_that_are_the_servers_and_ends_with_it() -> None:
+def test_process_ignores_signals_and_ends_with_the_server() -> None:
     async def main() -> None:
         async with bot_worker() as apart:
             await apart.ask(TASK, random_move(1))
@@ -211,7 +212,7 @@ def test_it_heeds_no_signals_that_are_the_servers_and_ends_with_it() -> None:
     asyncio.run(main())
 
 
-def test_it_gets_none_of_the_servers_secrets(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_process_gets_no_secrets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBOTOUILLE_SIGNING_KEYS", "secret")
 
     async def main() -> None:
@@ -225,7 +226,7 @@ def test_it_gets_none_of_the_servers_secrets(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_nothing_is_left_of_it_when_the_server_ends(tmp_path: Path, number: int) -> None:
+def test_no_process_is_left_when_the_server_ends(tmp_path: Path, number: int) -> None:
     from robotouille_client import connect
 
     async def until_it_thinks(url: str, code: str, server: psutil.Process) -> int:

@@ -1,4 +1,4 @@
-"""The write-ahead rule by itself: collect, commit, retry, publish, with a log that may fail."""
+"""Write-ahead rule with a log that may fail."""
 
 from __future__ import annotations
 
@@ -9,26 +9,25 @@ import pytest
 
 from robotouille import World
 from robotouille.episode import (
+    ChatPosted,
     Clock,
-    Ended,
     Episode,
     Event,
     Paused,
     PauseReason,
     Resumed,
     Rules,
-    Said,
 )
 from robotouille.errors import ProtocolError
 from robotouille_server.rooms import write_ahead
-from robotouille_server.rooms.write_ahead import MAX_DEFERRED, WriteAhead
+from robotouille_server.rooms.write_ahead import MAX_DEFERRED, CommitGate, WriteAhead
 
 ONE = World("synchronous/01_cheese_sandwich")
 
 
 @dataclass
 class Log:
-    """Keeps what is written, unless the disk is `full`; `attempts` counts writes."""
+    """Log that keeps events, unless the disk is `full`; `attempts` counts writes."""
 
     full: bool = False
     attempts: int = 0
@@ -56,7 +55,7 @@ class Log:
 
 
 class Table:
-    """An episode that runs, its log, and what was published and reported of it."""
+    """Running episode with its log, and the published events."""
 
     def __init__(self, log: Log | None) -> None:
         self.episode = Episode(ONE, Rules(clock=Clock.LOCKSTEP), 0.0)
@@ -64,7 +63,10 @@ class Table:
         self.episode.join(player, "Ada", "human", 0.0)
         self.published: list[Event] = []
         self.failing: list[bool] = []
-        self.rule = WriteAhead(self.episode, log, self.published.append, self.failing.append)
+        self.gate = CommitGate(log)
+        self.rule = WriteAhead(
+            self.episode, log, self.gate, self.published.append, self.failing.append
+        )
         self.rule.flush(0.0)
         self.published.clear()
 
@@ -72,7 +74,7 @@ class Table:
         self.episode.say("Ada", ONE.players[0], text, 1.0)
 
     def said(self) -> list[str]:
-        return [event.text for event in self.published if isinstance(event, Said)]
+        return [event.text for event in self.published if isinstance(event, ChatPosted)]
 
 
 @pytest.fixture
@@ -85,51 +87,32 @@ def table(log: Log) -> Table:
     return Table(log)
 
 
-def test_all_that_is_published_was_written_before(table: Table, log: Log) -> None:
+def test_events_are_written_before_they_are_published(table: Table, log: Log) -> None:
     written: list[bool] = []
 
     def publish(event: Event) -> None:
         written.append(any(event is known for known in log.written))
 
-    rule = WriteAhead(table.episode, log, publish, table.failing.append)
+    rule = WriteAhead(table.episode, log, table.gate, publish, table.failing.append)
     for text in ("one", "two"):
         table.say(text)
         rule.flush(1.0)
     assert written == [True, True]
 
 
-def test_flush_returns_what_it_has_published(table: Table) -> None:
-    table.say("hello")
-    assert table.rule.flush(1.0) == table.published
-    assert table.rule.flush(1.0) == []
-
-
-def test_without_a_log_everything_is_published_at_once() -> None:
-    table = Table(None)
-    table.say("hello")
-    table.rule.flush(1.0)
-    assert table.said() == ["hello"]
-
-
-def test_nothing_is_written_where_nothing_has_happened(table: Table, log: Log) -> None:
-    before = log.attempts
-    table.rule.flush(1.0)
-    assert log.attempts == before
-
-
-class TestAFailingLog:
+class TestFailingLog:
     @pytest.fixture(autouse=True)
     def fail(self, table: Table, log: Log) -> None:
         log.full = True
         table.say("lost?")
         table.rule.flush(1.0)
 
-    def test_nothing_is_published_and_the_episode_is_paused(self, table: Table) -> None:
+    def test_episode_is_paused_and_nothing_is_published(self, table: Table) -> None:
         assert table.published == []
         assert PauseReason.STORAGE in table.episode.pauses
         assert table.failing == [True]
 
-    def test_it_is_tried_again_only_when_that_is_asked_for(self, table: Table, log: Log) -> None:
+    def test_writing_is_retried_only_on_request(self, table: Table, log: Log) -> None:
         before = log.attempts
         table.say("more")
         table.rule.flush(1.5)
@@ -138,18 +121,18 @@ class TestAFailingLog:
         assert log.attempts == before + 1
         assert table.failing == [True]
 
-    def test_all_is_published_in_order_once_it_can_be_written(self, table: Table, log: Log) -> None:
+    def test_events_are_published_in_order_when_writing_works(self, table: Table, log: Log) -> None:
         table.say("again")
         log.full = False
         table.rule.flush(2.0, retry=True)
         kinds = [type(event) for event in table.published]
-        assert kinds == [Said, Paused, Said, Resumed]
+        assert kinds == [ChatPosted, Paused, ChatPosted, Resumed]
         assert table.said() == ["lost?", "again"]
         assert log.written[-4:] == table.published
         assert table.failing == [True, False]
         assert PauseReason.STORAGE not in table.episode.pauses
 
-    def test_a_log_that_fails_at_the_end_of_the_pause_goes_on_failing(
+    def test_log_may_fail_at_the_end_of_the_pause(
         self, table: Table, log: Log, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         log.full = False
@@ -163,54 +146,24 @@ class TestAFailingLog:
         monkeypatch.setattr(log, "write", once)
         table.rule.flush(2.0, retry=True)
         assert table.published == []
-        assert table.rule.failing
+        assert table.gate.failing
         assert PauseReason.STORAGE in table.episode.pauses
         assert table.failing == [True, False, True]
 
-    def test_what_shows_the_state_waits(self, table: Table, log: Log) -> None:
-        sent: list[str] = []
-        table.rule.when_committed("ada", lambda: sent.append("snapshot"))
-        assert sent == []
-        log.full = False
-        table.rule.flush(2.0, retry=True)
-        assert sent == ["snapshot"]
-        table.rule.when_committed("ada", lambda: sent.append("another"))
-        assert sent == ["snapshot", "another"]
-
-    def test_so_much_waits_for_each_and_nothing_for_who_has_gone(
-        self, table: Table, log: Log
-    ) -> None:
+    def test_deferred_answers_are_bounded_and_can_be_dropped(self, table: Table, log: Log) -> None:
         sent: list[str] = []
         for _ in range(MAX_DEFERRED + 3):
-            table.rule.when_committed("ada", lambda: sent.append("ada"))
-            table.rule.when_committed("bob", lambda: sent.append("bob"))
-        table.rule.forget("bob")
+            table.gate.when_committed("ada", lambda: sent.append("ada"))
+            table.gate.when_committed("bob", lambda: sent.append("bob"))
+        table.gate.forget("bob")
         log.full = False
         table.rule.flush(2.0, retry=True)
         assert sent == MAX_DEFERRED * ["ada"]
 
-    def test_what_has_to_be_recorded_is_refused(self, table: Table, log: Log) -> None:
-        with pytest.raises(ProtocolError, match="no space; try again later"):
-            table.rule.check()
-        log.full = False
-        table.rule.flush(2.0, retry=True)
-        table.rule.check()
-
-    def test_coming_back_is_refused_once_too_much_waits(
+    def test_check_space_refuses_when_too_much_is_unwritten(
         self, table: Table, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        table.rule.check_space()
+        table.gate.check_space()
         monkeypatch.setattr(write_ahead, "MAX_UNWRITTEN", 100)
         with pytest.raises(ProtocolError, match="no space"):
-            table.rule.check_space()
-
-    def test_an_episode_that_ends_meanwhile_is_published_when_it_is_written(
-        self, table: Table, log: Log
-    ) -> None:
-        table.episode.abort(2.0, "the server stops")
-        table.rule.flush(2.0)
-        assert table.published == []
-        log.full = False
-        table.rule.flush(3.0, retry=True)
-        assert any(isinstance(event, Ended) for event in table.published)
-        assert log.pending == []
+            table.gate.check_space()

@@ -1,4 +1,4 @@
-"""The nightly run in a few seconds: seed after seed until the time is up, and what it says."""
+"""The nightly run in a few seconds: it runs seeds until its time is up and reports failures."""
 
 from __future__ import annotations
 
@@ -12,42 +12,30 @@ from tests.programs.simulation import runs
 from tests.programs.simulation.__main__ import main
 from tests.programs.simulation.runs import Progress, run_many
 from tests.programs.simulation.simulation import Report, run_seed
-from tests.support.sabotage import told_though_not_written
+from tests.support.deliberate_faults import publish_despite_failed_writes
 
 SECONDS = 0.3
 FIRST = 12
-"""From here on the seeds that are run are short, and the fault is soon found."""
+"""First seed; the seeds that follow are short and soon find the fault."""
 HOURS = ["--hours", f"{SECONDS / 3600:.6f}", "--seeds", f"{FIRST}:", "--jobs", "1"]
 
 
 def faulty_block(first: int, last: int) -> list[Report]:
-    """The reports of some seeds of a server with a fault; it is run in other processes."""
+    """Run seeds of a faulty server in a child process and return their reports."""
     with pytest.MonkeyPatch.context() as patch:
-        told_though_not_written(patch)
+        publish_despite_failed_writes(patch)
         return [run_seed(seed) for seed in range(first, last)]
 
 
 def run_main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """The exit status of the command."""
+    """Run the command and return its exit status."""
     monkeypatch.setattr(sys, "argv", ["tests.programs.simulation", *arguments])
     return main()
 
 
 @pytest.mark.process
 @pytest.mark.slow
-def test_the_command_ends_after_its_hours(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(runs, "BLOCK", 3)
-    assert run_main(monkeypatch, *HOURS) == 0
-    said = capsys.readouterr().out
-    found = re.search(r"^(\d+) seeds, 0 failed", said, re.MULTILINE)
-    assert found is not None and int(found[1]) >= 2 * runs.BLOCK, said
-
-
-@pytest.mark.process
-@pytest.mark.slow
-def test_each_seed_is_run_once_until_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_seed_runs_once_until_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "BLOCK", 3)
     seeds: list[int] = []
     count = Progress._count
@@ -67,7 +55,7 @@ def test_each_seed_is_run_once_until_the_time_is_up(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.process
 @pytest.mark.slow
-def test_a_seed_that_fails_is_named_and_fails_alone(
+def test_failing_seed_is_reported_and_fails_alone(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(runs, "BLOCK", 3)
@@ -80,9 +68,9 @@ def test_a_seed_that_fails_is_named_and_fails_alone(
     assert failed, said
     assert f"failed: {' '.join(sorted((seed for seed, _ in failed), key=int))}\n" in said
     seed, arguments = failed[0]
-    assert run_main(monkeypatch, *arguments.split()) == 0, "it fails without the fault, too"
+    assert run_main(monkeypatch, *arguments.split()) == 0, "the seed fails without the fault"
     assert f"seed {seed}: ok" in capsys.readouterr().out
-    told_though_not_written(monkeypatch)
+    publish_despite_failed_writes(monkeypatch)
     assert run_main(monkeypatch, *arguments.split()) == 1
     alone = capsys.readouterr().out
     assert f"seed {seed}: FAILED" in alone

@@ -1,4 +1,4 @@
-"""Games that survive everything: some hundred seeds; `SIMULATION_SEEDS=FROM:TO` runs others."""
+"""Episodes that survive all faults, for 150 seeds or for those in `SIMULATION_SEEDS=FROM:TO`."""
 
 from __future__ import annotations
 
@@ -11,32 +11,33 @@ import pytest
 
 from tests.programs.simulation.day import simulate_day
 from tests.programs.simulation.simulation import Report, run_seed
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRST, LAST = map(int, os.environ.get("SIMULATION_SEEDS", "0:150").split(":"))
-BLOCK = 5
+BLOCK = 3
 
 
-def told(report: Report) -> str:
+def failure_text(report: Report) -> str:
     lines = [f"reproduce: python -m tests.programs.simulation --seed {report.seed} --trace"]
     return "\n".join(lines + report.faults)
 
 
-@pytest.mark.parametrize("start", first_quickly(range(FIRST, LAST, BLOCK), 1, nightly=4))
-def test_games_survive_whatever_goes_wrong(start: int) -> None:
+@pytest.mark.parametrize("start", quick_sample(range(FIRST, LAST, BLOCK), 1, nightly=7))
+def test_episodes_survive_all_faults(start: int) -> None:
     reports = [run_seed(seed) for seed in range(start, min(start + BLOCK, LAST))]
-    failed = [told(report) for report in reports if not report.ok]
+    failed = [failure_text(report) for report in reports if not report.ok]
     assert not failed, "\n\n".join(failed)
     compared = sum(report.counts.get("states", 0) for report in reports)
     broken = sum(times for report in reports for what, times in report.counts.items())
-    assert compared > 100 and broken > compared, "the simulation has checked hardly anything"
+    # The quietest blocks of three seeds compare about thirty states.
+    assert compared > 15 and broken > compared, "the simulation has checked too little"
 
 
 @pytest.mark.process
 @pytest.mark.slow
-def test_a_seed_gives_the_same_course_in_every_process() -> None:
-    """Whatever hashes and addresses are, and whatever ran before."""
+def test_seed_gives_the_same_course_in_every_process() -> None:
+    """The course must not depend on hashes, addresses or earlier runs."""
     program = (
         "from tests.programs.simulation.simulation import run_seed\n"
         "print(*(run_seed(seed).digest for seed in {seeds}))"
@@ -63,10 +64,10 @@ def test_a_seed_gives_the_same_course_in_every_process() -> None:
 @pytest.mark.slow
 @pytest.mark.nightly
 @pytest.mark.parametrize("minutes", [3, 15])
-def test_a_server_that_runs_for_long_does_not_diverge(minutes: int) -> None:
-    """Some simulated minutes; `--day` runs 24 hours, and judges memory as well."""
+def test_long_running_server_does_not_diverge(minutes: int) -> None:
+    """Simulate a few minutes; `--day` simulates 24 hours and also checks the memory."""
     looks: list[str] = []
     report = simulate_day(1, minutes / 60, looks.append, rooms=2)
-    assert report.ok, told(report)
+    assert report.ok, failure_text(report)
     assert len(looks) >= 1.5 * minutes
     assert report.counts["states"] > 166 * minutes

@@ -84,7 +84,7 @@ PROBLEM: Json = {
 
 
 def changed(value: Json, *path: Any, to: Any) -> Json:
-    """A copy with one place changed; `...` removes it."""
+    """Return a copy with one value changed, or removed if `to` is `...`."""
     result = copy.deepcopy(value)
     place = result
     for step in path[:-1]:
@@ -108,7 +108,7 @@ def build(domain: Any = DOMAIN, problem: Any = PROBLEM) -> Task:
 
 
 def faults_of(domain: Any = DOMAIN, problem: Any = PROBLEM) -> list[str]:
-    """All the faults of a domain and problem, as one reads them."""
+    """Return the messages of all faults in a domain and problem."""
     with pytest.raises(FileError) as error:
         build(domain, problem)
     assert str(error.value) == "\n".join(f"{error.value.file}: {f}" for f in error.value.faults)
@@ -126,7 +126,7 @@ def condition(predicate: str, *params: str, is_true: bool = True) -> dict[str, A
 
 
 def published_domain() -> dict[str, Any]:
-    """No layout, no configuration keys, no travel: version 1 leaves them unsaid."""
+    """Return a domain in the published format, without layout, configuration keys and travel."""
     types = {
         "istable": "station", "isstove": "station", "isrobot": "player", "ispatty": "item",
         "iscooked": "item", "vacant": "station", "station_empty": "station", "clear": "item",

@@ -1,4 +1,4 @@
-"""A broker in this process, which does what a test wants, and Mosquitto in a folder."""
+"""A fake MQTT broker in this process, and a real Mosquitto in a folder."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from itertools import count
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple, cast
+
+import aiomqtt
 
 from robotouille_server import Server
 from robotouille_server.auth import Role
-from robotouille_server.mqtt import on_broker
-from robotouille_server.mqtt.connection import BrokerError, Connection, Received
-from robotouille_server.mqtt.models import Answer
+from robotouille_server.mqtt.messages import CommandReply
+from robotouille_server.mqtt.service import on_broker
 from tests.support.servers import serving
 
 __all__ = [
@@ -32,15 +34,15 @@ __all__ = [
     "missing",
     "mosquitto",
     "role_token",
-    "told",
+    "serving_with_broker",
 ]
 
 TIMEOUT = 5.0
-"""Of a client whose broker does not answer."""
+"""Client timeout in seconds."""
 
 
 class Publication(NamedTuple):
-    """What was published, with its quality of service."""
+    """A published message."""
 
     topic: str
     content: dict[str, Any]
@@ -50,89 +52,82 @@ class Publication(NamedTuple):
 
 
 class FakeBroker:
-    """Takes what is published; `gone` and `stalled` may be set at any time, by `break_off` too."""
+    """Broker that records publications; tests may set `gone` and `stalled` at any time."""
 
     def __init__(self) -> None:
         self.gone = self.stalled = False
         self.attempts = 0
         self.published: list[Publication] = []
-        self.subscribed: list[str] = []
-        self._commands: asyncio.Queue[Received] = asyncio.Queue()
-        self._cut = asyncio.Event()
+        self.commands: asyncio.Queue[aiomqtt.Message] = asyncio.Queue()
+        self.cut = asyncio.Event()
 
     @asynccontextmanager
-    async def connect(self) -> AsyncIterator[Connection]:
-        """A connection, if it is there."""
+    async def connect(self) -> AsyncIterator[aiomqtt.Client]:
+        """Yield a connection, or raise `MqttError` if the broker is gone."""
         self.attempts += 1
         if self.gone:
-            raise BrokerError("connection refused")
-        self._cut = asyncio.Event()
-        yield FakeConnection(self)
+            raise aiomqtt.MqttError("connection refused")
+        self.cut = asyncio.Event()
+        yield cast("aiomqtt.Client", FakeClient(self))
 
     def break_off(self, *, gone: bool = False) -> None:
         """Close the connection."""
         self.gone = gone
-        self._cut.set()
+        self.cut.set()
 
-    def command(self, content: Any, **received: Any) -> None:
-        """Deliver a command."""
+    def command(self, content: Any, *, retain: bool = False, **properties: Any) -> None:
+        """Deliver a command, with MQTT 5 properties."""
         payload = content if isinstance(content, bytes) else json.dumps(content).encode()
-        self._commands.put_nowait(Received(payload, **received))
+        received: Any = SimpleNamespace(**properties)
+        self.commands.put_nowait(aiomqtt.Message("commands", payload, 1, retain, 0, received))
 
     def on(self, end: str) -> list[dict[str, Any]]:
-        """What was published on topics that end so."""
+        """Return the messages published on topics that end with `end`."""
         return [each.content for each in self.published if each.topic.endswith(end)]
 
-    async def take(self, publication: Publication) -> None:
-        if self.stalled:
-            await asyncio.sleep(TIMEOUT)
-            raise BrokerError("timed out")
-        if self._cut.is_set():
-            raise BrokerError("closed")
-        self.published.append(publication)
 
-    async def next_command(self) -> Received:
-        command = asyncio.ensure_future(self._commands.get())
-        cut = asyncio.ensure_future(self._cut.wait())
-        try:
-            await asyncio.wait({command, cut}, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            cut.cancel()
-            if not command.done():
-                command.cancel()
-        if not command.done():
-            raise BrokerError("closed")
-        return command.result()
-
-
-class FakeConnection:
-    """A connection to a `FakeBroker`."""
+class FakeClient:
+    """`aiomqtt.Client` that is connected to a `FakeBroker`."""
 
     def __init__(self, broker: FakeBroker) -> None:
         self._broker = broker
 
-    async def subscribe(self, topic: str) -> None:
-        self._broker.subscribed.append(topic)
+    async def subscribe(self, topic: str, qos: int) -> None:
+        assert (topic, qos) == ("robotouille/v1/lab/commands", 1)
 
     async def publish(
-        self,
-        topic: str,
-        payload: bytes,
-        *,
-        qos: Literal[0, 1] = 1,
-        retain: bool = False,
-        correlation: bytes | None = None,
+        self, topic: str, payload: bytes, qos: int, retain: bool = False, properties: Any = None
     ) -> None:
-        content = json.loads(payload)
-        await self._broker.take(Publication(topic, content, qos, retain, correlation))
+        if self._broker.stalled:
+            await asyncio.sleep(TIMEOUT)
+            raise aiomqtt.MqttError("timed out")
+        if self._broker.cut.is_set():
+            raise aiomqtt.MqttError("closed")
+        correlation = getattr(properties, "CorrelationData", None)
+        publication = Publication(topic, json.loads(payload), qos, retain, correlation)
+        self._broker.published.append(publication)
 
-    async def receive(self) -> Received:
-        return await self._broker.next_command()
+    @property
+    async def messages(self) -> AsyncIterator[aiomqtt.Message]:
+        cut = asyncio.ensure_future(self._broker.cut.wait())
+        command = asyncio.ensure_future(self._broker.commands.get())
+        try:
+            while not cut.done():
+                await asyncio.wait({command, cut}, return_when=asyncio.FIRST_COMPLETED)
+                if command.done():
+                    yield command.result()
+                    command = asyncio.ensure_future(self._broker.commands.get())
+            raise aiomqtt.MqttError("closed")
+        finally:
+            cut.cancel()
+            command.cancel()
 
 
 @asynccontextmanager
-async def told(folder: Path, **options: Any) -> AsyncIterator[tuple[Server, FakeBroker]]:
-    """A server called `lab`, and the broker that is told of it."""
+async def serving_with_broker(
+    folder: Path, **options: Any
+) -> AsyncIterator[tuple[Server, FakeBroker]]:
+    """Run a server called `lab` that publishes to a fake broker."""
     broker = FakeBroker()
     async with serving(folder, mqtt="mqtt://broker", mqtt_name="lab", **options) as server:
         async with on_broker(server, connect=broker.connect, rng=random.Random(1)):
@@ -143,12 +138,12 @@ async def told(folder: Path, **options: Any) -> AsyncIterator[tuple[Server, Fake
 def role_token(
     server: Server, role: Role = Role.OPERATOR, subject: str = "lab", **limits: Any
 ) -> str:
-    """A token of this server, good for an hour."""
+    """Return a role token of this server that is valid for an hour."""
     return server.tokens.mint_role(role, subject, **{"seconds": 3600, **limits})
 
 
 def missing() -> str:
-    """Why there can be no Mosquitto here; empty if there can."""
+    """Return why Mosquitto is unavailable, or an empty string."""
     programs = ("mosquitto", "mosquitto_passwd")
     return "" if all(map(_program, programs)) else "Mosquitto is not installed"
 
@@ -158,7 +153,7 @@ def _program(name: str) -> str | None:
 
 
 class Mosquitto:
-    """The broker, on a port of its own: `start` and `stop` it as often as needed."""
+    """Mosquitto process on a free port, which tests may start and stop repeatedly."""
 
     def __init__(
         self, folder: Path, users: dict[str, str], acl: str, options: Sequence[str]
@@ -186,14 +181,14 @@ class Mosquitto:
         for name, password in users.items():
             program = str(_program("mosquitto_passwd"))
             subprocess.run([program, "-b", str(file), name, password], check=True)
-        file.chmod(0o644)  # Mosquitto gives up root.
+        file.chmod(0o644)  # Mosquitto drops its root privileges.
 
     @property
     def url(self) -> str:
         return f"mqtt://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        """It runs, and can be reached."""
+        """Start the broker and wait until it accepts connections."""
         program = str(_program("mosquitto"))
         command = [program, "-c", str(self._config)]
         self._process = subprocess.Popen(
@@ -207,12 +202,12 @@ class Mosquitto:
             time.sleep(0.02)
 
     def send_signal(self, number: signal.Signals) -> None:
-        """Stop it where it stands (SIGSTOP), or let it go on."""
+        """Send a signal, such as SIGSTOP or SIGCONT."""
         assert self._process is not None
         self._process.send_signal(number)
 
     def stop(self) -> None:
-        """Kill it."""
+        """Kill the process."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -226,10 +221,11 @@ def mosquitto(
     acl: str = "",
     options: Sequence[str] = (),
 ) -> Iterator[Mosquitto]:
-    """A Mosquitto that runs; with `users` (names and passwords) it asks for one. `options` are
-    lines about its listener."""
+    """Run Mosquitto. With `users` (names and passwords), it requires a password. `options` are
+    lines for its listener.
+    """
     folder.mkdir(exist_ok=True)
-    for above in (folder, *folder.parents):  # It reads its files as somebody else, if we are root.
+    for above in (folder, *folder.parents):  # Started by root, it reads files as another user.
         if above.stat().st_mode & 0o777 == 0o700:
             above.chmod(0o711)
     broker = Mosquitto(folder, users or {}, acl, options)
@@ -241,23 +237,23 @@ def mosquitto(
 
 
 class Lab:
-    """Sends commands to a server, and reads the answers."""
+    """Laboratory client that sends commands to a server and reads the replies."""
 
     def __init__(self, server: Server, broker: FakeBroker, role: Role = Role.OPERATOR) -> None:
         self.broker = broker
         self.token = role_token(server, role)
         self._refs = count(1)
 
-    async def ask(self, kind: str, **fields: Any) -> Answer:
+    async def ask(self, kind: str, **fields: Any) -> CommandReply:
         content = {"type": kind, "ref": f"r{next(self._refs)}", "token": self.token, **fields}
         return await self.send({key: value for key, value in content.items() if value != ""})
 
-    async def send(self, content: Any, **received: Any) -> Answer:
+    async def send(self, content: Any, **received: Any) -> CommandReply:
         before = len(self.broker.on("answers"))
         self.broker.command(content, **received)
         await asyncio.sleep(1)
         (answer,) = self.broker.on("answers")[before:]
-        return Answer.model_validate(answer)
+        return CommandReply.model_validate(answer)
 
     async def refused(self, kind: str, **fields: Any) -> str:
         answer = await self.ask(kind, **fields)

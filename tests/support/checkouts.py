@@ -1,4 +1,4 @@
-"""A made-up checkout of the published repository's shape, with nothing of its contents."""
+"""Invented checkout in the format of the published repository."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder
 
 __all__ = ["EXPERIMENT", "PROBLEM", "write_checkout"]
 
@@ -86,7 +86,7 @@ FILES = {
 
 
 def write_checkout(folder: Path, changes: dict[str, str | None] | None = None) -> Path:
-    """Write the checkout, with other texts for some of its files; None leaves one out."""
+    """Write the checkout; `changes` replaces texts of files, and None omits a file."""
     domain: dict[str, Any] = json.loads(
         (data_folder("domains") / "robotouille.json").read_text(encoding="utf-8")
     )

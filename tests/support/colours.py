@@ -1,17 +1,16 @@
-"""Colours as they are seen."""
+"""Perceived colour differences."""
 
 from __future__ import annotations
 
 import math
 
-from robotouille_client.window.pictures.colour_vision import linear
-from robotouille_client.window.pictures.theme import Colour
+from robotouille_client.window.pictures.theme import Colour, linear
 
 __all__ = ["colour_distance"]
 
 
 def colour_distance(one: Colour, other: Colour) -> float:
-    """How far two colours are apart in CIELAB (D65), whose distances are those that are seen."""
+    """Return the perceptual distance of two colours: their distance in CIELAB (D65)."""
     return math.dist(_lab(one), _lab(other))
 
 

@@ -1,4 +1,4 @@
-"""The file `docker-compose.yml` as Compose reads it, with the variables of an `.env`."""
+"""Reader of `docker-compose.yml` that substitutes variables like Compose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _VARIABLE = re.compile(r"\$(?:\$|\{(\w+):-([^}]*)\})")
 
 
 def compose(variables: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """The file's content, filled in; a variable that is missing or empty has its default."""
+    """Return the file's content; missing or empty variables take their defaults."""
     given = variables or {}
 
     def value(found: re.Match[str]) -> str:

@@ -1,16 +1,16 @@
-"""Folders in which writing does not always go well."""
+"""Recording folders in which writes can fail."""
 
 from __future__ import annotations
 
 import errno
 
-from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
+from robotouille_server.rooms.storage import Appender, FileCondition, Folder
 
 __all__ = ["FullDisk", "TroubledFolder", "WrappedFile"]
 
 
 class TroubledFolder(Folder):
-    """`before_append` comes before each append to a file made here, and may fail or take time."""
+    """Folder that calls `before_append`, which may raise or block, before each append."""
 
     def before_append(self, name: str) -> None:
         raise NotImplementedError
@@ -20,7 +20,7 @@ class TroubledFolder(Folder):
 
 
 class WrappedFile:
-    """A file that does what another does."""
+    """File that forwards to another file."""
 
     def __init__(self, file: Appender) -> None:
         self._file = file
@@ -53,7 +53,7 @@ class _TroubledFile(WrappedFile):
 
 
 class FullDisk(TroubledFolder):
-    """A folder on a disk that is full at times."""
+    """Folder on a disk that can be full."""
 
     full = False
 

@@ -1,4 +1,4 @@
-"""Made-up rows of episodes, for tests of metrics and reports."""
+"""Invented episode rows for tests of metrics and reports."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 from robotouille_evaluation.metrics import (
     BudgetRow,
     Counts,
-    EpisodeRow,
-    Measures,
+    EpisodeMeasures,
     Optimum,
     PackId,
     Result,
-    Spent,
+    ResultRow,
+    TotalUsage,
 )
 from robotouille_evaluation.metrics.failures import CATEGORIES, Subcategory
 from robotouille_evaluation.metrics.rows import FailureRow
@@ -29,8 +29,8 @@ TASKS = {
 }
 
 
-def row(**fields: Any) -> EpisodeRow:
-    """A row of a success in 8 of at most 12 steps, 8 being the optimum."""
+def row(**fields: Any) -> ResultRow:
+    """Return the row of a success in the optimum of 8 steps, with a budget of 12."""
     values: dict[str, Any] = {
         "run": "test",
         "pack": PACK,
@@ -42,13 +42,13 @@ def row(**fields: Any) -> EpisodeRow:
         "optimum": Optimum(steps=8, bound=8, proven=True),
         "outcome": Result(success=True, steps=8, ended_by="goal"),
     }
-    return EpisodeRow(**{**values, **fields})
+    return ResultRow(**{**values, **fields})
 
 
 def made_up_rows(
     instances: int = 10, skills: dict[str, float] | None = None, seed: int = 0
-) -> Iterator[EpisodeRow]:
-    """Episodes of agents of different skill over some tasks."""
+) -> Iterator[ResultRow]:
+    """Yield episodes of agents with different skills in several tasks."""
     generator = random.Random(seed)
     for agent, skill in (skills or {"planner": 1.0, "react": 0.5, "random": 0.05}).items():
         for dataset, tasks in TASKS.items():
@@ -65,7 +65,7 @@ def _made_up(
     task: str,
     optimum: int,
     instance: int,
-) -> EpisodeRow:
+) -> ResultRow:
     budget = optimum * 3 // 2
     success = generator.random() < skill * (1.0 if dataset == "synchronous" else skill)
     steps = generator.randint(optimum, budget) if success and skill < 1 else budget
@@ -89,11 +89,11 @@ def _made_up(
         counts=Counts(
             invalid=generator.randint(0, 5), malformed=generator.randint(0, 2), calls=steps + 7
         ),
-        usage=Spent(prompt_tokens=steps * 900, completion_tokens=steps * 80, cost=steps / 500),
+        usage=TotalUsage(prompt_tokens=steps * 900, completion_tokens=steps * 80, cost=steps / 500),
         seconds=steps * 1.5,
         repetitions=0 if success else generator.randint(0, 12),
         recording=f"recordings/{agent}/{task}-{instance}.rtr",
-        measures=Measures(
+        measures=EpisodeMeasures(
             to_go_least=left,
             to_go_most=left,
             asynchronous_first=generator.random() < 0.5 if dataset == "asynchronous" else None,

@@ -9,7 +9,7 @@ __all__ = ["ImmediateExecutor"]
 
 
 class ImmediateExecutor(Executor):
-    """Runs what it is given at once, while time stands still."""
+    """Executor that runs each call immediately, so that virtual time stands still."""
 
     def submit(self, function: Any, /, *arguments: Any, **options: Any) -> Future[Any]:
         future: Future[Any] = Future()

@@ -1,4 +1,4 @@
-"""Forms without a shell: drawn once, or asked while somebody posts events."""
+"""Forms without the application: drawn once, or shown while a test posts events."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def ctrl(key: int) -> None:
 
 
 def asked(display: Display, form: Form, *frames: Callable[[], None]) -> object:
-    """Ask a form; something is done in each frame, then the window waits a while."""
+    """Show a form, call one function per frame, and return the form's result."""
     doing = iter(frames)
 
     async def sleep(seconds: float) -> None:
@@ -44,7 +44,7 @@ def asked(display: Display, form: Form, *frames: Callable[[], None]) -> object:
 
 
 def drawn(form: Form, size: tuple[int, int], scale: float = 1.0) -> pygame.Surface:
-    """A form as it fills a window of a size."""
+    """Draw a form into a window of this size."""
     surface = pygame.Surface(size)
     height = text_size(size, scale)
     area = surface.get_rect().inflate(-height, -height)
@@ -54,5 +54,5 @@ def drawn(form: Form, size: tuple[int, int], scale: float = 1.0) -> pygame.Surfa
 
 @cache
 def typesetter() -> Typesetter:
-    """One for all forms: fonts are loaded once."""
+    """Return one typesetter for all forms, so that fonts load once."""
     return Typesetter()

@@ -1,4 +1,4 @@
-"""Whole games played in this process, for tests that need recordings and messages."""
+"""Complete episodes played in this process, for tests that need recordings or messages."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import random
 from collections.abc import Callable
 
 from robotouille import GroundAction, World, load_task
-from robotouille.episode import Clock, Episode, Event, Phase, Reason, Rules
-from robotouille.replay.container import FORMAT_VERSION
+from robotouille.episode import ActionRequest, Clock, Episode, Event, Phase, Reason, Rules
 from robotouille.replay.recorder import Recorder, header
 
 TWO = World("multi_agent/01")
-"""A kitchen for two."""
+"""Kitchen for two players."""
 
 Choose = Callable[[Episode, str], GroundAction | None]
 
 
 def random_choice(seed: int) -> Choose:
-    """Valid actions at random, and now and then nothing or one that does not apply."""
+    """Return a policy that picks random valid actions and sometimes does nothing."""
     generator = random.Random(seed)
 
     def choose(episode: Episode, player: str) -> GroundAction | None:
@@ -32,7 +31,7 @@ def random_choice(seed: int) -> Choose:
 def play_through(
     task: str, rules: Rules, choose: Choose, *, timing: str = "benchmark"
 ) -> tuple[Episode, list[Event]]:
-    """One episode to its end with all seats taken; time passes by 0.1 s a round."""
+    """Play an episode to its end with all seats taken; each round takes 0.1 s."""
     world = World(load_task(task, timing=timing))
     episode = Episode(world, rules)
     for player in world.players:
@@ -45,16 +44,16 @@ def play_through(
         for player in world.players:
             mine = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
             if episode.phase is Phase.RUNNING and mine:
-                episode.submit(player, seq, choose(episode, player), now)
+                episode.submit(player, ActionRequest(seq, choose(episode, player)), now)
         episode.tick(now)
         events += episode.events()
     return episode, events
 
 
-def record(episode: Episode, events: list[Event], version: int = FORMAT_VERSION) -> bytes:
-    """The bytes of an episode's recording."""
+def record(episode: Episode, events: list[Event]) -> bytes:
+    """Return the bytes of an episode's recording."""
     head = header(episode.world.task, episode.rules, episode="test")
-    recorder = Recorder(episode.world, version)
+    recorder = Recorder(episode.world)
     return recorder.begin(head) + recorder.record(events)
 
 
@@ -64,15 +63,14 @@ def recorded_game(
     seed: int = 0,
     clock: Clock = Clock.LOCKSTEP,
     steps: int = 120,
-    version: int = FORMAT_VERSION,
     **options: str,
 ) -> bytes:
-    """The recording of a random game."""
+    """Return the recording of a random episode."""
     rules = Rules(clock=clock, max_steps=steps)
-    return record(*play_through(task, rules, random_choice(seed), **options), version)
+    return record(*play_through(task, rules, random_choice(seed), **options))
 
 
 def outcome(episode: Episode) -> tuple[Reason, str]:
-    """Why an episode ended, and what was said of it."""
+    """Return why an episode ended, with the detail."""
     assert episode.outcome is not None
     return episode.outcome.reason, episode.outcome.detail

@@ -1,7 +1,7 @@
-"""What the window says at each place with each thing in hand.
+"""Hints of the window at each station with each object in hand.
 
-`python -m tests.support.golden_hints` writes the files that `test_window_hints` compares with; look
-at what has changed.
+`python -m tests.support.golden_hints` writes the files that `test_window_hints` compares with.
+Review the changes before you commit them.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from pathlib import Path
 
 from robotouille import State
 from robotouille.world.scene import scene
-from robotouille_client.window.hands.controls import Controls, Meaning
-from robotouille_client.window.hands.possible import use
+from robotouille_client.window.input.controls import Controls, ResolvedInput, use
 from tests.support.scripted import after
 
 GOLDEN = Path(__file__).parents[1] / "window" / "hints"
@@ -24,12 +23,11 @@ KITCHENS: dict[str, tuple[str, list[str]]] = {
     "fries": ("asynchronous/04", []),
     "workshop": ("workshop/01", []),
 }
-"""Each with its task, and what the player has done."""
+"""Task of each kitchen, and the player's actions so far."""
 
 
 def hints(kitchen: str) -> list[str]:
-    """Rows of what one holds, where one is, and what is said there; places and things that are
-    alike once."""
+    """Return lines with the held object, the station and its hint, without duplicates."""
     task, lines = KITCHENS[kitchen]
     state = after(task, *lines)
     me, world = state.world.players[0], state.world
@@ -55,13 +53,13 @@ def world_kind(state: State, name: str) -> str:
     return state.world.thing(name).kind
 
 
-def _said(meaning: Meaning) -> str:
-    """The hint; in brackets, where it cannot be done."""
+def _said(meaning: ResolvedInput) -> str:
+    """Return the hint, in brackets if the action is impossible."""
     return meaning.hint if meaning.valid else f"[{meaning.hint}]"
 
 
 def _held(state: State, me: str) -> Iterator[tuple[str, State]]:
-    """The state with empty hands, and with each kind of thing that can be taken in them."""
+    """Yield the state with empty hands, and with each kind of object that can be picked up."""
     yield "nothing", state
     kinds: set[str] = set()
     for name, placed in scene(state).items():
@@ -78,7 +76,7 @@ def _held(state: State, me: str) -> Iterator[tuple[str, State]]:
 
 
 def _walked(state: State, me: str, station: str) -> State | None:
-    """The state in which a player has come to a station; None if it cannot."""
+    """Return the state after a player has walked to a station, or None if it is unreachable."""
     if scene(state)[me].at == station:
         return state
     for action in state.actions(me):

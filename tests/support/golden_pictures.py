@@ -1,10 +1,9 @@
-"""Golden pictures of the window: the contact sheet of each domain and rendering, a scene of each
-task, what may happen to a game, and windows of all sizes.
+"""Golden pictures of the window: contact sheets, a scene of each task, events and window sizes.
 
-python -m tests.support.golden_pictures
+`python -m tests.support.golden_pictures` draws the changed pictures again, into
+`tests/window/golden`. Review them before you commit them.
 
-draws those anew that have changed, into `tests/window/golden`. Look at them before you keep them.
-They are compared tile by tile and not pixel by pixel: other versions of pygame smooth edges
+Tests compare pictures by tile and not by pixel, because versions of pygame smooth edges
 differently.
 """
 
@@ -28,7 +27,7 @@ from tools.contact_sheet import sheet
 from robotouille import State, Task, World, load_task, task_names
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
+from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 from tests.support.viewer_pictures import VIEWER_SIZES, viewer_picture
@@ -37,19 +36,19 @@ __all__ = ["GOLDEN", "PICTURES", "TOLERANCE", "difference", "distance", "redraw"
 
 GOLDEN = Path(__file__).parents[1] / "window/golden"
 SIZE, KEPT, SIDE = (640, 480), 240, 32
-"""What is drawn, how wide it is kept, and the side of what is on a sheet."""
+"""Size when drawn, width when stored, and side of an object on a contact sheet."""
 TILE, TOLERANCE = 12, 14.0
-"""Pixels of a tile's side, and how far its mean colour may be from the golden one (of 255)."""
+"""Side of a tile in pixels, and the largest allowed difference of its mean colour (of 255)."""
 
 SHEETS = ("asynchronous/10", "examples/pancakes", "workshop/02")
 THEMED = ("multi_agent/07", "examples/pancakes", "workshop/02")
-"""Tasks that are drawn with another rendering as well."""
+"""Tasks that are also drawn with another rendering."""
 WINDOWS = ((320, 240), (640, 1000), (1280, 720), (2560, 1440))
-"""Sizes of a window in which one scene is drawn."""
+"""Window sizes in which one scene is drawn."""
 
 
 def middle(task: Task) -> tuple[State, State, int]:
-    """Two states in the middle of a task's plan, or its first where there is none."""
+    """Return two states in the middle of a task's plan, or the first state without a plan."""
     world = World(task)
     state, name = world.initial, task.name.rpartition("/")[2]
     files = (
@@ -76,7 +75,7 @@ def scene(
     strong: bool = False,
     **seen: Any,
 ) -> pygame.Surface:
-    """A window in the middle of a task, with a few words; `seen` is what else there is to see."""
+    """Draw a window in the middle of a task; `seen` overrides fields of the view."""
     before, state, step = middle(load_task(name))
     players = state.world.players
     view = View(
@@ -91,7 +90,7 @@ def scene(
     return pygame.transform.smoothscale(surface, (width, width * size[1] // size[0]))
 
 
-AWAY = SeatView("robot2", "Ben", connected=False, stand_in="astar")
+AWAY = SeatView("robot2", "Ben", connected=False, substitute="astar")
 FAR = SeatView("robot2", "Ben", latency_ms=350)
 KEYS = (("WASD", "walk"), ("Tab", "all actions"), ("H", "help"))
 CHOICES = tuple(f"Go to table {number}" for number in range(1, 9))
@@ -116,13 +115,13 @@ MOMENTS: dict[str, dict[str, Any]] = {
     "hands": {
         "ui": UiOverlay(
             prompt="Nothing to do here", keys=KEYS, choices=CHOICES, chosen=2, more="9 more",
-            mark=ActionMark("stove1", "refused"),
+            mark=ActionMark("stove1", "rejected"),
         )
     },
     "typing": {"ui": UiOverlay(typing="I shall take the pot")},
     "help": {"ui": UiOverlay(help=(*KEYS, ("F11", "fill the screen")))},
 }  # fmt: skip
-"""What may happen to a game."""
+"""Events in an episode, each with the fields of its view."""
 
 
 def _sheet(name: str, rendering: str = "") -> pygame.Surface:
@@ -151,8 +150,7 @@ PICTURES: dict[str, Callable[[], pygame.Surface]] = {
 
 
 def difference(one: pygame.Surface, other: pygame.Surface) -> float:
-    """How far the mean colours of the tiles are apart where they are farthest; 255 for another
-    size."""
+    """Return the largest difference of a tile's mean colours, or 255 for another size."""
     if one.get_size() != other.get_size():
         return 255.0
     means = []
@@ -165,7 +163,7 @@ def difference(one: pygame.Surface, other: pygame.Surface) -> float:
 
 
 def redraw(folder: Path, pictures: Mapping[str, Callable[[], pygame.Surface]]) -> None:
-    """Draw anew those that have changed, and take away those that are not looked at any more."""
+    """Draw the changed pictures again, and delete unused ones."""
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.jpg"):
         if old.stem not in pictures:
@@ -175,12 +173,12 @@ def redraw(folder: Path, pictures: Mapping[str, Callable[[], pygame.Surface]]) -
 
 
 def distance(golden: Path, now: pygame.Surface) -> float:
-    """How far a picture is from a golden one, as it would be kept."""
+    """Return the difference from a golden picture, after the same compression."""
     return difference(pygame.image.load(golden), _as_kept(now, golden.name)[1])
 
 
 def _changed(path: Path, now: pygame.Surface) -> bool:
-    """Write a picture unless it is what is there already."""
+    """Write a picture unless it equals the stored one; return whether it was written."""
     content, kept = _as_kept(now, path.name)
     if path.is_file() and difference(pygame.image.load(path), kept) < TOLERANCE / 3:
         return False
@@ -189,7 +187,7 @@ def _changed(path: Path, now: pygame.Surface) -> bool:
 
 
 def _as_kept(picture: pygame.Surface, name: str) -> tuple[bytes, pygame.Surface]:
-    """A picture as a file of some name, and as that looks."""
+    """Return a picture's file content, and the picture as that file shows it."""
     content = BytesIO()
     pygame.image.save(picture, content, name)
     return content.getvalue(), pygame.image.load(BytesIO(content.getvalue()), name)

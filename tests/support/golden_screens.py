@@ -1,8 +1,7 @@
-"""Golden pictures of the screens of the menu.
+"""Golden pictures of the menu screens.
 
-python -m tests.support.golden_screens
-
-draws them anew, into `tests/window/golden_screens`. Look at what has changed before you keep it.
+`python -m tests.support.golden_screens` draws them again, into `tests/window/golden_screens`.
+Review the changes before you commit them.
 """
 
 from __future__ import annotations
@@ -23,18 +22,16 @@ from robotouille.certification.certificate import load_certificate
 from robotouille.episode import Clock, Episode, Phase, Rules
 from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
 from robotouille.replay.container import compress
+from robotouille_client.window.app.main_menu import KeysMenu, SettingsMenu, main_menu, quit_form
+from robotouille_client.window.app.play_menu import PlayMenu, TaskPicker
+from robotouille_client.window.app.replays_menu import ReplaysMenu
+from robotouille_client.window.app.server_menus import JoinMenu, LobbyMenu, OpenMenu
+from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
-from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.input.commands import KeyMap
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.shell.screens.main_menu import menu, quit_form
-from robotouille_client.window.shell.screens.play_menu import PlayMenu
-from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu
-from robotouille_client.window.shell.screens.server_menus import JoinMenu, LobbyMenu, OpenMenu
-from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
-from robotouille_client.window.shell.screens.task_picker import TaskPicker
-from robotouille_client.window.shell.settings import Settings
 from tests.support.games import play_through, record
 from tests.support.golden_pictures import redraw
 
@@ -45,11 +42,11 @@ SIZE, SMALL = (1120, 630), (320, 240)
 BURGER = "multi_agent/01_lettuce_burger"
 NOW = datetime(2026, 11, 22, 14, 5, tzinfo=UTC)
 MAX_LATE = 8
-"""Pictures and the like that come later, of which so many are waited for."""
+"""Largest number of extra draws while pictures load."""
 
 
 def proven_game() -> bytes:
-    """The recording of the shortest game of a task."""
+    """Return the recording of a task's shortest plan."""
     plan = iter(load_certificate("synchronous/01").plan or ())
 
     def choose(episode: Episode, player: str) -> GroundAction:
@@ -88,7 +85,7 @@ def _kitchens() -> Form:
 
 
 SCREENS: dict[str, Callable[[], Form]] = {
-    "menu": lambda: menu(_settings()),
+    "menu": lambda: main_menu(_settings()),
     "leaving": quit_form,
     "play": lambda: PlayMenu(_settings()).form,
     "tasks": lambda: TaskPicker(_settings(), BURGER).form,
@@ -102,7 +99,7 @@ SCREENS: dict[str, Callable[[], Form]] = {
 
 
 def screen(name: str, size: tuple[int, int], *, strong: bool = False) -> pygame.Surface:
-    """A screen in a window of a size, when what is late has come."""
+    """Draw a menu screen in a window of this size, after everything has loaded."""
     display, form = Display(size, headless=True), SCREENS[name]()
     display.open()
     try:

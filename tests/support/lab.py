@@ -1,8 +1,8 @@
-"""The services of `docker-compose.yml` as processes here, with their own files and environment.
+"""The services of `docker-compose.yml` as local processes, with their files and environment.
 
-There is no container: a service's files are copied below a folder of its own, at the paths that
-they have in its container, and host names and ports become ports of this machine. `HOSTS` has all
-of them; what it lacks, or has in vain, is an error.
+Nothing runs in a container. A service's files are copied into its own folder, at the paths that
+they have in the container, and host names and ports are mapped to this machine. `Lab.hosts` lists
+the mappings; an unmapped or unused one is an error.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ PYTHON = {
     "robotouille-server": "robotouille_server.cli",
 }
 ENTRY_POINTS = {"prometheus": ["prometheus"]}
-"""What an image puts before the command."""
+"""Words that an image puts before the command."""
 NAMES = "server|mosquitto|postgres|catalogue|prometheus|grafana|caddy"
 PORTS = (8765, 8766, 1883, 9001, 5432, 9090, 3000, 443, 80, 2020)
-"""Those of the containers."""
+"""Ports of the containers."""
 WHOLE = re.compile(rf"\b(?:{NAMES}):\d+\b|:(?:{'|'.join(map(str, PORTS))})\b")
-"""What must be left of a host or a port of a container nowhere."""
+"""Host names and ports of containers; texts must contain none after the mapping."""
 SECONDS = 60
 
 
 def missing() -> str:
-    """Why the lab cannot be started here; empty if it can."""
+    """Return why the lab cannot start here, or an empty string."""
     absent = [name for name in PROGRAMS if not _found(name)]
     if absent:
         return f"{', '.join(absent)}: not installed"
@@ -59,7 +59,7 @@ def _found(name: str) -> str | None:
 
 
 class Lab:
-    """A lab in a folder. `port` has the ports here of the containers' ones."""
+    """Lab in a folder; `port` maps container ports to local ports."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -103,11 +103,11 @@ class Lab:
     # Files
 
     def root(self, name: str) -> Path:
-        """The folder that is a container's root."""
+        """Return the folder that serves as a container's root."""
         return self.folder / "roots" / name
 
     def place(self, name: str) -> None:
-        """Put a service's files where its container has them."""
+        """Put a service's files at the paths of its container."""
         service = self.services[name]
         for volume in service.get("volumes", []):
             source, inside = volume.split(":")[:2]
@@ -132,7 +132,7 @@ class Lab:
             shutil.chown(target, self.user)
 
     def here(self, name: str, text: str) -> str:
-        """A text of a container as it is here: its paths, hosts and ports."""
+        """Map the paths, hosts and ports in a container's text to local ones."""
         service = self.services[name]
         inside = {volume.split(":")[1] for volume in service.get("volumes", [])} | {"/run/secrets"}
         ordered = sorted(inside, key=len, reverse=True)
@@ -151,7 +151,7 @@ class Lab:
     # Processes
 
     def environment(self, name: str) -> dict[str, str]:
-        """What the service has in its environment, and what it takes to run here."""
+        """Return the service's environment, with the variables needed to run it here."""
         given = {key: self.here(name, str(value)) for key, value in self._given(name).items()}
         return {**os.environ, "HOME": str(self.folder), **given}
 
@@ -163,7 +163,7 @@ class Lab:
         return given
 
     def command(self, name: str, words: list[str]) -> list[str]:
-        """A command of a service as it is run here."""
+        """Map a service's command to a local one."""
         first, *rest = [self.here(name, word) for word in words]
         if first in PYTHON:
             return [sys.executable, "-c", f"from {PYTHON[first]} import main; main()", *rest]
@@ -201,7 +201,7 @@ class Lab:
         return ["-p", str(self.port[5432]), "-h", "127.0.0.1", "-k", str(self.folder), "-F"]
 
     def stop(self, name: str) -> None:
-        """Stop a service as Compose does, and as it has to bear."""
+        """Stop a service like Compose: terminate it, and kill it after 30 seconds."""
         process = self._processes.pop(name)
         process.terminate()
         try:
@@ -211,14 +211,14 @@ class Lab:
             process.wait()
 
     def await_end(self, name: str) -> int:
-        """The status with which a service ends by itself."""
+        """Wait until a service ends by itself and return its status."""
         return self._processes[name].wait(timeout=SECONDS)
 
     def log(self, name: str) -> str:
         return (self.folder / f"{name}.log").read_text(errors="replace")
 
     def health(self, name: str) -> bool:
-        """What a service's health check says."""
+        """Run a service's health check and return whether it passes."""
         kind, *words = self.services[name]["healthcheck"]["test"]
         assert kind == "CMD"
         command, environment = self.command(name, words), self.environment(name)
@@ -226,15 +226,15 @@ class Lab:
         return done.returncode == 0
 
     def await_health(self, name: str) -> None:
-        """Until a service's health check passes."""
+        """Wait until a service's health check passes."""
         end = time.monotonic() + SECONDS
         while not self.health(name):
-            assert self._processes[name].poll() is None, f"{name} is gone: {self.log(name)}"
-            assert time.monotonic() < end, f"{name} is not well: {self.log(name)}"
+            assert self._processes[name].poll() is None, f"{name} has ended: {self.log(name)}"
+            assert time.monotonic() < end, f"{name} is unhealthy: {self.log(name)}"
             time.sleep(0.1)
 
     def make_database(self) -> None:
-        """What the image of PostgreSQL does at its first start."""
+        """Initialize the database like the PostgreSQL image on its first start."""
         root, given = self.root("postgres"), self.environment("postgres")
         data = str(root / "var/lib/postgresql/data")
         password = given["POSTGRES_PASSWORD_FILE"]
@@ -258,7 +258,7 @@ class Lab:
             assert done.returncode == 0, done.stderr
 
     def ask(self, query: str, user: str = "reader") -> subprocess.CompletedProcess[str]:
-        """A query of the catalogue, with the password of its user."""
+        """Query the catalogue with the user's password."""
         file = {"reader": "postgres_reader", "robotouille": "postgres"}[user]
         password = (self.folder / "lab/secrets" / file).read_text()
         words = ["psql", "-h", "127.0.0.1", "-p", str(self.port[5432]), "-U", user, "-At"]
@@ -273,7 +273,7 @@ class Lab:
 
 @contextmanager
 def lab(*names: str) -> Iterator[Lab]:
-    """A lab of which these services run, each as soon as those are well that it depends on."""
+    """Run these services of the lab in order, and wait until each is healthy."""
     with tempfile.TemporaryDirectory(prefix="lab") as folder, ExitStack() as stack:
         Path(folder).chmod(0o711)
         made = Lab(Path(folder))

@@ -1,4 +1,4 @@
-"""Games whose connections are lost."""
+"""Episodes with lost connections."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ async def start(server, *clients: Client, **options):  # type: ignore[no-untyped
 
 
 def cut(client: Client) -> None:
-    """The cable is pulled."""
+    """Abort the client's connection, like a pulled cable."""
     assert client._socket is not None
     client._socket.transport.abort()

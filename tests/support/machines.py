@@ -1,4 +1,4 @@
-"""Machines whose disk and descriptors a test sets."""
+"""Machines with a configurable disk and configurable file descriptors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GIB = 1024**3
 
 
 class Machine(System):
-    """What a test says of the machine; `looks` counts how often it was asked."""
+    """Machine whose values a test sets; `looks` counts the disk queries."""
 
     def __init__(self) -> None:
         self.free: Disk | None = Disk(500 * GIB, 1000 * GIB)

@@ -1,4 +1,4 @@
-"""An agent that speaks the Model Context Protocol, with the official SDK's client."""
+"""Agent that speaks the Model Context Protocol, using the official SDK's client."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ COMMAND = [
 
 
 def words(result: CallToolResult) -> str:
-    """All text of a result; its blocks are set apart."""
+    """Return all text of a result, with separators between its blocks."""
     return "\n---\n".join(b.text for b in result.content if isinstance(b, TextContent))
 
 
 class Agent:
-    """Calls tools, and takes no error for an answer unless one is expected."""
+    """MCP client that fails on tool errors unless a test expects one."""
 
     def __init__(self, client: Client) -> None:
         self.client = client
         self.read = ""
 
     async def call(self, tool: str, **arguments: Any) -> dict[str, Any]:
-        """The structured content of a result; its words are in `read`."""
+        """Call a tool and return its structured content; `read` stores its text."""
         result = await self.client.call_tool(tool, arguments)
         self.read = words(result)
         assert not result.is_error, self.read
@@ -60,34 +60,34 @@ class Agent:
         return result.structured_content
 
     async def refused(self, tool: str, **arguments: Any) -> str:
-        """The words of an error."""
+        """Call a tool that must fail and return the error message."""
         result = await self.client.call_tool(tool, arguments)
         assert result.is_error, words(result)
         return words(result)
 
     async def opened(self, task: str, **options: Any) -> str:
-        """The code of a new episode."""
+        """Create an episode and return its code."""
         created = await self.call("create_episode", task=task, **options)
         return str(created["code"])
 
 
 @asynccontextmanager
 async def over(target: Any, mode: str = "auto") -> AsyncIterator[Agent]:
-    """An agent over a transport, a URL, or a server in this process."""
+    """Connect an agent to a transport, a URL, or a server in this process."""
     async with Client(target, mode=mode) as client:
         yield Agent(client)
 
 
 @asynccontextmanager
 async def agent(url: str, *, mode: str = "auto", **options: Any) -> AsyncIterator[Agent]:
-    """An agent that talks to an MCP server in this process, for a game server's URL."""
+    """Connect an agent to an MCP server in this process that uses a game server's URL."""
     async with over(mcp_server(lambda: OpenGames(url, **options)), mode) as connected:
         yield connected
 
 
 @asynccontextmanager
 async def with_bearer(url: str, token: str, **headers: str) -> AsyncIterator[Agent]:
-    """An agent that sends a bearer token, and other headers, to a URL."""
+    """Connect an agent that sends a bearer token and other headers to a URL."""
     sent = {"authorization": f"Bearer {token}", **headers}
     async with create_mcp_http_client(headers=sent) as http:
         async with over(streamable_http_client(url, http_client=http)) as connected:
@@ -95,7 +95,7 @@ async def with_bearer(url: str, token: str, **headers: str) -> AsyncIterator[Age
 
 
 def over_stdio(url: str, *flags: str) -> StdioServerParameters:
-    """How to start `robotouille-mcp` on standard input and output."""
+    """Return the parameters that start `robotouille-mcp` on standard input and output."""
     return StdioServerParameters(
         command=COMMAND[0], args=[*COMMAND[1:], "--url", url, *flags], env=dict(os.environ)
     )
@@ -103,7 +103,7 @@ def over_stdio(url: str, *flags: str) -> StdioServerParameters:
 
 @contextmanager
 def http_server(url: str, *flags: str) -> Iterator[str]:
-    """A `robotouille-mcp` process that serves HTTP; its URL."""
+    """Run a `robotouille-mcp` process that serves HTTP and yield its URL."""
     command = [*COMMAND, "--url", url, "--listen", "127.0.0.1:0", *flags]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -116,7 +116,7 @@ def http_server(url: str, *flags: str) -> Iterator[str]:
 
 
 def shortest_plan(task: str) -> list[str]:
-    """The sentences of a shortest plan for one player."""
+    """Return the sentences of a shortest plan for one player."""
     found = solve(World(load_task(task))).plan
     assert found is not None
     return [action.sentence for step in found for action in step]

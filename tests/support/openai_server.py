@@ -1,6 +1,6 @@
-"""A scripted OpenAI-compatible endpoint on a real socket: it does what endpoints do at their worst.
+"""Scripted OpenAI-compatible endpoint on a real socket that can misbehave in many ways.
 
-Bytes are written as the script has them, so that broken answers are broken exactly so.
+It writes the exact bytes of the script, so tests control how a reply is broken.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MAX_HEAD = 100_000
 
 @dataclass(frozen=True)
 class Received:
-    """A request that came."""
+    """A received request."""
 
     path: str
     headers: dict[str, str]
@@ -27,7 +27,7 @@ class Received:
 
 @dataclass(frozen=True)
 class Reply:
-    """What is written: status, headers and body; or less, later, or nothing."""
+    """Scripted reply: status, headers and body, possibly incomplete, late or missing."""
 
     body: bytes = b""
     status: int = 200
@@ -36,11 +36,13 @@ class Reply:
     delay: float = 0.0
     """Seconds before the first byte."""
     missing: int = 0
-    """Bytes that are announced and never come: the connection is cut instead."""
+    """Announced bytes that are never sent; the connection closes instead."""
     silent: bool = False
-    """Nothing is written at all, until the client goes."""
+    """Write nothing until the client disconnects."""
     stalls: bool = False
-    """The body stops in the middle, until the client goes."""
+    """Stop in the middle of the body until the client disconnects."""
+    trickles: bool = False
+    """Send a byte of the body every 10 ms."""
 
     def encoded(self) -> bytes:
         lines = [f"HTTP/1.1 {self.status} Scripted"]
@@ -58,7 +60,7 @@ def completion(
     usage: object = None,
     **message: object,
 ) -> dict[str, object]:
-    """The JSON of a chat completion."""
+    """Return the JSON of a chat completion."""
     choice = {
         "index": 0,
         "finish_reason": finish_reason,
@@ -76,19 +78,19 @@ def completion(
 
 
 def answer(text: str | None, delay: float = 0.0, **options: Any) -> Reply:
-    """A usual answer."""
+    """Return a normal reply with a completion."""
     return Reply(json.dumps(completion(text, **options)).encode(), delay=delay)
 
 
 def tool_call() -> Reply:
-    """A call of a tool that nobody has offered, instead of text."""
+    """Return a call of an unknown tool instead of text."""
     function = {"name": "move", "arguments": '{"to": "stove1"}'}
     calls = [{"id": "call_1", "type": "function", "function": function}]
     return answer(None, finish_reason="tool_calls", tool_calls=calls)
 
 
 def stream(*pieces: str, ended: bool = True, usage: object = None) -> Reply:
-    """A stream of events, as if one had been asked for."""
+    """Return a stream of server-sent events."""
     chunks: list[dict[str, object]] = [
         {"choices": [{"index": 0, "delta": {"content": piece}, "finish_reason": None}]}
         for piece in pieces
@@ -103,19 +105,19 @@ def stream(*pieces: str, ended: bool = True, usage: object = None) -> Reply:
 
 
 def error(status: int, message: str = "no", code: str | None = None, **headers: str) -> Reply:
-    """An error as OpenAI writes it; underscores in names of headers stand for hyphens."""
+    """Return an error in OpenAI's format; underscores in header names become hyphens."""
     body = json.dumps({"error": {"message": message, "type": "error", "code": code}}).encode()
     named = {name.replace("_", "-"): value for name, value in headers.items()}
     return Reply(body, status=status, headers=named)
 
 
 def page(status: int = 200) -> Reply:
-    """A web page, as from an address that is no endpoint."""
+    """Return a web page, as from an address without an endpoint."""
     return Reply(b"<html><h1>It works!</h1></html>", status=status, content_type="text/html")
 
 
 class Raw(Reply):
-    """A body that is written as it is, without status and headers."""
+    """Body that is written without status and headers."""
 
     def encoded(self) -> bytes:
         return self.body
@@ -123,11 +125,11 @@ class Raw(Reply):
 
 SILENCE = Reply(silent=True)
 HANG_UP = Reply(missing=1, status=-1)
-"""The connection ends without a byte."""
+"""The connection closes without a byte."""
 
 
 class ScriptedEndpoint:
-    """Replies in the order of the script, the last of them again and again; or by a function."""
+    """Endpoint that replies from a script, repeating its last reply, or from a function."""
 
     def __init__(self, script: Iterable[Reply] | Callable[[Received], Reply]) -> None:
         self._script = list(script) if not callable(script) else script
@@ -149,15 +151,15 @@ class ScriptedEndpoint:
             while await self._exchange(reader, writer):
                 pass
         except (asyncio.IncompleteReadError, ConnectionError):
-            pass  # the client is gone
+            pass  # The client has disconnected.
         except asyncio.CancelledError:
-            pass  # the test is over
+            pass  # The test has ended.
         finally:
             self._tasks.discard(task)
             writer.close()
 
     async def _exchange(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
-        """One request and its reply; whether the connection is still of use."""
+        """Handle one request; return whether the connection remains usable."""
         reply = self._next(await read_request(reader))
         if reply.silent:
             await reader.read(1)
@@ -171,7 +173,11 @@ class ScriptedEndpoint:
             writer.write(data[: -len(reply.body) // 2])
             await reader.read(1)
             return False
-        writer.write(data)
+        at = -len(reply.body) if reply.trickles else len(data)
+        writer.write(data[:at])
+        for byte in data[at:] if reply.trickles else b"":
+            writer.write(bytes([byte]))
+            await asyncio.sleep(0.01)
         await writer.drain()
         return not reply.missing
 
@@ -182,7 +188,7 @@ class ScriptedEndpoint:
 
 
 async def read_request(reader: asyncio.StreamReader) -> Received:
-    """One HTTP request with a JSON body."""
+    """Read one HTTP request with a JSON body."""
     head = (await reader.readuntil(b"\r\n\r\n")).decode()
     first, *lines = head.rstrip().split("\r\n")
     pairs = (line.split(":", 1) for line in lines)
@@ -193,7 +199,7 @@ async def read_request(reader: asyncio.StreamReader) -> Received:
 
 @asynccontextmanager
 async def endpoint(*script: Reply) -> AsyncIterator[ScriptedEndpoint]:
-    """An endpoint on a free port; its `url` is the base URL."""
+    """Run an endpoint with a script on a free port; its `url` is the base URL."""
     async with answering(script) as scripted:
         yield scripted
 
@@ -202,7 +208,7 @@ async def endpoint(*script: Reply) -> AsyncIterator[ScriptedEndpoint]:
 async def answering(
     script: Iterable[Reply] | Callable[[Received], Reply],
 ) -> AsyncIterator[ScriptedEndpoint]:
-    """An endpoint that replies by a script or a function."""
+    """Run an endpoint that replies from a script or a function."""
     scripted = ScriptedEndpoint(script)
     server = await asyncio.start_server(scripted.serve, "127.0.0.1", 0, limit=MAX_HEAD)
     scripted.url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/v1"

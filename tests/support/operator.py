@@ -1,4 +1,4 @@
-"""A server with its operator's view, people in it, and a client of the API."""
+"""A server with its operator page, its players, and a client of the operator API."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ import httpx
 
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server, ServerSettings, serve
-from robotouille_server.admin import OperatorPort, operator_view
+from robotouille_server.app import Surroundings
 from robotouille_server.auth.roles import Role
-from robotouille_server.rooms.recordings.storage import Folder, Storage
+from robotouille_server.operator import OperatorPort, operator_view
+from robotouille_server.rooms.storage import Folder, Storage
 from tests.support.servers import STAMP
 
 TASK = "multi_agent/01_lettuce_burger"
 PATIENCE = 300
-"""Seconds of virtual time after which what a test waits for has not happened."""
+"""Time limit in virtual seconds for an expected event."""
 CHANGE = {"X-Robotouille-Operator": "1"}
 GUESS = {"Authorization": "Bearer guess"}
-"""Of somebody who has no token."""
+"""Header of a caller with an invalid token."""
 
 
 def audited(recordings: Path) -> list[dict[str, Any]]:
-    """The lines of the audit log, which nobody else may read."""
+    """Return the lines of the audit log, which only its owner may read."""
     file = recordings.with_name(f"{recordings.name}.state") / "audit.log"
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
@@ -37,7 +38,7 @@ def audited(recordings: Path) -> list[dict[str, Any]]:
 
 
 class Api:
-    """The HTTP API over real HTTP."""
+    """Client of the operator API over real HTTP."""
 
     def __init__(self, http: httpx.AsyncClient) -> None:
         self.http = http
@@ -51,14 +52,14 @@ class Api:
         return await self.http.post(path, json=body, headers=CHANGE)
 
     async def do(self, path: str, **body: Any) -> str:
-        """A request that must work; what was done."""
+        """Send a request that must succeed, and return the description of the change."""
         answer = await self.post(path, **body)
         assert answer.status_code == 200, answer.text
         done: str = answer.json()["done"]
         return done
 
     async def row(self, episode: str) -> Any:
-        """What the overview says of one episode."""
+        """Return the overview's row of one episode."""
         rows = (await self.get("/api/overview"))["episodes"]
         return next(row for row in rows if row["episode"] == episode)
 
@@ -81,11 +82,12 @@ async def viewing(
     wall: Callable[[], float] = time.time,
     **options: Any,
 ) -> AsyncIterator[tuple[Server, OperatorPort, Api]]:
-    """A server on a free port, its operator's view on another, and a client of that; with
-    `tokens` the view asks for the server's own."""
+    """Run a server with its operator page and yield both with an API client. With `tokens`, the
+    page requires the server's role tokens.
+    """
     settings = ServerSettings(port=0, recordings=folder, **{"countdown": 0.0, **options})
     async with AsyncExitStack() as stack:
-        serving = serve(settings, timestamp=lambda: STAMP, storage=storage, wall=wall)
+        serving = serve(settings, Surroundings(timestamp=lambda: STAMP, storage=storage, wall=wall))
         server = await stack.enter_async_context(serving)
         asked = {"authorize": server.authorize, "ask_token": True} if tokens else {}
         opening = operator_view(server, port=0, **{**asked, **(view or {})})
@@ -97,13 +99,13 @@ async def viewing(
 
 
 def bearer(server: Server, subject: str = "lab", **limits: Any) -> dict[str, str]:
-    """The header with an operator's token of this server."""
+    """Return the header with an operator token of this server."""
     token = server.tokens.mint_role(Role.OPERATOR, subject, **{"seconds": 3600, **limits})
     return {"Authorization": f"Bearer {token}"}
 
 
 class Table:
-    """Two people who play an episode together."""
+    """Two people in one episode."""
 
     def __init__(self, clients: list[Client], games: list[Game]) -> None:
         self.clients = clients
@@ -112,15 +114,15 @@ class Table:
         self.code = games[0].code
 
     async def until(self, reached: Callable[[Game], object], seat: int = 0) -> list[Any]:
-        """Take in events until something holds; those events."""
+        """Receive events until a condition holds, and return them."""
         game, events = self.games[seat], []
         async with asyncio.timeout(PATIENCE):
             while not reached(game):
                 events.append(await game.next_event())
         return events
 
-    async def hears(self, kind: type, seat: int = 0) -> Any:
-        """The next event of a kind."""
+    async def wait_for(self, kind: type, seat: int = 0) -> Any:
+        """Wait for the next event of a type and return it."""
         async with asyncio.timeout(PATIENCE):
             while not isinstance(event := await self.games[seat].next_event(), kind):
                 pass
@@ -131,7 +133,7 @@ class Table:
 async def table(
     server: Server, task: str = TASK, names: tuple[str, ...] = ("ada", "bob"), **rules: Any
 ) -> AsyncIterator[Table]:
-    """An episode that has begun."""
+    """Start an episode in which all seats are taken."""
     async with AsyncExitStack() as stack:
         clients = [
             await stack.enter_async_context(connect(server.url, name=name, kind="human"))
@@ -143,7 +145,7 @@ async def table(
 
 
 class Disk(Folder):
-    """A folder on a disk that can be full."""
+    """Folder on a disk that can be full."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)

@@ -1,8 +1,8 @@
-"""Exact distances to the goal by brute force, in the world as docs/world.md tells it.
+"""Exact distances to the goal by brute force, following the semantics in docs/episodes.md.
 
-Nothing here knows of heuristics, symmetries or bits: every joint action in every order, every
-state, by breadth first. Each state carries its twin of the fast world, reached by `World.step`,
-so that planners can be asked about it.
+The search uses no heuristics, symmetries or bit sets. It tries every joint action in every order,
+breadth first. Each state is stored with the same state of the fast world, reached by `World.step`,
+so that tests can query planners about it.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ Key = tuple[object, ...]
 Sequence = tuple[tuple[str, Call], ...]
 
 STEPS_PER_STATE = 10
-"""The cap on states is one on steps as well: those that are tried for each state on average."""
+"""Limit of steps per state: with `cap` states, at most this many times `cap` steps are tried."""
 
 
 @dataclass
 class Oracle:
-    """The states that can be reached, up to a cap, in order of their distance from the start.
+    """The reachable states, up to a limit, in order of their distance from the start.
 
-    `complete` says that there are no others. `depth` is the length of a shortest plan: None if
-    there is none among these states. Every plan that they do not contain has more than `layers`
+    `complete` is true if there are no other states. `depth` is the length of a shortest plan, or
+    None if these states contain no plan. Any plan outside these states has more than `layers`
     steps.
     """
 
@@ -42,7 +42,7 @@ class Oracle:
     edges: dict[Key, list[Key]] = field(default_factory=dict)
 
     def distances(self) -> dict[Key, int]:
-        """The steps from each state to the goal; states that are not there cannot reach it."""
+        """Return each state's distance to the goal; states without a path are missing."""
         sources: dict[Key, list[Key]] = {}
         for source, targets in self.edges.items():
             for target in targets:
@@ -59,7 +59,7 @@ class Oracle:
 
 
 class _Reference(Reference):
-    """The reference, which works out the parameters of an action once."""
+    """Reference world that caches the parameters of actions."""
 
     def __init__(self, task: Task) -> None:
         self._parameters: dict[str, list[tuple[str, str]]] = {}
@@ -72,7 +72,7 @@ class _Reference(Reference):
 
 
 def explore(task: Task, world: World, cap: int, *, with_goal: bool = True) -> Oracle:
-    """Everything that can happen in a task, as far as `cap` states go."""
+    """Explore a task's reachable states, up to `cap` of them."""
     reference, oracle = _Reference(task), Oracle()
     first = _key(reference.initial)
     layer = {first: reference.initial}
@@ -122,7 +122,7 @@ def _steps(
 
 
 def _joints(reference: Reference, state: ReferenceState, taken: Sequence) -> Iterator[Sequence]:
-    """Every order of valid actions, one or none of each player's."""
+    """Yield every order of valid actions with at most one action per player."""
     yield taken
     acted = {player for player, _ in taken}
     for player in reference.players:

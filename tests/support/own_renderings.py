@@ -1,4 +1,4 @@
-"""The shipped renderings in a folder of a test's own, to which it may add others."""
+"""Copy of the shipped renderings that a test may extend."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder
 
 __all__ = ["own_renderings"]
 
 
 def own_renderings(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Copy them into a new folder, and take that for the shipped one; where it is."""
+    """Copy the shipped renderings, make the program use the copy, and return its folder."""
     own = folder / "renderings"
     shutil.copytree(data_folder("renderings"), own)
 
     def found(name: str) -> Path:
         return own if name == "renderings" else data_folder(name)
 
-    for module in ("domain.companions", "domain.extends", "world.lint.looks"):
+    for module in ("domain.related_files", "world.lint.looks"):
         monkeypatch.setattr(f"robotouille.{module}.data_folder", found)
     return own

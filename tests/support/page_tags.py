@@ -1,4 +1,4 @@
-"""The tags of a page, and that it asks for nothing and runs nothing."""
+"""The tags of an HTML page, and a check that the page loads and runs nothing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["Tags", "check_harmless"]
 
 
 class Tags(HTMLParser):
-    """Every tag of a page with its attributes."""
+    """All tags of a page with their attributes."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -20,7 +20,7 @@ class Tags(HTMLParser):
 
 
 def check_harmless(page: str) -> None:
-    """It has no script, no style but its own, and nothing that is loaded from anywhere."""
+    """Check that a page has no script, no inline style and no external resource."""
     for tag, attributes in Tags(page).found:
         assert tag not in ("script", "link", "iframe", "img", "object", "form", "base")
         assert not any(name.startswith("on") or name == "style" for name in attributes), attributes

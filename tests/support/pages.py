@@ -1,14 +1,17 @@
-"""The documentation's pages, their code blocks and their links."""
+"""Documentation pages with their code blocks and links."""
 
 import re
 from pathlib import Path
+from textwrap import dedent
 
 from tests.support.sources import ROOT
 
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 
-_BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]*)\")?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+_BLOCK = re.compile(
+    r"^( *)```(\w+)(?: title=\"([^\"]*)\")?\n(.*?)^\1```$", re.DOTALL | re.MULTILINE
+)
 _ANY_BLOCK = re.compile(r"```.*?```", re.DOTALL)
 _LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s]+)\)")
 
@@ -18,14 +21,18 @@ def read(name: str) -> str:
 
 
 def blocks(name: str, language: str) -> list[str]:
-    """The code blocks of a page in one language, without those that have a title."""
-    return [text for lang, title, text in _BLOCK.findall(read(name)) if lang == language != title]
+    """Return the untitled code blocks of a page in one language."""
+    return [
+        dedent(text)
+        for _, lang, title, text in _BLOCK.findall(read(name))
+        if lang == language and not title
+    ]
 
 
 def titled(name: str, title: str) -> str:
-    """The code block of a page with this title."""
-    (found,) = [text for _, given, text in _BLOCK.findall(read(name)) if given == title]
-    return found
+    """Return a page's code block with this title."""
+    (found,) = [text for _, _, given, text in _BLOCK.findall(read(name)) if given == title]
+    return dedent(found)
 
 
 def prose(page: Path) -> str:
@@ -37,7 +44,7 @@ def links(page: Path) -> list[str]:
 
 
 def anchors(page: Path) -> set[str]:
-    """The names of a page's headings, as GitHub makes them."""
+    """Return the anchors of a page's headings, as GitHub generates them."""
     found = set()
     for heading in re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE):
         slug = re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
@@ -46,7 +53,7 @@ def anchors(page: Path) -> set[str]:
 
 
 def table(name: str, heading: str) -> list[list[str]]:
-    """The rows of the first table under a heading."""
+    """Return the rows of the first table under a heading."""
     section = read(name).split(f"\n## {heading}\n")[1].split("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("|")]
     return [[cell.strip(" `") for cell in row.strip("|").split("|")] for row in rows[2:]]

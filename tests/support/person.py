@@ -1,4 +1,4 @@
-"""Hands at a mouse and keys, in front of a window on a virtual screen."""
+"""Simulated mouse and keyboard input for a window on a virtual screen."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import subprocess
 from robotouille import GroundAction, World
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import InputFile
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder
 from robotouille_client.window.drawing.painter import Painter
 from tests.support.screens import SIZE
 
@@ -16,7 +16,7 @@ __all__ = ["Person"]
 
 
 class Person:
-    """Somebody at a window: knows where things are on the screen, clicks and presses keys."""
+    """Simulated player who clicks on stations and presses keys."""
 
     def __init__(self, display: str, world: World) -> None:
         self._environment = {**os.environ, "DISPLAY": display}
@@ -27,7 +27,7 @@ class Person:
         self._keys = {k.name: k.input_instructions.key for k in inputs.keyboard_actions}
 
     def do(self, action: GroundAction) -> None:
-        """What a person does to have this happen."""
+        """Send the input that performs an action."""
         if action.name in self._keys:
             self._xdotool("key", self._keys[action.name])
             return

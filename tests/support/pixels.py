@@ -1,4 +1,4 @@
-"""PNG files of one colour."""
+"""PNG files with a single colour."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def png(colour: tuple[int, int, int], side: int = 8, more: bytes = b"") -> bytes:
-    """A square of one colour."""
+    """Return a square PNG of one colour; `more` are extra chunks."""
     rows = (b"\0" + bytes(colour) * side) * side
     head = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
     body = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")

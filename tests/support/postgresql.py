@@ -1,4 +1,4 @@
-"""A PostgreSQL of one's own in a folder, reached by a socket in it."""
+"""Private PostgreSQL server in a folder, reached through a Unix socket."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ USER = "postgres"
 
 
 def program(name: str) -> str | None:
-    """Where one of its programs is; Debian has them in no PATH."""
+    """Return the path of a PostgreSQL program; Debian installs them outside PATH."""
     packaged = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
     return shutil.which(name) or (str(packaged[-1]) if packaged else None)
 
 
 @cache
 def missing() -> str:
-    """Why there can be no server here; empty if there can."""
+    """Return why a server cannot run here, or an empty string."""
     if not program("initdb") or not program("pg_ctl"):
         return "PostgreSQL is not installed"
     if os.geteuid() == 0 and subprocess.run(["id", USER], capture_output=True).returncode:
-        return f"PostgreSQL refuses root, and there is no user {USER}"
+        return f"PostgreSQL refuses to run as root, and there is no user {USER}"
     return ""
 
 
 class PostgreSQL:
-    """The server: `start` and `stop` or `kill` it, as often as needed."""
+    """PostgreSQL server that tests may start and stop repeatedly."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -50,13 +50,13 @@ class PostgreSQL:
         self._run("pg_ctl", "stop", "--mode=immediate")
 
     def kill(self) -> None:
-        """SIGKILL for the server and all its processes: nothing is written any more."""
+        """Send SIGKILL to the server and all its processes, so that they write nothing more."""
         self.send_signal(signal.SIGKILL)
         for left in (self._lock, *self._folder.glob(".s.PGSQL.*.lock")):
-            left.unlink()  # Where nobody reaps the dead, the next one would take it for alive.
+            left.unlink()  # An unreaped process would make the next server trust its lock.
 
     def send_signal(self, number: signal.Signals) -> None:
-        """For the server and all its processes."""
+        """Send a signal to the server and all its processes."""
         first = int(self._lock.read_text().split()[0])
         for pid in (first, *_children(first)):
             with suppress(ProcessLookupError):
@@ -80,8 +80,8 @@ def _children(pid: int) -> list[int]:
 
 @contextmanager
 def postgresql() -> Iterator[PostgreSQL]:
-    """A server that runs; its folder is deleted afterwards."""
-    with tempfile.TemporaryDirectory(prefix="pg") as name:  # A socket's path is short.
+    """Run a server in a folder that is deleted afterwards."""
+    with tempfile.TemporaryDirectory(prefix="pg") as name:  # Socket paths must be short.
         folder = Path(name)
         if os.geteuid() == 0:
             shutil.chown(folder, USER)

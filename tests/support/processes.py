@@ -1,4 +1,4 @@
-"""Servers as processes of their own."""
+"""Server processes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ COMMAND = [sys.executable, "-c", "from robotouille_server.cli import main; main(
 def started(
     folder: Path, *flags: str, prefix: Sequence[str] = (), **environment: str
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A server process that serves, and what it has printed; a `prefix` runs it elsewhere."""
+    """Run a server process and yield it with its output; `prefix` wraps the command."""
     arguments = [*prefix, *COMMAND, "--port", "0", "--recordings", str(folder), *flags]
     server = subprocess.Popen(
         arguments,
@@ -48,7 +48,7 @@ def started(
 def process(
     folder: Path, *flags: str, prefix: Sequence[str] = (), **environment: str
 ) -> Iterator[tuple[subprocess.Popen[str], str, str]]:
-    """A server process, its URL and the code of its first kitchen."""
+    """Run a server process and yield it with its URL and the code of its first episode."""
     with started(folder, *flags, prefix=prefix, **environment) as (server, text):
         found = re.search(r"(ws://\S+)[\s\S]*code is ([A-Z-]+)", text)
         assert found, text
@@ -56,7 +56,7 @@ def process(
 
 
 def program(module: str, *arguments: str, **environment: str) -> subprocess.Popen[str]:
-    """A module's program as a process of its own."""
+    """Start a module's program in a process."""
     code = f"from {module} import main; main()"
     return subprocess.Popen(
         [sys.executable, "-c", code, *arguments],

@@ -1,4 +1,4 @@
-"""Reference data of the published evaluation, beside the project; tests skip where it is absent."""
+"""Reference data of the published evaluation; tests are skipped if it is missing."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ NEEDED = pytest.mark.skipif(not PUBLISHED.is_dir(), reason="needs the published 
 
 
 def read(path: Path) -> Any:
-    """The JSON value in a file."""
+    """Return the JSON value in a file."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 def published_problem(task: str) -> dict[str, Any]:
-    """A problem of the checkout, e.g. `synchronous/0_cheese_sandwich`."""
+    """Return a problem of the checkout, such as `synchronous/0_cheese_sandwich`."""
     problem: dict[str, Any] = read(PROBLEMS / f"{task}.json")
     return problem
 
 
 @cache
 def conversations() -> tuple[Path, ...]:
-    """The recorded conversations."""
+    """Return the files of the recorded conversations."""
     folder = PUBLISHED / "conversations"
     return tuple(sorted(path for path in folder.glob("*.json") if path.name != "index.json"))

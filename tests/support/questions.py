@@ -1,17 +1,17 @@
-"""Questions that are put to substitute bots."""
+"""Requests to substitute bots."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from robotouille.world.world import State
-from robotouille_server.rooms.substitutes.bots import Question
+from robotouille_server.rooms.bots import Question
 
 __all__ = ["question"]
 
 
 def question(state: State, bot: int = 1, player: str = "robot1", **more: Any) -> Question:
-    """What is `player` to do in a state? Asked of a planner, unless `kind` says otherwise."""
+    """Return a request for `player`'s action in a state, to a planner by default."""
     more.setdefault("kind", "planner")
     return Question(
         bot, player, facts=state.facts, timers=state.timer_rows(), busy=state.timers.busy, **more

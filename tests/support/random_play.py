@@ -1,5 +1,6 @@
-"""Recordings of random play in which everything happens: people come, go and are stood in for,
-ask for what is not possible, talk, and do nothing."""
+"""Recordings of random play with all kinds of events: participants join, leave, are substituted,
+request impossible actions, chat, and do nothing.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +13,10 @@ from typing import Any
 
 from robotouille import World, load_task
 from robotouille.domain.task import Timing
-from robotouille.episode import Absence, Clock, Episode, Rules
+from robotouille.episode import Absence, ActionRequest, Clock, Episode, Rules
 from robotouille.errors import ProtocolError
 from robotouille.replay.container import compress
-from robotouille.replay.recorder import Recorder, header
+from robotouille.replay.recorder import HeaderDetails, Recorder, header
 
 __all__ = ["random_stream", "write_recordings"]
 
@@ -35,7 +36,7 @@ def random_stream(
     labels: Mapping[str, str] | None = None,
     people: Sequence[tuple[str, str]] = (("name0", "p0"), ("name1", "p1")),
 ) -> bytes:
-    """The bytes of an open recording that has come to its end.
+    """Return the bytes of an unclosed recording of a finished episode.
 
     Args:
         people: Name and pseudonym of each player.
@@ -56,9 +57,7 @@ def random_stream(
         episode=f"random{seed}",
         seed=seed,
         created="2026-01-01",
-        code=f"CODE-{seed}",
-        owner="some-owner",
-        labels=labels,
+        details=HeaderDetails(f"CODE-{seed}", "some-owner", labels or {}),
     )
     stream = recorder.begin(head)
     for player, (name, pseudonym) in zip(world.players, people, strict=True):
@@ -81,21 +80,29 @@ def _do_something(episode: Episode, player: str, seq: int, now: float, rng: rand
         case 0:
             episode.set_present(player, rng.random() < 0.7, now)
         case 1:
-            episode.submit(player, seq, "no action at all", now)
+            episode.submit(player, ActionRequest(seq, "no action at all"), now)
         case 2:
-            episode.submit(player, seq, rng.choice(episode.state.world.ground_actions(player)), now)
+            episode.submit(
+                player,
+                ActionRequest(seq, rng.choice(episode.state.world.ground_actions(player))),
+                now,
+            )
         case 3:
-            episode.submit(player, seq, None, now)
+            episode.submit(player, ActionRequest(seq), now)
         case 4:
             episode.say("name", player, rng.choice(["hello", "\x1b[2J", "=1+1", "\x00"]), now)
         case 5 | 6:
             episode.substitute(player, action, now)
         case 7 | 8 | 9:
-            episode.submit(player, seq, action, now, basis=max(0, episode.step - rng.randrange(3)))
+            episode.submit(
+                player,
+                ActionRequest(seq, action, basis=max(0, episode.step - rng.randrange(3))),
+                now,
+            )
 
 
 def write_recordings(folder: Path, count: int, *, first: int = 0, steps: int = 30) -> None:
-    """Closed recordings with seeds from `first` on."""
+    """Write closed recordings with consecutive seeds from `first`."""
     folder.mkdir(parents=True, exist_ok=True)
     for seed in range(first, first + count):
         content = compress(random_stream(seed, steps=steps))

@@ -1,4 +1,4 @@
-"""A study's recordings: pairs of people who play several rounds in two conditions."""
+"""Recordings of a study in which pairs play several rounds in two conditions."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from tests.support.random_play import random_stream
 __all__ = ["PAIRS", "ROUNDS", "Write", "manifest", "write_random_study"]
 
 Write = Callable[..., Path]
-"""Writes an export in a format, with what else a request says; its folder."""
+"""Function that writes an export in a format, with further options, and returns its folder."""
 
 PAIRS, ROUNDS = 4, 2
 
 
 def write_random_study(folder: Path, *, steps: int = 20) -> None:
-    """`ROUNDS` recordings of each of `PAIRS` pairs; the last pair has given no consent, and its
-    people have names alone."""
+    """Write `ROUNDS` recordings for each of `PAIRS` pairs. The last pair has not consented, and its
+    participants have only names.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for pair in range(PAIRS):
         known = pair < PAIRS - 1
@@ -37,6 +38,6 @@ def write_random_study(folder: Path, *, steps: int = 20) -> None:
 
 
 def manifest(folder: Path) -> dict[str, Any]:
-    """What an export says of itself."""
+    """Return an export's manifest."""
     found: dict[str, Any] = json.loads((folder / "export.json").read_text())
     return found

@@ -1,4 +1,4 @@
-"""A few of many alike tests run after every change; the others are marked as `slow`."""
+"""Selection of parameters for every test run; the others are marked as `slow` or `nightly`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 
-__all__ = ["each_quickly_once", "first_of_each_folder_quickly", "first_quickly"]
+__all__ = ["quick_sample", "quick_sample_of_pairs", "quick_sample_per_folder"]
 
 
-def first_quickly(values: Iterable[Any], quick: int = 1, nightly: int | None = None) -> list[Any]:
-    """The values of a test's parameter, tuples for several: the first `quick` run after every
-    change, those from number `nightly` on only at night."""
+def quick_sample(values: Iterable[Any], quick: int = 1, nightly: int | None = None) -> list[Any]:
+    """Return a test's parameters. The first `quick` always run; those from number `nightly` only
+    run at night.
+    """
     return [
         pytest.param(
             *(value if isinstance(value, tuple) else (value,)),
@@ -25,8 +26,8 @@ def first_quickly(values: Iterable[Any], quick: int = 1, nightly: int | None = N
     ]
 
 
-def first_of_each_folder_quickly(names: Iterable[str]) -> list[Any]:
-    """Names of tasks as a test's parameter: the first of each data set runs after every change."""
+def quick_sample_per_folder(names: Iterable[str]) -> list[Any]:
+    """Return task names as parameters; the first of each data set always runs."""
     seen: set[str] = set()
     params = []
     for name in names:
@@ -36,11 +37,12 @@ def first_of_each_folder_quickly(names: Iterable[str]) -> list[Any]:
     return params
 
 
-def each_quickly_once(
+def quick_sample_of_pairs(
     names: Iterable[str], others: Sequence[Any], quick: int | None = None
 ) -> list[Any]:
-    """All pairs as two parameters of a test: after every change each name, or each of the first
-    `quick`, runs once, with the others in turn."""
+    """Return all pairs as two parameters. Each name, or each of the first `quick`, always runs
+    once, with the other values in turn.
+    """
     return [
         pytest.param(
             name,

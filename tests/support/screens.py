@@ -1,4 +1,4 @@
-"""Virtual screens whose pixels can be read, and whether a window on them shows a game."""
+"""Virtual screens with readable pixels, and a check that a window there shows an episode."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ REAL_INPUT = [
         reason="needs Xvfb and xdotool",
     ),
 ]
-"""The marks of tests with a mouse and keys of a virtual screen."""
+"""Markers of tests that use the mouse and keyboard of a virtual screen."""
 SIZE = (1280, 720)
 ALIKE = 12
-"""Mean difference of a colour channel (of 255) up to which a tile counts as the same."""
+"""Largest mean difference of a colour channel (of 255) for which two tiles count as equal."""
 
 
 class Screen:
-    """An X display without hardware: its name, and the file that holds its pixels."""
+    """Virtual X display, with its name and the file that contains its pixels."""
 
     def __init__(self, display: str, pixels: Path) -> None:
         self.display = display
         self._pixels = pixels
 
     def picture(self) -> pygame.Surface:
-        """What is on the screen now (X window dump: a header, colours, rows of BGRX)."""
+        """Return the screen's present picture (X window dump: header, colours, rows of BGRX)."""
         dump = self._pixels.read_bytes()
         header = struct.unpack(">25I", dump[:100])
         start, (width, height), line = header[0] + 12 * header[19], header[4:6], header[12]
@@ -53,7 +53,7 @@ class Screen:
 
 @contextmanager
 def open_screen(folder: Path, size: tuple[int, int] = SIZE) -> Iterator[Screen]:
-    """A virtual screen; its pixels lie in an empty folder."""
+    """Open a virtual screen that stores its pixels in an empty folder."""
     folder.mkdir(parents=True)
     reading, writing = os.pipe()
     shape = f"{size[0]}x{size[1]}x24"
@@ -73,9 +73,9 @@ def open_screen(folder: Path, size: tuple[int, int] = SIZE) -> Iterator[Screen]:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """How far a picture shows a game that runs: the part of its kitchen's tiles that look as they
-    should, and whether the player's does. A window that stands still or has lost its connection
-    covers them."""
+    """Match between a picture and a running episode: the share of kitchen tiles that match, and
+    whether the player's tile matches. Overlays, such as that of a lost connection, cover tiles.
+    """
 
     tiles: float
     player: bool
@@ -86,7 +86,7 @@ class Likeness:
 
 
 def likeness(picture: pygame.Surface, painter: Painter, game: Game, player: str) -> Likeness:
-    """Compare a picture of a window with what a game's state looks like."""
+    """Compare a picture of a window with the episode's state."""
     difference = _difference(picture, _painted(painter, game, player))
     place = painter.layout(SIZE, game.world)
     here = painter.stage(game.state).placed[player].tile

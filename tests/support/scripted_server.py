@@ -1,4 +1,4 @@
-"""What a server says, without one: messages for a client's state machines."""
+"""Server messages without a server, for tests of the client's state machines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CODE = "KQXZB-MHTWA"
 
 
 class ScriptedServer:
-    """One episode, and the messages that tell of it."""
+    """One episode and the messages about it."""
 
     def __init__(self, task: str = "multi_agent/02") -> None:
         self.world = World(load_task(task))
@@ -63,7 +63,7 @@ class ScriptedServer:
     def delta(
         self, actions: Sequence[GroundAction | None] = (), *, seq: Sequence[int] = ()
     ) -> messages.Delta:
-        """The next step: these actions, and the numbers that they were sent under."""
+        """Advance one step with these actions and their sequence numbers, and return its delta."""
         before, self.step = self.state, self.step + 1
         step = before.step(list(actions))
         self.state = step.state

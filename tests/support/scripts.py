@@ -1,4 +1,4 @@
-"""Programs that are no modules of a package, to be tested as if they were."""
+"""Loader for scripts that belong to no package."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ __all__ = ["script_module"]
 
 
 def script_module(path: Path) -> ModuleType:
-    """A script as a module."""
+    """Load a script as a module."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module  # Dataclasses look their module up.
+    sys.modules[path.stem] = module  # Dataclasses look up their module here.
     spec.loader.exec_module(module)
     return module

@@ -1,4 +1,4 @@
-"""A server process on a free port, for tests that talk to it from outside."""
+"""Server process on a free port, for tests that use it from outside."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["ServerProcess", "server_process"]
 
 @dataclass(frozen=True, slots=True)
 class ServerProcess:
-    """A running server: where it listens, where it records, and its log so far."""
+    """A running server with its URL, its recordings folder and its log."""
 
     process: subprocess.Popen[str]
     url: str
@@ -33,7 +33,7 @@ class ServerProcess:
 
 @contextmanager
 def server_process(folder: Path, *flags: str) -> Iterator[ServerProcess]:
-    """A server that records in a subfolder and logs errors into a file; killed at the end."""
+    """Run a server that records in a subfolder and logs to a file, and kill it at the end."""
     recordings, log = folder / "recordings", folder / "server.log"
     command = [*COMMAND, "--port", "0", "--recordings", str(recordings), *flags]
     with log.open("w") as errors:

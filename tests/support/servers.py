@@ -1,4 +1,4 @@
-"""Servers and raw connections for tests, in virtual time."""
+"""Servers and raw connections in virtual time."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import random
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,11 @@ from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_socket
 
 from robotouille.protocol.codec import JSON, MSGPACK
+from robotouille_client import connect
 from robotouille_server import Server, ServerSettings, serve
-from robotouille_server.rooms.recordings.storage import Storage
-from robotouille_server.rooms.substitutes.bot_worker import BotWorker, ThreadBotWorker
+from robotouille_server.app import Surroundings
+from robotouille_server.rooms.bot_worker import BotWorker, ThreadBotWorker
+from robotouille_server.rooms.storage import Storage
 from robotouille_server.runtime.logs import configure_logs
 from tests.support.executors import ImmediateExecutor
 
@@ -38,26 +40,38 @@ async def serving(
     bot_worker: Callable[[], BotWorker] = lambda: ThreadBotWorker(ImmediateExecutor()),
     **options: Any,
 ) -> AsyncIterator[Server]:
-    """A server on a free port whose ids, codes and timestamps are always the same; stand-ins think
-    while time stands still."""
+    """Run a server on a free port with fixed ids, codes and timestamps. Substitutes plan without
+    using virtual time.
+    """
     settings = ServerSettings(port=port, recordings=folder, **{"countdown": 0.0, **options})
-    async with serve(
-        settings,
+    around = Surroundings(
         randomness=random.Random(seed),
         timestamp=lambda: STAMP,
         storage=storage,
         wall=wall,
         bot_worker=bot_worker,
-    ) as server:
+    )
+    async with serve(settings, around) as server:
         yield server
 
 
+@asynccontextmanager
+async def with_clients(folder: Path, *names: str, **options: Any) -> AsyncIterator[tuple[Any, ...]]:
+    """Run a server with a client of each name; yield the server and the clients."""
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(serving(folder, **options))
+        clients = [
+            await stack.enter_async_context(connect(server.url, name=name)) for name in names
+        ]
+        yield server, *clients
+
+
 async def crash(server: Server) -> None:
-    """Stop a server as `kill -9` would: nobody is told, nothing more is written."""
-    server._stopping = True
+    """Stop a server like `kill -9`: it sends and writes nothing more."""
+    server.shutdown.begun = True
     for room in list(server.lobby.rooms.values()):
         room.suspend()
-    for socket in server._sockets:
+    for socket in server.listener.sockets:
         socket.close(close_connections=False)
         for connection in list(socket.connections):
             connection.transport.abort()
@@ -65,7 +79,7 @@ async def crash(server: Server) -> None:
 
 
 class Raw:
-    """A WebSocket that speaks the protocol word by word."""
+    """WebSocket that sends and receives raw protocol messages."""
 
     def __init__(self, socket: ClientConnection, text: bool) -> None:
         self.socket = socket
@@ -82,7 +96,7 @@ class Raw:
         return plain
 
     async def expect(self, *kinds: str) -> dict[str, Any]:
-        """The next message of one of these types; others are passed over."""
+        """Return the next message of one of these types, skipping others."""
         while True:
             message = await self.receive()
             if message["type"] in kinds:
@@ -97,7 +111,7 @@ class Raw:
 async def raw(
     server: Server, *, text: bool = True, hello: bool = True, name: str = "raw"
 ) -> AsyncIterator[Raw]:
-    """A raw connection, introduced unless told otherwise."""
+    """Open a raw connection and, by default, send `hello`."""
     codec = JSON if text else MSGPACK
     async with open_socket(
         server.url,

@@ -1,4 +1,4 @@
-"""The modules of the packages and of the tests, and what they import."""
+"""The modules of the packages and tests, with their imports."""
 
 from __future__ import annotations
 
@@ -27,21 +27,22 @@ MODULES = sorted(p for folder in SOURCES.values() for p in folder.rglob("*.py"))
 
 
 def module_name(path: Path) -> str:
-    """The dotted name of a file of the packages or of the tests."""
+    """Return the dotted name of a file in the packages or tests."""
     inside = path.relative_to(ROOT)
     parts = inside.parts if inside.parts[0] == "tests" else inside.parts[1:]
     return ".".join(parts).removesuffix(".py").removesuffix(".__init__")
 
 
 def parsed(path: Path) -> ast.Module:
-    """The syntax tree of a file; it is not kept, as many would slow the garbage collector."""
+    """Return a file's syntax tree, uncached, because many trees slow the garbage collector."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
 @cache
 def imported(path: Path) -> tuple[str, ...]:
-    """What a file imports, anywhere in it and also only for types: `module`, or `module.name` for
-    each name taken from a module."""
+    """Return all imports of a file, including imports for types, as `module`, or as `module.name`
+    for each imported name.
+    """
     found: list[str] = []
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):

@@ -1,10 +1,10 @@
-"""A script that plays a team by a known plan, through what language models are sent."""
+"""Scripted language model that plays a team's known plan."""
 
 from __future__ import annotations
 
 from robotouille.planning import Plan
 from robotouille_evaluation.models import ModelRequest
-from robotouille_evaluation.models.valid_actions import valid_actions
+from robotouille_evaluation.models.model import valid_actions
 
 __all__ = ["NOTHING", "TeamCook"]
 
@@ -12,21 +12,21 @@ NOTHING = "Do nothing"
 
 
 class TeamCook:
-    """Plays a plan: of each of its steps, every robot does its part as soon as that is valid."""
+    """Scripted model; every robot does its part of a step as soon as that is valid."""
 
     def __init__(self, plan: Plan) -> None:
         self.steps = [{action.player: action.sentence for action in step} for step in plan]
         self.asked: list[str] = []
 
     def turns(self, request: ModelRequest) -> str:
-        """The answer for one robot."""
+        """Return the completion for one robot."""
         text = request.messages[-1].content
         self.asked.append(text)
         player = "robot1" if "You are robot1." in text else "robot2"
         return f"Reasoning: so.\nAction: {self._next(player, valid_actions(request))}"
 
     def joint(self, request: ModelRequest) -> str:
-        """The answer for all robots."""
+        """Return the completion for all robots."""
         self.asked.append(request.messages[-1].content)
         lines = [line.partition(": ") for line in valid_actions(request)]
         chosen = {

@@ -1,4 +1,4 @@
-"""Games in this process whose seats are told what bots are told over the network, in its order."""
+"""Episodes in this process whose policies receive the same events as bots on a server."""
 
 from __future__ import annotations
 
@@ -8,20 +8,29 @@ from dataclasses import dataclass, field
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.task import Task
-from robotouille.episode import Clock, Episode, Outcome, Phase, RosterChanged, Rules, Said, Stepped
+from robotouille.episode import (
+    ActionRequest,
+    ChatPosted,
+    Clock,
+    Episode,
+    Outcome,
+    Phase,
+    Rules,
+    Stepped,
+)
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.beam.planner import EXPANSIONS
-from robotouille.planning.policies import PlannerPolicy, Policy, TeamPolicy
+from robotouille.planning.plan import UNLIMITED, Limits, SearchResult
+from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, TeamPolicy
 from robotouille.planning.policies.script import Did
-from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
 
-__all__ = ["Chance", "Idle", "TeamGame", "play_team"]
+__all__ = ["Idle", "RandomWalker", "TeamGame", "play_team"]
 
 MAX_TRIES = 5
 
 
 class Idle:
-    """Stands where it stands, and does nothing."""
+    """Policy that does nothing."""
 
     kind = "human"
 
@@ -35,8 +44,8 @@ class Idle:
         return None
 
 
-class Chance(Idle):
-    """Walks here and there, or with `travel=False` does anything."""
+class RandomWalker(Idle):
+    """Policy that walks at random, or with `travel=False` takes any random action."""
 
     def __init__(self, player: str, seed: int = 5, *, travel: bool = True) -> None:
         super().__init__(player)
@@ -48,7 +57,7 @@ class Chance(Idle):
 
 
 class SharedPlanner(AnytimePlanner):
-    """Answers each question once: all bots of a team ask the same."""
+    """Planner that caches results, because all bots of a team search the same states."""
 
     def __init__(self, world: World) -> None:
         super().__init__(world)
@@ -76,7 +85,7 @@ class SharedPlanner(AnytimePlanner):
 
 @dataclass
 class TeamGame:
-    """How a game went: its outcome, what was said by whom, and the actions of each step."""
+    """Result of an episode: its outcome, chat messages, and the actions of each step."""
 
     outcome: Outcome | None = None
     said: list[tuple[int, str, str]] = field(default_factory=list)
@@ -92,20 +101,19 @@ def play_team(
     alter: Callable[[int, dict[str, Policy]], None] | None = None,
     expansions: int = 2_000,
 ) -> TeamGame:
-    """A game of planner bots, with other policies in some seats.
+    """Play an episode with planner bots, and with other policies in some seats.
 
     Args:
-        others: By player; their `kind` is `human` if they have one, else `bot`.
-        alter: Is called before each step with its number and the policies by player, and may
-            change them.
+        others: Policies by player; their `kind` is `human` if they have one, else `bot`.
+        alter: Function called before each step with its number and the policies by player, which
+            it may change.
     """
     world = World(load_task(task) if isinstance(task, str) else task)
     episode = Episode(world, Rules(clock=clock, max_steps=limit, step_rate=10))
     anytime = SharedPlanner(World(world.task))
+    options = PlannerOptions(expansions=expansions)
     policies: dict[str, Policy] = {
-        player: PlannerPolicy(
-            world, player, start=world.initial, expansions=expansions, anytime=anytime
-        )
+        player: PlannerPolicy(world, player, options, start=world.initial, anytime=anytime)
         for player in world.players
         if player not in (others or {})
     } | dict(others or {})
@@ -115,7 +123,7 @@ def play_team(
     game, now = TeamGame(), 0.0
     for talker in _talkers(policies):
         talker.meet(kinds, clock.value)
-    _hear(episode, policies, game, now)
+    _deliver(episode, policies, game, now)
     seq = 0
     while episode.phase is Phase.RUNNING:
         if alter is not None:
@@ -128,10 +136,10 @@ def play_team(
                 policy = policies[player]
                 action = policy.act(episode.state)
                 late = isinstance(policy, TeamPolicy) and policy.anticipating
-                episode.submit(player, seq, action, now, anticipates=late)
-                _hear(episode, policies, game, now)
+                episode.submit(player, ActionRequest(seq, action, anticipates=late), now)
+                _deliver(episode, policies, game, now)
         episode.tick(now)
-        _hear(episode, policies, game, now)
+        _deliver(episode, policies, game, now)
     game.outcome = episode.outcome
     return game
 
@@ -140,8 +148,8 @@ def _talkers(policies: Mapping[str, Policy]) -> Iterable[TeamPolicy]:
     return [policy for policy in policies.values() if isinstance(policy, TeamPolicy)]
 
 
-def _hear(episode: Episode, policies: Mapping[str, Policy], game: TeamGame, now: float) -> None:
-    """Tell everybody what has happened, until nobody has anything to say."""
+def _deliver(episode: Episode, policies: Mapping[str, Policy], game: TeamGame, now: float) -> None:
+    """Deliver all events and chat messages until no policy has anything to say."""
     while True:
         for event in episode.events():
             if isinstance(event, Stepped):
@@ -150,12 +158,10 @@ def _hear(episode: Episode, policies: Mapping[str, Policy], game: TeamGame, now:
                 game.steps.append(did)
                 for each in policies.values():
                     each.observe(did)
-            elif isinstance(event, Said):
+            elif isinstance(event, ChatPosted):
                 game.said.append((episode.step, event.player, event.text))
                 for talker in _talkers(policies):
                     talker.hear(event.player, event.text)
-            elif isinstance(event, RosterChanged):
-                pass
         said = [
             (player, text)
             for player, policy in policies.items()

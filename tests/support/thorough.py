@@ -1,4 +1,4 @@
-"""How many examples the property tests try: more or fewer with ROBOTOUILLE_FUZZ=FACTOR."""
+"""Number of examples in property tests, scaled by ROBOTOUILLE_FUZZ=FACTOR."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from hypothesis import HealthCheck, settings
 __all__ = ["FACTOR", "STRIDE", "thorough"]
 
 FACTOR = float(os.environ.get("ROBOTOUILLE_FUZZ", "1"))
-"""How many times as many examples property tests try."""
+"""Factor for the number of examples."""
 
 STRIDE = max(1, round(1 / FACTOR)) | 1
-"""Of all bits of a file each so-many-eth is flipped: every one, unless the factor asks for fewer.
-Odd, so that it is another bit of a byte each time."""
+"""Distance of the bits that tests flip in a file: 1, unless the factor asks for fewer. It is odd,
+so that the position within the byte varies."""
 
 
 def thorough(examples: int, **more: int) -> settings:
-    """So many examples, always the same ones unless the factor asks for more."""
+    """Return settings for this many examples, which are fixed unless the factor exceeds 1."""
     return settings(
         max_examples=max(1, int(examples * FACTOR)),
         derandomize=FACTOR <= 1,

@@ -1,4 +1,4 @@
-"""Golden pictures of the viewer: a game with something of everything in it, all pages open."""
+"""Golden pictures of the replay viewer with an eventful episode and all pages open."""
 
 from __future__ import annotations
 
@@ -9,28 +9,33 @@ from pathlib import Path
 import pygame
 
 from robotouille import GroundAction, State, World
-from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
+from robotouille.episode import Absence, ActionRequest, Clock, Episode, Event, PauseReason, Rules
 from robotouille.replay.recording import Recording
-from robotouille_client.window.replay.timeline.steps_curve import StepsKnown
-from robotouille_client.window.replay.viewer import Viewer
+from robotouille_client.window.replay.steps_to_go import StepsKnown
+from robotouille_client.window.replay.viewer import RecordingViewer
 from robotouille_client.window.replay.viewer_state import JobProgress
-from robotouille_client.window.window import Window
 from tests.support.games import record
+from tests.support.window_play import headless_window
 
 __all__ = ["VIEWER_SIZES", "eventful", "viewer_picture"]
 
 STEPS = 40
 VIEWER_SIZES = ((1120, 630), (320, 240))
 MAX_WIDTH = 560
-"""Pictures are made smaller, if need be: the files are in the repository."""
+"""Largest width of a stored picture in pixels, because the files are in the repository."""
 
 
 def eventful(steps: int = STEPS, task: str = "multi_agent/01") -> bytes:
-    """Two steps a second: bob is away in the steps 3 to 6, something is said after step 8, refused
-    after step 10, thought in step 12, and the operator pauses after step 20."""
+    """Record an episode at two steps a second. bob is away in steps 3 to 6, ada chats after step 8,
+    an action is rejected after step 10, step 12 has a reasoning, and step 20 pauses.
+    """
     world = World(task)
     rules = Rules(
-        clock=Clock.REALTIME, step_rate=2.0, absence=Absence.BOT, stand_in="random", max_steps=steps
+        clock=Clock.REALTIME,
+        step_rate=2.0,
+        absence=Absence.BOT,
+        substitute="random",
+        max_steps=steps,
     )
     episode = Episode(world, rules)
     events: list[Event] = []
@@ -46,12 +51,12 @@ def eventful(steps: int = STEPS, task: str = "multi_agent/01") -> bytes:
         if step == 8:
             episode.say("ada", "robot1", "the bun is yours", now)
         if step == 10:
-            episode.submit("robot1", step, _move(world.initial, 0), now)
+            episode.submit("robot1", ActionRequest(step, _move(world.initial, 0)), now)
         elif step % 3 == 0:
             thought = "this first" if step == 12 else ""
-            # Away from where it began, so that the move from there is refused in step 10.
+            # Leave the first place, so that the move from there is rejected in step 10.
             action = _move(episode.state, step % 2)
-            episode.submit("robot1", step, action, now, reasoning=thought)
+            episode.submit("robot1", ActionRequest(step, action, reasoning=thought), now)
         if step == 20:
             episode.pause(PauseReason.OPERATOR, now)
             episode.announce("lunch", now)
@@ -68,13 +73,14 @@ def _move(state: State, number: int) -> GroundAction:
 
 
 def viewer_picture(size: tuple[int, int]) -> pygame.Surface:
-    """The viewer in the middle of that game: the log, a seat that is followed, a span, the steps to
-    go, and what is being done beside it."""
+    """Draw the viewer with its log, a followed seat, a marked clip, the remaining steps, and a
+    running job.
+    """
     with tempfile.TemporaryDirectory() as folder:
         recording = Recording(eventful())
         path = Path(folder) / "eventful.rbt"
-        make = partial(Window, size, headless=True)
-        viewer = Viewer([(path, recording)], now=lambda: 0.0, make_window=make)
+        make = partial(headless_window, size)
+        viewer = RecordingViewer([(path, recording)], now=lambda: 0.0, make_window=make)
         state, curve = viewer.state, viewer.strips[0].curve
         state.log, state.first, state.last = True, 5, 30
         state.followed = "robot2"

@@ -1,25 +1,28 @@
-"""An event loop whose clock jumps: nothing waits, real sockets still work.
+"""Event loop with a virtual clock that skips waiting, while real sockets still work.
 
-While messages are on their way through the loopback interface time stands still; once nothing has
-arrived for a moment, the clock jumps to the next timer; not while the loop's own threads work.
+Time stands still while messages travel through the loopback interface and while threads of the
+loop work. When nothing has arrived for a moment, the clock jumps to the next timer.
 """
 
 from __future__ import annotations
 
 import asyncio
+import functools
+import inspect
 import selectors
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 SETTLE = 0.0002
-"""Real seconds after which nothing is on its way any more."""
+"""Real seconds of silence after which no message is in transit."""
 WORK = 5.0
-"""Real seconds for which time stands still while a thread works for the loop."""
+"""Real seconds for which time stands still while a thread of the loop works."""
 
 
 class JumpingSelector(selectors.DefaultSelector):
-    """Gives real events the first word, then lets virtual time pass instead of waiting."""
+    """Selector that returns real events first, and otherwise advances virtual time."""
 
     now = 1000.0
     working = 0
@@ -28,7 +31,7 @@ class JumpingSelector(selectors.DefaultSelector):
         ready = super().select(0)
         if ready or timeout == 0:
             return ready
-        time.sleep(SETTLE)  # a selector waits for whole milliseconds
+        time.sleep(SETTLE)  # Selectors only wait for whole milliseconds.
         if ready := super().select(0):
             return ready
         if self.working and (ready := super().select(WORK)):
@@ -40,7 +43,7 @@ class JumpingSelector(selectors.DefaultSelector):
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """`loop.time()` is virtual."""
+    """Event loop whose `time()` is virtual."""
 
     def __init__(self) -> None:
         self._jumping = JumpingSelector()
@@ -62,7 +65,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self._jumping.working -= 1
 
     async def shutdown_default_executor(self, timeout: float | None = None) -> None:
-        """Threads end in real time, of which none passes here: wait for them without a limit."""
+        """Wait for threads without a limit, because they end in real time."""
         await super().shutdown_default_executor()
 
 
@@ -70,3 +73,34 @@ def run(coroutine: Any) -> Any:
     """Run a coroutine in virtual time."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         return runner.run(coroutine)
+
+
+def virtual(test: Callable[..., Any]) -> Callable[..., None]:
+    """Run an asynchronous test in virtual time."""
+
+    @functools.wraps(test)
+    def running(*instance: object, **given: Any) -> None:
+        run(test(*instance, **given))
+
+    return running
+
+
+def opening(context: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Run a test in virtual time with `context(tmp_path, **options)` as its first argument."""
+
+    def decorate(test: Callable[..., Any]) -> Callable[..., None]:
+        _, *others = inspect.signature(test).parameters.values()
+        folder = inspect.Parameter("tmp_path", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+
+        @functools.wraps(test)
+        def running(tmp_path: Path, **given: Any) -> None:
+            async def main() -> None:
+                async with context(tmp_path, **options) as opened:
+                    await test(opened, **given)
+
+            run(main())
+
+        running.__signature__ = inspect.Signature([folder, *others])  # type: ignore[attr-defined]
+        return running
+
+    return decorate

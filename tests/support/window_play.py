@@ -1,20 +1,24 @@
-"""A window that is played by posted events: no screen, and a clock that is moved by hand."""
+"""A window driven by posted events and a manual clock, without a screen."""
 
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 from collections import deque
 from collections.abc import Iterator
+from typing import Any
 
 import pygame
 
 from robotouille import GroundAction, State, World
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import layout
+from robotouille_client.window.forms.display import Devices
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap
-from robotouille_client.window.hands.walking import towards
-from robotouille_client.window.view import Bubble, View
+from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
+from robotouille_client.window.input.controls import towards
+from robotouille_client.window.options import DisplayOptions, TimeSource, WindowStyle
+from robotouille_client.window.view import Bubble, GameSource, View
 from robotouille_client.window.window import Window
 
 SIZE = (800, 600)
@@ -26,9 +30,26 @@ ARROWS = {
 }
 
 
+def headless_window(size: tuple[int, int] = SIZE, *, cards: Any = None, **options: Any) -> Window:
+    """Return a window without a screen; `options` are fields of the window's option values."""
+
+    def taken(kind: Any, **given: Any) -> Any:
+        names = [field.name for field in dataclasses.fields(kind) if field.name in options]
+        return kind(**given, **{name: options.pop(name) for name in names})
+
+    window = Window(
+        taken(DisplayOptions, size=size, headless=True),
+        style=taken(WindowStyle),
+        cards=cards,
+        devices=taken(Devices),
+        time_source=taken(TimeSource),
+    )
+    assert not options, options
+    return window
+
+
 class Timer:
-    """A clock that only moves when something sleeps, or by hand; or by `pace` seconds each time
-    that it is looked at."""
+    """Clock that only advances in `sleep`, when set by hand, or by `pace` seconds per call."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -43,8 +64,8 @@ class Timer:
         await asyncio.sleep(0)
 
 
-class Script:
-    """A source that does at once what it is told; with `slow` only when it is stepped."""
+class Script(GameSource):
+    """Source that applies actions at once, or with `slow` only in `step`."""
 
     def __init__(self, world: World, me: str | None = None, *, slow: bool = False) -> None:
         self.world = world
@@ -85,7 +106,7 @@ class Script:
             self.step()
 
     def step(self) -> None:
-        """The step in which the newest action is done."""
+        """Apply the newest action."""
         asked, self._asked = self._asked, None
         self.states.append(self.state.step(asked if asked is not None else []).state)
 
@@ -94,14 +115,14 @@ class Script:
 
 
 def at(world: World, station: str, size: tuple[int, int] = SIZE) -> tuple[int, int]:
-    """The middle of a station in a window."""
+    """Return the centre of a station in a window."""
     problem, tile = world.task.problem, world.thing(station).tile
     assert tile is not None
     return layout(size, problem.width, problem.height).cell(tile).center
 
 
 def press(window: Window, source: Script, *keys: int, mod: int = 0) -> None:
-    """Press and release keys, a frame after each."""
+    """Press and release keys, with a frame after each event."""
     for key in keys:
         pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=mod, unicode=""))
         window.frame(source)
@@ -110,7 +131,7 @@ def press(window: Window, source: Script, *keys: int, mod: int = 0) -> None:
 
 
 def click(window: Window, source: Script, station: str, button: int = 1) -> None:
-    """Point at a station and click, then a frame."""
+    """Point at a station, click, and draw a frame."""
     pos = at(source.world, station)
     pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=button))
@@ -118,7 +139,7 @@ def click(window: Window, source: Script, station: str, button: int = 1) -> None
 
 
 def way(state: State, me: str, station: str) -> list[Command]:
-    """The directions that lead a player to a station, as few as there are."""
+    """Return a shortest list of directions that leads a player to a station."""
     queue: deque[tuple[State, list[Command]]] = deque([(state, [])])
     seen = set()
     while queue:
@@ -140,14 +161,14 @@ def way(state: State, me: str, station: str) -> list[Command]:
 
 
 def goes_to(action: GroundAction) -> str | None:
-    """Where an action walks to, if it is a walk."""
+    """Return the destination of a walk, or None for another action."""
     return action.destination
 
 
-class Fingers:
-    """What somebody does at a shell: a generator that posts events, and yields after each frame.
+class ScriptedUser:
+    """Scripted user: a generator that posts events and yields after each frame.
 
-    Its `sleep` takes the place of asyncio's; when the generator is at its end the window is closed.
+    `sleep` replaces that of asyncio. The window closes when the generator ends.
     """
 
     def __init__(self, timer: Timer) -> None:
@@ -164,13 +185,13 @@ class Fingers:
 
 
 def follow(form: Form) -> None:
-    """Give a form what was posted."""
+    """Send the posted events to a form."""
     for event in pygame.event.get():
         form.handle(event, KeyMap())
 
 
 def post(*keys: int | str) -> None:
-    """Post keys by number, and text as typed."""
+    """Post keys by number, or text as typed input."""
     for key in keys:
         if isinstance(key, str):
             for letter in key:

@@ -1,4 +1,4 @@
-"""Servers of several worker processes."""
+"""Servers with several worker processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMMAND = [sys.executable, "-m", "robotouille_server"]
 
 
 def free_ports(count: int) -> int:
-    """The first of some ports in a row that nobody uses at the moment."""
+    """Return the first of `count` consecutive free ports."""
     while True:
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
@@ -34,7 +34,7 @@ def free_ports(count: int) -> int:
 
 
 def lasting_ports(count: int) -> int:
-    """The same of ports that outgoing connections are not given meanwhile, either."""
+    """Return the first of `count` free ports outside the range of outgoing connections."""
     while True:
         first = random.SystemRandom().randrange(10_000, 32_768 - count)
         try:
@@ -78,4 +78,4 @@ def wait_for_ports(ports: range) -> None:
                     break
             time.sleep(0.05)
         else:
-            raise AssertionError(f"nobody listens on {port}")
+            raise AssertionError(f"no process listens on port {port}")

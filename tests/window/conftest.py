@@ -11,6 +11,7 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,6 +19,7 @@ import pytest
 pytest.importorskip("pygame")
 
 import pygame
+from tests.support.window_session import WindowSession
 
 from robotouille import State, World
 from robotouille_client.window.forms.display import Display
@@ -47,25 +49,37 @@ def pictures_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pygame.image, "load_sized_svg", load)
 
 
-Course = list[State]
+@pytest.fixture(autouse=True)
+def display_closed() -> Iterator[None]:
+    """Close the display that a test has opened."""
+    yield
+    pygame.display.quit()
 
 
 @pytest.fixture
-def display() -> Iterator[Display]:
+def display() -> Display:
     opened = Display((800, 600), headless=True)
     opened.open()
     pygame.event.clear()
-    yield opened
-    opened.close()
+    return opened
+
+
+@pytest.fixture
+def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WindowSession:
+    """Application with scripted input, and all its files in an empty folder."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    found = WindowSession(tmp_path)
+    found.watch(monkeypatch)
+    return found
 
 
 @pytest.fixture(scope="session")
-def play() -> Callable[..., Course]:
+def play() -> Callable[..., list[State]]:
     return _play
 
 
-def _play(world: World, *lines: str, player: str | None = None) -> Course:
-    """The states of a course of lines such as `pick-up-item bread1`; `-` is a step of nothing."""
+def _play(world: World, *lines: str, player: str | None = None) -> list[State]:
+    """Play lines such as `pick-up-item bread1` and return the states; `-` does nothing."""
     player = player or world.players[0]
     states = [world.initial]
     for line in lines:

@@ -1,25 +1,40 @@
-"""Which keys and clicks are a card's, and which are still those of the game, or of the chat."""
+"""Cards: input that belongs to the game or the chat, and cards that fit into any window."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import pygame
 import pytest
-from tests.support.window_play import SIZE, Script, Timer, at
+from tests.support.window_play import SIZE, Script, Timer, at, headless_window, press
 
-from robotouille import World
-from robotouille_client.window.forms.shown_card import QUIET_SECONDS
-from robotouille_client.window.shell.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
-from robotouille_client.window.view import View
-from robotouille_client.window.window import Window
+from robotouille import World, load_task
+from robotouille.certification import step_limit
+from robotouille.domain.task import Task
+from robotouille.episode.rules import Clock
+from robotouille_client.window.app.game_cards import (
+    LEAVE_BUTTONS,
+    REVIEW_BUTTONS,
+    GameCards,
+    best_words,
+    end_card,
+)
+from robotouille_client.window.app.local_game import GameSetup, LocalGame
+from robotouille_client.window.drawing.window_layout import layout
+from robotouille_client.window.forms.card_slot import QUIET_SECONDS
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.screen import text_size
+from robotouille_client.window.input.commands import Command
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import ACCENT, BAD
+from robotouille_client.window.view import SeatView, View
 
 BUTTONS = (("Play again", "again"), ("Next task", "next"), *REVIEW_BUTTONS, *LEAVE_BUTTONS)
 
 
 class Ending(Script):
-    """A game that is over when somebody says so."""
+    """Game that ends when the test says so."""
 
     over = False
 
@@ -33,20 +48,18 @@ class Ending(Script):
 
 
 class Seat:
-    """A window on such a game, and who sits before it."""
+    """Window with such a game, and input for it."""
 
     def __init__(self) -> None:
         self.timer = Timer()
         self.source = Ending(World("training/01"))
-        self.window = Window(
-            SIZE,
-            headless=True,
-            clock=self.timer,
-            cards=GameCards(lambda: None, lambda: BUTTONS),
-        )
+        cards = GameCards(lambda: None, lambda: BUTTONS)
+        self.window = headless_window(SIZE, clock=self.timer, cards=cards)
         self.frame()
 
-    def frame(self) -> None:
+    def frame(self, *events: pygame.Event) -> None:
+        for event in events:
+            pygame.event.post(event)
         self.window.frame(self.source)
 
     def end(self) -> None:
@@ -59,14 +72,11 @@ class Seat:
         self.frame()
 
     def down(self, key: int, text: str = "") -> None:
-        pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=text))
-        if text:
-            pygame.event.post(pygame.Event(pygame.TEXTINPUT, text=text))
-        self.frame()
+        typed = [pygame.Event(pygame.TEXTINPUT, text=text)] if text else []
+        self.frame(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=text), *typed)
 
     def up(self, key: int) -> None:
-        pygame.event.post(pygame.Event(pygame.KEYUP, key=key, mod=0))
-        self.frame()
+        self.frame(pygame.Event(pygame.KEYUP, key=key, mod=0))
 
     def press(self, *keys: int) -> None:
         for key in keys:
@@ -81,38 +91,32 @@ class Seat:
             self.later(every)
 
     def move(self, pos: tuple[int, int]) -> None:
-        buttons = {"rel": (0, 0), "buttons": (0, 0, 0)}
-        pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, **buttons))
-        self.frame()
+        self.frame(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
 
     def click(self, pos: tuple[int, int]) -> None:
         self.move(pos)
-        pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=1))
-        self.frame()
+        self.frame(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=1))
 
     def push(self, button: int) -> None:
-        for kind in (pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP):
-            pygame.event.post(pygame.Event(kind, button=button, instance_id=0))
-        self.frame()
+        kinds = (pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP)
+        self.frame(*(pygame.Event(kind, button=button, instance_id=0) for kind in kinds))
 
     def place(self, label: str) -> tuple[int, int]:
-        """Where a button of the card is."""
+        """Return where a button of the card is."""
         card = self.window.card
-        assert card is not None
-        place = card.place_of(next(row for row in card.rows if row.label == label))
-        assert place is not None, label
-        return place.center
+        return card.place_of(next(row for row in card.rows if row.label == label)).center
+
+    def pixels(self) -> bytes:
+        return pygame.image.tobytes(self.window._display.surface, "RGB")
 
     @property
-    def overlay(self):  # type: ignore[no-untyped-def]
+    def overlay(self):
         return self.window.overlay(self.source.view())
 
 
 @pytest.fixture
-def seat() -> Iterator[Seat]:
-    sitting = Seat()
-    yield sitting
-    sitting.window.close()
+def seat() -> Seat:
+    return Seat()
 
 
 def answer(seat: Seat, keys: Sequence[int] = (pygame.K_RETURN,)) -> object:
@@ -121,7 +125,7 @@ def answer(seat: Seat, keys: Sequence[int] = (pygame.K_RETURN,)) -> object:
 
 
 @pytest.mark.parametrize("key", [pygame.K_RETURN, pygame.K_ESCAPE, pygame.K_e, pygame.K_SPACE])
-def test_a_key_pressed_as_the_game_ends_is_no_answer(seat: Seat, key: int) -> None:
+def test_a_key_pressed_as_the_game_ends_does_not_answer(seat: Seat, key: int) -> None:
     seat.end()
     for _ in range(3):
         seat.press(key)
@@ -131,28 +135,28 @@ def test_a_key_pressed_as_the_game_ends_is_no_answer(seat: Seat, key: int) -> No
     assert answer(seat) == "again"
 
 
-@pytest.mark.parametrize("key", [pygame.K_e, pygame.K_SPACE, pygame.K_1, pygame.K_w])
-def test_keys_of_the_game_are_never_an_answer(seat: Seat, key: int) -> None:
+def test_keys_of_the_game_never_answer(seat: Seat) -> None:
     seat.end()
-    for _ in range(12):
+    for key in (pygame.K_e, pygame.K_SPACE, pygame.K_1, pygame.K_w) * 3:
         seat.later(1.0)
         seat.press(key)
+    seat.type("that was nice")
+    seat.press(pygame.K_RETURN)
     assert seat.window.answer is None
     seat.later()
     assert answer(seat) == "again", "nor do they move the focus"
 
 
 def test_keys_of_the_game_do_not_leave_it(seat: Seat) -> None:
-    """Who presses Esc to forget what waits, when nothing does any more, and plays on."""
     seat.press(pygame.K_ESCAPE)
     assert seat.window.card is not None
     seat.press(pygame.K_s, pygame.K_e, pygame.K_SPACE, pygame.K_1)
     assert seat.window.answer is None
     seat.press(pygame.K_RETURN)
-    assert seat.window.card is None, "Go on"
+    assert seat.window.card is None, "Keep playing"
 
 
-def test_a_gamepad_is_heard_once_its_buttons_rest(seat: Seat) -> None:
+def test_a_gamepad_answers_after_a_pause(seat: Seat) -> None:
     seat.end()
     for _ in range(20):
         seat.push(pygame.CONTROLLER_BUTTON_A)
@@ -164,7 +168,7 @@ def test_a_gamepad_is_heard_once_its_buttons_rest(seat: Seat) -> None:
     assert seat.window.answer == "next"
 
 
-def test_a_key_that_is_held_since_before_is_not_pressed(seat: Seat) -> None:
+def test_a_key_held_since_before_the_card_does_not_count(seat: Seat) -> None:
     seat.down(pygame.K_DOWN)
     seat.end()
     for _ in range(5):
@@ -174,17 +178,16 @@ def test_a_key_that_is_held_since_before_is_not_pressed(seat: Seat) -> None:
     assert answer(seat) == "again"
 
 
-def test_one_sees_when_the_card_listens(seat: Seat) -> None:
+def test_the_focus_shows_when_the_card_accepts_keys(seat: Seat) -> None:
     seat.end()
-    assert seat.window.card is not None
-    before = pygame.image.tobytes(seat.window._display.surface, "RGB")
+    before = seat.pixels()
     assert not seat.window.card.listens
     seat.later()
     assert seat.window.card.listens
-    assert pygame.image.tobytes(seat.window._display.surface, "RGB") != before
+    assert seat.pixels() != before
 
 
-def test_clicks_are_heard_once_the_card_has_been_there_for_a_moment(seat: Seat) -> None:
+def test_clicks_answer_after_a_moment(seat: Seat) -> None:
     seat.end()
     seat.click(seat.place("Menu"))
     assert seat.window.answer is None
@@ -197,18 +200,17 @@ def test_clicks_are_heard_once_the_card_has_been_there_for_a_moment(seat: Seat) 
     assert seat.window.answer == "menu"
 
 
-def test_what_is_typed_as_the_game_ends_stays_a_line_of_chat(seat: Seat) -> None:
+def test_typing_as_the_game_ends_stays_chat(seat: Seat) -> None:
     seat.press(pygame.K_t)
     seat.type("see ")
     seat.end()
     seat.type("you all", every=1.0)
     assert seat.overlay.typing == "see you all"
-    assert seat.window.card is not None
     assert not seat.window.card.listens, "no row is marked"
     seat.press(pygame.K_RETURN)
     assert seat.overlay.typing is None
     assert seat.source.said == []
-    assert seat.overlay.prompt == "The game is over, nobody hears: see you all"
+    assert seat.overlay.prompt == "Not sent, the game is over: see you all"
     seat.press(pygame.K_RETURN)
     assert seat.window.answer is None
     seat.later()
@@ -216,59 +218,42 @@ def test_what_is_typed_as_the_game_ends_stays_a_line_of_chat(seat: Seat) -> None
     assert answer(seat) == "again"
 
 
-def test_a_line_of_chat_is_not_in_the_way_of_the_mouse(seat: Seat) -> None:
-    seat.press(pygame.K_t)
-    seat.end()
-    seat.later()
-    seat.click(seat.place("Save a video"))
-    assert seat.window.answer == "video"
-
-
-def test_letters_typed_ahead_are_neither_an_answer_nor_before_one(seat: Seat) -> None:
-    seat.end()
-    seat.later(2.0)
-    seat.type("that was nice")
-    seat.press(pygame.K_RETURN)
-    assert seat.window.answer is None
-
-
-def test_the_keys_of_the_window_always_work(seat: Seat) -> None:
+def test_window_keys_always_work(seat: Seat) -> None:
     seat.end()
     seat.press(pygame.K_F11)
     assert seat.window._display.fullscreen
     seat.press(pygame.K_F11)
 
 
-def test_what_is_open_at_the_end_is_closed(seat: Seat) -> None:
+def test_help_and_list_close_at_the_end(seat: Seat) -> None:
     seat.press(pygame.K_h)
     assert seat.overlay.help
     seat.end()
     assert not seat.overlay.help
 
 
-def test_nothing_of_the_kitchen_is_marked_after_a_card(seat: Seat) -> None:
-    """The mouse was on a station, then on a button of the card, where it still is."""
+def test_no_mark_in_the_kitchen_after_a_card(seat: Seat) -> None:
     seat.click(at(seat.source.world, "board1"))
     assert seat.overlay.tips
     without = len(seat.source.acted)
     seat.press(pygame.K_ESCAPE)
     assert seat.window.card is not None
-    seat.click(seat.place("Go on"))
+    seat.click(seat.place("Keep playing"))
     assert seat.window.card is None
     assert not seat.overlay.tips
     assert len(seat.source.acted) == without
 
 
-def test_under_a_card_nothing_of_the_kitchen_is_marked(seat: Seat) -> None:
+def test_no_mark_in_the_kitchen_during_a_card(seat: Seat) -> None:
     seat.press(pygame.K_ESCAPE)
     seat.frame()
-    plain = pygame.image.tobytes(seat.window._display.surface, "RGB")
+    plain = seat.pixels()
     seat.move(at(seat.source.world, "board1"))
     seat.frame()
-    assert pygame.image.tobytes(seat.window._display.surface, "RGB") == plain
+    assert seat.pixels() == plain
 
 
-def test_a_direction_let_go_under_a_card_is_not_held_any_more(seat: Seat) -> None:
+def test_a_direction_released_during_a_card_is_released(seat: Seat) -> None:
     seat.down(pygame.K_LEFT)
     walked = len(seat.source.acted)
     seat.press(pygame.K_ESCAPE)
@@ -280,7 +265,7 @@ def test_a_direction_let_go_under_a_card_is_not_held_any_more(seat: Seat) -> Non
     assert len(seat.source.acted) == walked
 
 
-def test_a_gamepad_closes_the_chat_and_what_is_open_before_it_asks(seat: Seat) -> None:
+def test_gamepad_b_closes_chat_and_help_before_it_asks(seat: Seat) -> None:
     seat.press(pygame.K_t)
     seat.push(pygame.CONTROLLER_BUTTON_B)
     assert seat.overlay.typing is None
@@ -289,3 +274,138 @@ def test_a_gamepad_closes_the_chat_and_what_is_open_before_it_asks(seat: Seat) -
     seat.push(pygame.CONTROLLER_BUTTON_START)
     assert seat.window.card is not None
     assert not seat.overlay.help
+
+
+SAVED = "Video saved: ~/.local/share/robotouille/recordings/20261122T210000Z_10_1234.mp4"
+
+
+def card(seats: int) -> Form:
+    world = World(load_task("multi_agent/10", seats=seats, timing="people"))
+    row = {"acted": 120, "busy": 300, "waiting": 12, "idle": 40, "away": 3, "substituted": 7}
+    outcome = {
+        "reason": "step_limit",
+        "steps": 482,
+        "seats": [{"player": player, **row} for player in world.players],
+    }
+    names = tuple(SeatView(player, f"Benedikta the {player}") for player in world.players)
+    return end_card(View(world, world.initial, seats=names, me=world.players[0]), outcome, BUTTONS)
+
+
+def panel(size: tuple[int, int]) -> tuple[pygame.Rect, int]:
+    """Return a card next to a kitchen."""
+    found = layout(size, 10, 9)
+    return found.panel, max(11, found.text - 2)
+
+
+def screen(size: tuple[int, int]) -> tuple[pygame.Rect, int]:
+    """Return a card in an otherwise empty window."""
+    letters = text_size(size, 1.0)
+    area = pygame.Rect(0, 0, min(size[0] - letters, 40 * letters), size[1] - 5 * letters)
+    area.midbottom = (size[0] // 2, size[1] - letters)
+    return area, letters
+
+
+@pytest.mark.parametrize("place", [panel, screen])
+@pytest.mark.parametrize("size", [(1120, 630), (640, 480), (1280, 720), (3840, 2160)])
+@pytest.mark.parametrize("seats", [2, 4])
+@pytest.mark.parametrize("message", ["", SAVED])
+def test_all_buttons_are_visible(place, size, seats: int, message: str) -> None:
+    form = card(seats)
+    form.message = message
+    area, letters = place(size)
+    form.draw(pygame.Surface(size), area, Typesetter(), letters)
+    for row in form.rows:
+        place = form.place_of(row)
+        assert place is not None, row.label
+        assert area.contains(place), row.label
+    assert not form.scroll_bar.width, "nothing has to be scrolled to"
+
+
+@pytest.mark.parametrize("timing", ["people", "benchmark"])
+def test_a_task_from_a_server_has_its_plan_length(
+    monkeypatch: pytest.MonkeyPatch, timing: str
+) -> None:
+    task = load_task("synchronous/01", timing=timing)
+    sent = Task.from_json(task.to_json())
+    monkeypatch.setattr(step_limit, "_lengths", {})
+    words = best_words(sent)
+    assert words.startswith({"people": "A great game", "benchmark": "Best possible"}[timing])
+    monkeypatch.setattr(step_limit, "_lengths", {})
+    assert words == best_words(task)
+
+
+def test_a_tiny_window_has_a_scroll_bar() -> None:
+    form = card(4)
+    area, letters = panel((320, 240))
+    for _ in BUTTONS:
+        form.draw(pygame.Surface((320, 240)), area, Typesetter(), letters)
+        assert form.scroll_bar.width
+        assert form.focused is not None
+        place = form.place_of(form.focused)
+        assert area.contains(place)
+        form.command(Command.DOWN)
+
+
+def test_messages_are_not_in_the_colour_of_losing() -> None:
+    form = card(2)
+    form.rows = ()
+    form.title = ""
+    form.message = SAVED
+    surface = pygame.Surface((640, 480))
+    form.draw(surface, pygame.Rect(0, 0, 640, 480), Typesetter(), 14)
+    assert pygame.mask.from_threshold(surface, BAD, (1, 1, 1, 255)).count() == 0
+
+
+SETUP = GameSetup("training/01", clock=Clock.REALTIME, rate=10.0, countdown=0.0)
+
+
+@pytest.mark.parametrize("close", [pygame.K_h, pygame.K_ESCAPE])
+def test_a_local_game_pauses_during_help(close: int) -> None:
+    timer = Timer()
+    game = LocalGame(SETUP, "Ada", timer, None)
+    source = game.source
+    cards = GameCards(lambda: source.outcome, tuple, source.pause)
+    window = headless_window((800, 600), clock=timer, cards=cards)
+    try:
+        window.frame(source)
+        press(window, source, pygame.K_h)
+        step = source.view().step
+        timer.now += 9.0
+        assert (source.view().step, source.view().frozen) == (step, True)
+        press(window, source, close)
+        timer.now += 1.0
+        assert not source.view().frozen
+        assert source.view().step > step
+        press(window, source, pygame.K_h)
+        press(window, source, pygame.K_h)
+        assert not source.view().frozen
+        press(window, source, pygame.K_ESCAPE)
+        assert source.view().frozen
+    finally:
+        game.finish(ended=False)
+
+
+@pytest.mark.parametrize("task", ["multi_agent/07", "asynchronous/10", "training/01"])
+def test_the_help_uses_no_action_identifiers(task: str) -> None:
+    source = Script(World(task))
+    window = headless_window((800, 600), clock=Timer())
+    window.frame(source)
+    press(window, source, pygame.K_h)
+    rows = window.overlay(source.view()).help
+    said = " ".join(words for _, words in rows)
+    assert "Esc" in dict(rows)
+    for schema in source.world.schemas:
+        name = schema.name.replace("-", " ")
+        assert " " not in name or f"{name}," not in said, name
+
+
+@pytest.mark.parametrize("size", [(320, 240), (640, 360), (1280, 720)])
+def test_the_help_fits_the_window(size: tuple[int, int]) -> None:
+    source = Script(World("asynchronous/06"))
+    window = headless_window(size, clock=Timer())
+    window.frame(source)
+    press(window, source, pygame.K_h)
+    picture = pygame.display.get_surface()
+    middle = range(size[0] // 3, 2 * size[0] // 3)
+    frame = [y for y in range(size[1]) if all(picture.get_at((x, y)) == ACCENT for x in middle)]
+    assert frame[-1] - frame[0] > size[1] // 3  # Its upper and its lower edge.

@@ -1,43 +1,40 @@
-"""Every screen and card of the window can be left: by Escape, by the mouse, by a gamepad."""
+"""Every screen and card can be left with Escape, the mouse or a gamepad."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
 from itertools import product
-from pathlib import Path
 
 import pygame
 import pytest
-from tests.support.evening import SIZE, Evening, wait
 from tests.support.window_play import post
+from tests.support.window_session import WindowSession, wait
 
 from robotouille.episode.rules import Clock
+from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Row
-from robotouille_client.window.hands.commands import KeyMap
-from robotouille_client.window.replay.timeline.timeline_strip import TimelineStrip
-from robotouille_client.window.shell.games.local_game import GameSetup
-from robotouille_client.window.shell.settings import Settings
+from robotouille_client.window.replay.timeline_strip import TimelineStrip
 
 Steps = Iterator[None]
 SHORT = GameSetup("synchronous/01", clock=Clock.TURN, max_steps=3)
-AWAY = ("Back", "Cancel", "Leave it", "Leave the replay", "Menu", "Quit", "Close")
+AWAY = ("Back", "Cancel", "Leave", "Leave the replay", "Menu", "Quit", "Close")
 """What buttons that lead away are called."""
 
 
-def choose(*labels: str) -> Callable[[Evening], Steps]:
-    """From the menu to a screen."""
+def choose(*labels: str) -> Callable[[WindowSession], Steps]:
+    """Choose a menu entry."""
 
-    def steps(evening: Evening) -> Steps:
+    def steps(session: WindowSession) -> Steps:
         for label in labels:
-            yield from evening.choose(label)
+            yield from session.choose(label)
 
     return steps
 
 
-def lose(evening: Evening) -> Steps:
-    """From a game of three turns to its end card."""
+def lose(session: WindowSession) -> Steps:
+    """Play a game of three turns to its end card."""
     yield from wait(3)
     for _ in range(4):
         post(pygame.K_SPACE)
@@ -45,50 +42,50 @@ def lose(evening: Evening) -> Steps:
     yield from wait(60)
 
 
-def lose_and(*labels: str) -> Callable[[Evening], Steps]:
-    def steps(evening: Evening) -> Steps:
-        yield from lose(evening)
-        yield from choose(*labels)(evening)
+def lose_and(*labels: str) -> Callable[[WindowSession], Steps]:
+    def steps(session: WindowSession) -> Steps:
+        yield from lose(session)
+        yield from choose(*labels)(session)
         yield from wait(3)
 
     return steps
 
 
-def ask_to_leave(evening: Evening) -> Steps:
+def ask_to_leave(session: WindowSession) -> Steps:
     post(pygame.K_ESCAPE)
     yield from wait(3)
 
 
-def open_list(evening: Evening) -> Steps:
+def open_list(session: WindowSession) -> Steps:
     post(pygame.K_TAB)
     yield from wait(3)
 
 
-def type_something(evening: Evening) -> Steps:
+def type_something(session: WindowSession) -> Steps:
     post(pygame.K_t)
     yield from wait(2)
     post("hello")
     yield from wait(2)
 
 
-def show_help(evening: Evening) -> Steps:
+def show_help(session: WindowSession) -> Steps:
     post(pygame.K_h)
     yield from wait(3)
 
 
 FROM_MENU = {
     "play": choose("Play here"),
-    "join": choose("Join by code"),
-    "open": choose("Open a kitchen on a server"),
+    "join": choose("Join with a code"),
+    "open": choose("Open a kitchen"),
     "replays": choose("Replays"),
-    "tutorial": choose("Tutorial: two minutes"),
+    "tutorial": choose("Tutorial (two minutes)"),
     "settings": choose("Settings"),
     "keys": choose("Settings", "Keys"),
-    "connecting": choose("Kitchens on a server"),
-    "nobody answers": choose("Join by code", "Play"),
+    "connecting": choose("Find a kitchen"),
+    "nobody answers": choose("Join with a code", "Play"),
 }
 IN_A_GAME = {
-    "playing": lambda evening: wait(3),
+    "playing": lambda session: wait(3),
     "list": open_list,
     "help": show_help,
     "chat": type_something,
@@ -99,46 +96,44 @@ IN_A_GAME = {
 }
 
 
-def current(evening: Evening) -> Form | None:
-    """The form that is asked; None in a game, or a replay."""
-    if evening.window is not None and not evening.window.closed:
-        return evening.window.card
-    return evening.form
+def current(session: WindowSession) -> Form | None:
+    """Return the form that is shown; None in a game or replay."""
+    if session.window is not None and not session.window.closed:
+        return session.window.card
+    return session.form
 
 
-def escape(evening: Evening) -> Steps:
-    """Escape; where that asks whether one means it, Enter on what leads away."""
-    asked = current(evening)
+def escape(session: WindowSession) -> Steps:
+    """Press Escape, and confirm leaving where the window asks."""
+    asked = current(session)
     post(pygame.K_ESCAPE)
     yield from wait(3)
-    if current(evening) is not asked and "?" in title(evening):
-        yield from evening.choose(way_out(evening).label)
+    if current(session) is not asked and "?" in title(session):
+        yield from session.choose(way_out(session).label)
 
 
-def click(evening: Evening) -> Steps:
-    """A click on what leads away: a button of the form, which may have to be scrolled to, or the
-    key for it below the kitchen."""
-    at = place(evening)
+def click(session: WindowSession) -> Steps:
+    """Click on the way out: a button, or its key below the kitchen."""
     for _ in range(20):
+        at = place(session)
         if at is not None:
             break
         pygame.event.post(pygame.Event(pygame.MOUSEWHEEL, y=-1, x=0))
         yield from wait(2)
-        at = place(evening)
-    assert at is not None, f"{title(evening)!r} has no way out that can be clicked"
+    assert at is not None, f"{title(session)!r} has no way out that can be clicked"
     pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0)))
     yield
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=at, button=1))
     yield from wait(3)
 
 
-def press_b(evening: Evening) -> Steps:
-    """B; where that asks whether one means it, down to what leads away, and A."""
-    asked = current(evening)
+def press_b(session: WindowSession) -> Steps:
+    """Press B, and confirm leaving where the window asks."""
+    asked = current(session)
     yield from push(pygame.CONTROLLER_BUTTON_B)
-    form = current(evening)
+    form = current(session)
     if form is not asked and form is not None and "?" in form.title:
-        while form.focused is not way_out(evening):
+        while form.focused is not way_out(session):
             yield from push(pygame.CONTROLLER_BUTTON_DPAD_DOWN)
         yield from push(pygame.CONTROLLER_BUTTON_A)
 
@@ -149,93 +144,80 @@ def push(button: int) -> Steps:
     yield from wait(3)
 
 
-def title(evening: Evening) -> str:
-    form = current(evening)
+def title(session: WindowSession) -> str:
+    form = current(session)
     return "" if form is None else form.title
 
 
-def way_out(evening: Evening) -> Row:
-    form = current(evening)
-    assert form is not None
+def way_out(session: WindowSession) -> Row:
+    form = current(session)
     return next(row for label in AWAY for row in form.rows if row.label == label)
 
 
-def place(evening: Evening) -> tuple[int, int] | None:
-    """Where the way out is, as the mouse finds it; None where it is not in sight."""
-    form = current(evening)
-    if form is None:
-        assert evening.window is not None
-        if isinstance(evening.window._strip, TimelineStrip):
-            found = evening.window._strip._buttons.place(pygame.K_q)
-            assert found is not None
-            return found.center
-        keys = evening.window._painter._key_strip._places
-        return next(area.center for area, key in keys if key == "Esc")
-    focused = form.focused
-    for y in range(0, SIZE[1], 4):
-        for x in (SIZE[0] // 4, SIZE[0] - 40):
-            form._focus = -1
-            at = {"pos": (x, y), "rel": (0, 0), "buttons": (0, 0, 0)}
-            form.handle(pygame.Event(pygame.MOUSEMOTION, at), KeyMap())
-            if form.focused is way_out(evening):
-                return x, y + 4
-    assert focused is not None
-    form.focus(focused)
-    return None
+def place(session: WindowSession) -> tuple[int, int] | None:
+    """Return where the way out is; None if it is not visible."""
+    form = current(session)
+    if form is not None:
+        area = form.place_of(way_out(session))
+        return area and area.center
+    if isinstance(session.window._strip, TimelineStrip):
+        return session.window._strip.button(pygame.K_q)
+    keys = session.window._painter._key_strip._places
+    return next(area.center for area, key in keys if key == "Esc")
 
 
 WAYS = {"escape": escape, "mouse": click, "gamepad": press_b}
 
 
-def leave(evening: Evening, way: str, screen: str) -> Steps:
-    """Go back to the menu in one way alone."""
+def leave(session: WindowSession, way: str, screen: str) -> Steps:
+    """Go back to the menu with one device."""
     before = None
     for _ in range(5):
-        if title(evening).startswith("Hello"):
+        if title(session).startswith("Hello"):
             return
-        before = title(evening)
-        yield from WAYS[way](evening)
+        before = title(session)
+        yield from WAYS[way](session)
         yield from wait(3)
     raise AssertionError(f"{screen!r} is a dead end by {way}: it stays at {before!r}")
 
 
-@pytest.fixture
-def evening(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Evening:
-    settings = Settings(learned=True, size=SIZE, server="ws://127.0.0.1:9", code="ABC")
-    found = Evening(tmp_path, settings)
-    found.watch(monkeypatch)
-    return found
+@pytest.fixture(autouse=True)
+def no_server(session: WindowSession) -> None:
+    session.app.settings.prefer(server="ws://127.0.0.1:9")
+    session.app.settings.code = "ABC"
 
 
 @pytest.mark.parametrize("way", WAYS)
-async def test_each_screen_of_the_menu_can_be_left(evening: Evening, way: str) -> None:
+async def test_each_screen_of_the_menu_can_be_left(session: WindowSession, way: str) -> None:
     def script() -> Steps:
         yield
         for screen, steps in FROM_MENU.items():
-            yield from steps(evening)
+            yield from steps(session)
             yield from wait(2)
-            assert not title(evening).startswith("Hello"), screen
-            yield from leave(evening, way, screen)
-        yield from evening.choose("Quit")
+            assert not title(session).startswith("Hello"), screen
+            yield from leave(session, way, screen)
+        yield from session.choose("Quit")
         yield from wait(50)
         raise AssertionError("it goes on after Quit")
 
-    await asyncio.wait_for(evening.go(script), 60)
-    assert not evening.fingers.ended
+    await asyncio.wait_for(session.go(script), 60)
+    assert not session.user.ended
 
 
 @pytest.mark.parametrize(
     ("screen", "way"),
     [pair for pair in product(IN_A_GAME, WAYS) if pair != ("chat", "mouse")],  # Letters need keys.
 )
-async def test_each_screen_of_a_game_can_be_left(evening: Evening, screen: str, way: str) -> None:
+async def test_each_screen_of_a_game_can_be_left(
+    session: WindowSession, screen: str, way: str
+) -> None:
     def script() -> Steps:
         yield from wait(3)
-        yield from IN_A_GAME[screen](evening)
-        yield from leave(evening, way, screen)
-        yield from evening.choose("Quit")
+        yield from IN_A_GAME[screen](session)
+        yield from leave(session, way, screen)
+        yield from session.choose("Quit")
         yield from wait(50)
         raise AssertionError("it goes on after Quit")
 
-    await asyncio.wait_for(evening.go(script, SHORT), 60)
-    assert not evening.fingers.ended
+    await asyncio.wait_for(session.go(script, SHORT), 60)
+    assert not session.user.ended

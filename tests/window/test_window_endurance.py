@@ -1,4 +1,4 @@
-"""A window that is open for hours: nothing is made anew each frame, and nothing grows."""
+"""Windows that stay open for hours: pictures are loaded ahead, and memory does not grow."""
 
 from __future__ import annotations
 
@@ -11,26 +11,30 @@ from types import ModuleType
 
 import pygame
 import pytest
+from benchmarks import window as bench
 from benchmarks.endurance import evening, resize
 from benchmarks.idle import resting_game
 from benchmarks.window import Led, course, views
-from tests.support.window_play import Timer
+from tests.support.window_play import Timer, headless_window
 
 from robotouille.episode.rules import Clock
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.partners import prompt_partners
+from robotouille_client.window.app.local_game import GameSetup, LocalGame
+from robotouille_client.window.drawing.kitchen_layer import Preloader
+from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.display import Display
-from robotouille_client.window.shell.games.local_game import GameSetup, LocalGame
-from robotouille_client.window.window import Window
+from robotouille_client.window.pictures import shapes as kept
+from robotouille_client.window.pictures.sprites import Sprites
 
-SIZE, FRAMES = (640, 360), 200
+SIZE, FRAMES = (640, 360), 100
 MAKES = {"convert", "convert_alpha", "copy", "load", "load_sized_svg", "render", "rotozoom",
          "scale", "smoothscale"}  # fmt: skip
 
 
 @contextmanager
 def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
-    """How many pictures are made meanwhile, by what makes them."""
+    """Count the pictures created in a block, by creator."""
     found: Counter[str] = Counter()
     new, makers = pygame.Surface, (pygame.Surface, pygame.font.Font, ModuleType)
 
@@ -56,59 +60,47 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
             sys.setprofile(None)
 
 
-def test_a_game_in_which_nobody_moves_makes_a_few_words_a_step(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_idle_game_creates_only_a_few_texts_per_step(monkeypatch: pytest.MonkeyPatch) -> None:
     timer = Timer()
     source = resting_game("multi_agent/10@4", now=timer)
-    window = Window(SIZE, headless=True, clock=timer)
+    window = headless_window(SIZE, clock=timer)
 
     def frame() -> None:
         timer.now += 1 / 60
         window.frame(source)
 
-    try:
-        for _ in range(60):
+    for _ in range(60):
+        frame()
+    busy, step = [], source.view().step
+    with made(monkeypatch) as pictures:
+        for _ in range(FRAMES):
+            before = pictures.total()
             frame()
-        busy, step = [], source.view().step
-        with made(monkeypatch) as pictures:
-            for _ in range(FRAMES):
-                before = pictures.total()
-                frame()
-                busy.append(pictures.total() - before)
-        steps = source.view().step - step
-    finally:
-        window.close()
+            busy.append(pictures.total() - before)
+    steps = source.view().step - step
     assert steps == pytest.approx(FRAMES / 12, abs=1)
     assert sum(map(bool, busy)) <= steps, "only a new step is written anew"
     assert max(busy) <= 8, pictures
 
 
-def test_a_game_in_which_all_move_makes_nothing_between_its_steps(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Once all of it has been seen, and its pictures drawn."""
-    shown = list(views(course(28), 8))
-    window, source = Window(SIZE, headless=True), Led(shown[0])
+def test_a_busy_game_creates_nothing_between_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = list(views(course(16), 8))
+    window, source = headless_window(SIZE), Led(shown[0])
 
     def show() -> None:
         for view in shown[:FRAMES]:
             source.shown = view
             window.frame(source)
 
-    try:
+    show()
+    with made(monkeypatch) as pictures:
         show()
-        with made(monkeypatch) as pictures:
-            show()
-    finally:
-        window.close()
     assert pictures.total() <= FRAMES // 8, pictures  # The ticket, where it changes.
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux for its memory")
-def test_game_after_game_takes_no_more_memory() -> None:
-    """600 steps in four games, half of them as long as it takes to fill all that is kept."""
+def test_memory_does_not_grow_with_each_game() -> None:
     samples = list(evening(600, 6, sizes=((320, 240), (400, 300))))
     assert samples[-1].games == 4
     assert samples[-1].memory - samples[2].memory < 8.0, samples
@@ -118,16 +110,15 @@ SAID = ("W" * 200, "漢字" * 50, "😀" * 80, "a\u0301" * 60, "\u202eabc" * 20)
 SIZES = ((320, 240), (3840, 2160), (1, 1), (160, 120), (200, 1500), (3000, 130), (641, 359))
 
 
-def test_any_size_any_words_while_playing() -> None:
-    """Its owner drags the edge all the time, and has a name of 40 wide letters."""
+def test_resizing_and_long_names_while_playing() -> None:
     timer = Timer()
     setup = GameSetup("multi_agent/01", clock=Clock.REALTIME, partner=BotKind.RANDOM, countdown=0.0)
     game = LocalGame(setup, "漢" * 40, timer, None, prompt_partners)
     display = Display(SIZES[0], headless=True)
-    window = Window(display=display, clock=timer)
+    window = headless_window(display=display, clock=timer)
     try:
         window.frame(game.source)
-        for number in range(4 * len(SIZES)):
+        for number in range(2 * len(SIZES)):
             timer.now += 0.2
             resize(display, SIZES[number % len(SIZES)])
             game.source.say(SAID[number % len(SAID)])
@@ -140,7 +131,67 @@ def test_any_size_any_words_while_playing() -> None:
             moved = {"pos": pos, "rel": (0, 0), "buttons": (0, 0, 0)}
             pygame.event.post(pygame.Event(pygame.MOUSEMOTION, moved))
             window.frame(game.source)
-        assert window.drawn > 4 * len(SIZES)
+        assert window.drawn > 2 * len(SIZES)
     finally:
-        display.close()
-        game.finish(over=False)
+        game.finish(ended=False)
+
+
+SIZE = (640, 360)
+
+
+@pytest.fixture
+def loaded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
+    """Names and sizes of the pictures read from files."""
+    read, load = [], Sprites._load
+
+    def counted(sprites: Sprites, name: str, size: int) -> pygame.Surface | None:
+        read.append((name, size))
+        return load(sprites, name, size)
+
+    monkeypatch.setattr(Sprites, "_load", counted)
+    return read
+
+
+def test_a_preloaded_game_reads_hardly_any_file(loaded) -> None:
+    painter, surface = Painter(), pygame.Surface(SIZE)
+    shown = list(bench.views(bench.course(60), 4))
+    painter.paint(surface, shown[0])
+    painter.preload(SIZE, 60.0)
+    ahead = len(loaded)
+    for view in shown:
+        painter.paint(surface, view)
+    assert len(loaded) - ahead <= 0.1 * ahead
+
+
+def test_each_slice_draws_at_least_one_picture(loaded) -> None:
+    painter, view = Painter(), next(bench.views(bench.course(1), 1))
+    painter.preload(SIZE, 1.0)
+    assert not loaded, "before the first picture, there is no task"
+    painter.paint(pygame.Surface(SIZE), view)
+    first = len(loaded)
+    for _ in range(100):
+        painter.preload(SIZE, 0.0)
+    assert 1 < len(loaded) - first < 100
+    painter.preload(SIZE, 60.0)
+    assert len(set(loaded)) == len(loaded), "no file is read twice at one size"
+    drawn = len(loaded)
+    painter.preload(SIZE, 60.0)
+    assert len(loaded) == drawn
+
+
+def test_preloading_stops_when_the_cache_is_half_full(monkeypatch, loaded) -> None:
+    monkeypatch.setattr(kept, "MAX_PICTURES", 40)
+    painter, view = Painter(), next(bench.views(bench.course(1), 1))
+    painter.stage(view.state)
+    preloader = Preloader(view.world, painter._resolver, painter._sprites, 40)
+    preloader.work(60.0)
+    assert len(loaded) == 20
+
+
+def test_missing_pictures_do_not_stop_preloading(tmp_path: Path, loaded) -> None:
+    view = next(bench.views(bench.course(1), 1))
+    painter = Painter()
+    painter.stage(view.state)
+    sprites = Sprites((tmp_path,), painter.text)
+    Preloader(view.world, painter._resolver, sprites, 40).work(60.0)
+    assert sprites.roomy

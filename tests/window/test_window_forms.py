@@ -1,4 +1,4 @@
-"""Forms by mouse and keys: rows, focus, letters, keys, scrolling."""
+"""Forms with mouse and keyboard: focus, letters, keys and scrolling."""
 
 from __future__ import annotations
 
@@ -6,27 +6,24 @@ import pygame
 import pytest
 from tests.support.window_play import follow, post
 
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.text_field import TextField
-from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Row, Slider, Words
-from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.forms.widgets import (
+    Button,
+    Choice,
+    KeyField,
+    Row,
+    Slider,
+    TextField,
+    Words,
+)
+from robotouille_client.window.input.commands import Command, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
-from robotouille_client.window.shell.screens.thumbnails import Thumbnails
-from robotouille_client.window.shell.settings import Settings
 
 KEYS = KeyMap()
 AREA = pygame.Rect(0, 0, 400, 300)
 
 
-@pytest.fixture(autouse=True)
-def display():  # type: ignore[no-untyped-def]
-    opened = Display((400, 300), headless=True)
-    opened.open()
-    pygame.event.clear()
-    yield opened
-    opened.close()
+pytestmark = pytest.mark.usefixtures("display")
 
 
 def drawn(form: Form, area: pygame.Rect = AREA) -> pygame.Surface:
@@ -38,14 +35,13 @@ def drawn(form: Form, area: pygame.Rect = AREA) -> pygame.Surface:
 def click(form: Form, row: Row, share: float = 0.5) -> None:
     drawn(form)
     area = form.place_of(row)
-    assert area is not None
     pos = (area.x + round(area.width * share), area.centery)
     pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=1))
     follow(form)
 
 
-def test_words_have_no_focus_and_escape_is_a_result() -> None:
+def test_words_take_no_focus_and_escape_cancels() -> None:
     form = Form("Title", [Words("Hello"), Button("One", 1), Words("and"), Button("Two", 2)])
     assert form.focused is form.rows[1]
     post(pygame.K_DOWN)
@@ -73,7 +69,7 @@ def test_a_button_by_mouse() -> None:
     assert form.result == 2
 
 
-def test_letters_go_to_a_field_and_mean_nothing_else() -> None:
+def test_letters_go_to_the_field() -> None:
     field = TextField("Name", "ad", 5)
     form = Form("Title", [field, Button("Done", "done")])
     for letter in "a es":
@@ -120,7 +116,7 @@ def test_a_slider_by_keys_and_mouse() -> None:
     assert slider.value == 1
 
 
-def test_a_key_is_asked_for_and_escape_keeps_the_old_one() -> None:
+def test_a_key_field_takes_a_key_and_escape_keeps_the_old_one() -> None:
     told: list[str] = []
     form = Form("Keys", [KeyField("Use", "e", told.append)])
     post(pygame.K_RETURN, pygame.K_LEFT, pygame.K_RETURN, pygame.K_ESCAPE)
@@ -132,7 +128,7 @@ def test_a_key_is_asked_for_and_escape_keeps_the_old_one() -> None:
     assert form.result == "back"
 
 
-def test_many_rows_are_scrolled_to() -> None:
+def test_rows_scroll() -> None:
     form = Form("Title", [Button(str(n), n) for n in range(40)])
     drawn(form)
     assert form.place_of(form.rows[0])
@@ -144,32 +140,3 @@ def test_many_rows_are_scrolled_to() -> None:
     wheel = pygame.Event(pygame.MOUSEWHEEL, y=1)
     form.handle(wheel, KEYS)
     assert form.focused is form.rows[29]
-
-
-@pytest.mark.parametrize("size", [(160, 120), (320, 240), (3840, 2160)])
-def test_every_size_and_any_words(size: tuple[int, int]) -> None:
-    rows = [
-        Words("word " * 60), TextField("Name", "龍" * 40), Choice("Long " * 20, [("x" * 99, 1)]),
-        Slider("Pace", 1, 0, 2, 1), KeyField("Use", "", print), Button("ö" * 80, 1),
-    ]  # fmt: skip
-    form = Form("A title that is long " * 5, rows, picture=pygame.Surface)
-    form.message = "Words " * 40
-    drawn(form, pygame.Rect(0, 0, *size))
-
-
-def test_the_look_of_kitchens_is_a_setting() -> None:
-    settings = Settings()
-    menu = SettingsMenu(settings)
-    look = next(row for row in menu.form.rows if row.label == "Look")
-    look.command(Command.USE)
-    assert settings.preferences.rendering == "chalk"
-    usual, chalk = Thumbnails(), Thumbnails("chalk")
-    assert usual.at("synchronous/01", (60, 60)) is None, "it is drawn when there is time"
-    for pictures in (usual, chalk):
-        pictures.at("synchronous/01", (60, 60))
-        assert pictures.load()
-    one, other = (pictures.at("synchronous/01", (60, 60)) for pictures in (usual, chalk))
-    assert one is not None
-    assert other is not None
-    assert one.get_size() == other.get_size()
-    assert pygame.image.tobytes(one, "RGB") != pygame.image.tobytes(other, "RGB")

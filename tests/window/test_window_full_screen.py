@@ -1,4 +1,4 @@
-"""Menus on a real (virtual) screen without a window manager, with real keys."""
+"""Full screen on a virtual screen without a window manager."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ def screen(tmp_path: Path) -> Iterator[Screen]:
 
 
 def covered(picture: pygame.Surface) -> bool:
-    """Whether something is drawn in all corners."""
+    """Return whether something is drawn in all corners."""
     width, height = picture.get_size()
     corners = [(2, 2), (width - 3, 2), (2, height - 3), (width - 3, height - 3)]
     return all(picture.get_at(corner)[:3] != (0, 0, 0) for corner in corners)
 
 
-def test_f11_fills_the_screen_and_gives_back_the_size(screen: Screen) -> None:
+def test_f11_toggles_full_screen(screen: Screen) -> None:
     env = {**os.environ, "DISPLAY": screen.display, "SDL_AUDIODRIVER": "dummy"}
     for told in ("SDL_VIDEODRIVER", *DESKTOPS):
         env.pop(told, None)

@@ -1,133 +1,266 @@
-"""The kitchens of a server: which server is asked, and what a kitchen that is gone leads to."""
+"""List of a server's kitchens, and leaving a kitchen."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
+from typing import Any
 
 import pygame
 import pytest
-from tests.support.evening import Evening, wait
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.virtual_time import run, virtual
 from tests.support.window_play import post
+from tests.support.window_session import WindowSession, wait
 
 from robotouille.protocol.messages import Create
-from robotouille_client.window.forms.text_field import TextField
-from robotouille_client.window.shell.settings import Settings, settings_path
-from robotouille_client.window.shell.starting import open_shell
+from robotouille_client import connect
+from robotouille_client.window.forms.widgets import TextField
 from robotouille_server import Server
+from robotouille_server.rooms.room import Room
 
 NOWHERE = "ws://127.0.0.1:9"
 
 
-@pytest.fixture
-def evening(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Evening:
-    found = Evening(tmp_path, Settings(learned=True, size=(640, 480), server=NOWHERE))
-    found.watch(monkeypatch)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    return found
+@pytest.fixture(autouse=True)
+def no_server(session: WindowSession) -> None:
+    session.app.settings.prefer(server=NOWHERE)
 
 
-def visit(evening: Evening, script: Callable[[Server], Iterator[None]]) -> None:
-    """Do what a script says at the menu, with a server that has a kitchen."""
+def visit(session: WindowSession, script: Callable[[Server], Iterator[None]]) -> None:
+    """Run a script at the menu, with a server that has one kitchen."""
+
+    def whole(server: Server) -> Iterator[None]:
+        yield from script(server)
+        yield from session.choose("Back")
+        yield from session.choose("Quit")
+        yield from wait(50)
+        raise AssertionError("it goes on after Quit")
 
     async def main() -> None:
-        async with serving(evening.folder / "server") as server:
-            server.lobby.create(Create(task="synchronous/01", clock="turn"))  # type: ignore[arg-type]
-            evening.shell.ui.clock = asyncio.get_running_loop().time
-            evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
-            evening.fingers.script = script(server)
-            await asyncio.wait_for(evening.shell.run(), 600)
+        async with serving(session.folder / "server") as server:
+            server.lobby.create(Create(task="synchronous/01", clock="turn"))
+            await session.go_online(whole(server))
 
     run(main())
-    assert not evening.fingers.ended
+    assert not session.user.ended
 
 
-def labels(evening: Evening) -> list[str]:
-    assert evening.form is not None
-    return [row.label for row in evening.form.rows]
-
-
-def kitchens(evening: Evening) -> Iterator[None]:
+def kitchens(session: WindowSession) -> Iterator[None]:
     yield
-    yield from evening.choose("Kitchens on a server")
-    yield from until(evening, "Kitchens")
+    yield from session.choose("Find a kitchen")
+    yield from until(session, "Kitchens")
 
 
-def until(evening: Evening, title: str) -> Iterator[None]:
-    while evening.titles[-1] != title:
+def until(session: WindowSession, title: str) -> Iterator[None]:
+    while session.titles[-1] != title:
         yield
     yield from wait(3)
 
 
-def server_field(evening: Evening) -> TextField:
-    assert evening.form is not None
-    (field,) = [row for row in evening.form.rows if isinstance(row, TextField)]
+def server_field(session: WindowSession) -> TextField:
+    (field,) = [row for row in session.form.rows if isinstance(row, TextField)]
     return field
 
 
-def test_a_server_that_cannot_be_reached_is_named_and_can_be_changed(evening: Evening) -> None:
+def test_an_unreachable_server_is_named_and_can_be_changed(session: WindowSession) -> None:
     def script(server: Server) -> Iterator[None]:
-        yield from kitchens(evening)
-        assert labels(evening) == ["Look again", "Server", "Back"]
-        assert server_field(evening).text == NOWHERE
-        assert evening.form is not None
-        assert "nobody answers" in evening.form.message
-        evening.form.focus(server_field(evening))
+        yield from kitchens(session)
+        assert session.labels == ["Refresh", "Server", "Back"]
+        assert server_field(session).text == NOWHERE
+        assert "no answer" in session.form.message
+        session.form.focus(server_field(session))
         for _ in NOWHERE:
             post(pygame.K_BACKSPACE)
         yield
         post(server.url)
         yield
-        assert evening.form.message == ""
-        yield from evening.choose("Look again")
-        yield from until(evening, "Kitchens")
-        assert "cheese sandwich" in labels(evening)[0]
-        assert evening.shell.settings.preferences.server == server.url
-        evening.form.focus(server_field(evening))
+        assert session.form.message == ""
+        yield from session.choose("Refresh")
+        yield from until(session, "Kitchens")
+        assert "cheese sandwich" in session.labels[0]
+        assert session.app.settings.preferences.server == server.url
+        session.form.focus(server_field(session))
         post("0")
         yield
-        assert labels(evening) == ["Look again", "Server", "Back"], "they are another server's"
-        yield from evening.choose("Back")
-        yield from evening.choose("Quit")
-        yield from wait(50)
-        raise AssertionError("it goes on after Quit")
+        assert session.labels == ["Refresh", "Server", "Back"], "they are another server's"
 
-    visit(evening, script)
+    visit(session, script)
 
 
-def test_a_kitchen_that_is_gone_leads_back_to_those_that_there_are(evening: Evening) -> None:
+def test_a_closed_kitchen_leads_back_to_the_list(session: WindowSession) -> None:
     def script(server: Server) -> Iterator[None]:
-        evening.shell.settings.prefer(server=server.url)
-        yield from kitchens(evening)
-        kitchen, *others = labels(evening)
-        assert others == ["Look again", "Server", "Back"]
+        session.app.settings.prefer(server=server.url)
+        yield from kitchens(session)
+        kitchen, *others = session.labels
+        assert others == ["Refresh", "Server", "Back"]
         (room,) = server.lobby.rooms.values()
         room.abort("enough")
-        yield from evening.choose(kitchen)
-        yield from until(evening, "Kitchens")
-        assert evening.form is not None
-        assert evening.form.message
-        assert kitchen not in labels(evening)
-        yield from evening.choose("Back")
-        yield from evening.choose("Quit")
-        yield from wait(50)
-        raise AssertionError("it goes on after Quit")
+        yield from session.choose(kitchen)
+        yield from until(session, "Kitchens")
+        assert session.form.message
+        assert kitchen not in session.labels
 
-    visit(evening, script)
+    visit(session, script)
 
 
-def test_the_server_of_the_command_line_is_asked_in_this_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+ME = "robot1"
+
+
+def kitchen(server: Server) -> Room:
+    return server.lobby.create(Create(task="multi_agent/02", seats=2))
+
+
+def names(room: Room) -> set[str]:
+    return {seat.name for seat in room.episode.seats.values() if seat.name}
+
+
+async def sit(
+    session: WindowSession,
+    server: Server,
+    script: Iterator[None],
+    first: Coroutine[Any, Any, object] | None = None,
 ) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    monkeypatch.setattr("robotouille_client.window.shell.starting.require_screen", lambda: None)
-    shell = open_shell(server=NOWHERE)
-    try:
-        assert shell.ui.preferences.server == NOWHERE
-        shell.ui.remember()
-        assert NOWHERE not in settings_path().read_text()
-    finally:
-        shell.ui.close()
+    """Open the window and run a script. When the script ends, the process stops."""
+    session.app.settings.prefer(server=server.url)
+
+    def stopping() -> Iterator[None]:
+        yield from script
+        showing.cancel()
+        yield from wait(1000)
+
+    showing = asyncio.create_task(session.go_online(stopping(), first))
+    with contextlib.suppress(asyncio.CancelledError):
+        await showing
+
+
+def opened(session: WindowSession) -> Iterator[None]:
+    while session.window is None:
+        yield
+    yield from wait(5)
+
+
+@virtual
+async def test_leaving_frees_the_seat_at_once(session: WindowSession) -> None:
+    async with serving(session.folder / "server") as server:
+        room = kitchen(server)
+        told: list[object] = []
+
+        def script() -> Iterator[None]:
+            yield from opened(session)
+            assert names(room) == {"player", "bob"}
+            post(pygame.K_ESCAPE)
+            yield from wait(2)
+            yield from session.choose("Leave")
+            assert names(room) == {"bob"}
+            yield from session.choose("Quit")
+
+        async with connect(server.url, name="bob") as bob:
+            game = await bob.join(room.code, seat="robot2")
+            await sit(session, server, script(), session.app.remote.join(room.code))
+            await asyncio.sleep(0.1)
+            assert names(room) == {"bob"}
+            told += [seat.name for seat in game.seats]
+        assert told == ["", "bob"]
+        assert not list(session.folder.rglob("*.seat"))
+
+
+@virtual
+async def test_closing_the_window_keeps_the_seat(session: WindowSession) -> None:
+    async with serving(session.folder / "server") as server:
+        room = kitchen(server)
+
+        def script() -> Iterator[None]:
+            yield from opened(session)
+            pygame.event.post(pygame.Event(pygame.QUIT))
+            yield from wait(100)
+            raise AssertionError("the window is open")
+
+        async with connect(server.url, name="bob") as bob:
+            await bob.join(room.code, seat="robot2")
+            await sit(session, server, script(), session.app.remote.join(room.code))
+            await asyncio.sleep(0.1)
+            assert names(room) == {"player", "bob"}
+            assert not room.episode.seats[ME].present
+            assert list(session.folder.rglob("*.seat"))
+
+
+def test_a_stopped_process_returns_from_the_list_of_kitchens(
+    session: WindowSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped() -> Iterator[None]:
+        yield from opened(session)
+        yield from wait(30)
+
+    async def main() -> None:
+        async with (
+            serving(session.folder / "server") as server,
+            connect(server.url, name="bob") as bob,
+        ):
+            kitchen(server)
+            room = kitchen(server)
+            await bob.join(room.code, seat="robot2")
+            await sit(session, server, stopped(), session.app.remote.join(room.code))
+            assert names(room) == {"player", "bob"}, "a seat is kept for who is stopped"
+            again = WindowSession(tmp_path / "again")
+            again.watch(monkeypatch)
+
+            def back() -> Iterator[None]:
+                yield
+                yield from again.choose("Find a kitchen")
+                while again.titles[-1] != "Kitchens":
+                    yield
+                assert again.form.rows[0].label.endswith("your seat is kept for you")
+                assert again.form.rows[1].label.endswith("2 free")
+                yield from again.choose(again.form.rows[0].label)
+                yield from opened(again)
+                seat = room.episode.seats[ME]
+                assert (seat.name, seat.present) == ("player", True)
+                pygame.event.post(pygame.Event(pygame.QUIT))
+                yield from wait(100)
+                raise AssertionError("the window is open")
+
+            await sit(again, server, back())
+
+    run(main())
+
+
+PROGRAM = "from robotouille_client.window.cli import main; main()"
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("shell", [True, False])
+def test_a_signal_does_not_count_as_closing_the_window(
+    tmp_path: Path, number: signal.Signals, shell: bool
+) -> None:
+    folders = dict.fromkeys(("XDG_STATE_HOME", "XDG_CONFIG_HOME"), str(tmp_path))
+    driver = {"SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy", "DISPLAY": ":99"}
+
+    async def main() -> None:
+        async with serving(tmp_path / "server") as server:
+            room = kitchen(server)
+            program = await asyncio.create_subprocess_exec(
+                sys.executable, "-c", PROGRAM, room.code, "--url", server.url,
+                *([] if shell else ["--headless"]), env={**os.environ, **folders, **driver},
+            )  # fmt: skip
+            try:
+                while not list(tmp_path.rglob("*.seat")) or not names(room):
+                    await asyncio.sleep(0.05)
+                while not next(tmp_path.rglob("*.seat")).read_text():
+                    await asyncio.sleep(0.05)
+                program.send_signal(number)
+                status = await program.wait()
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    program.kill()
+            assert status in (128 + number, -number)
+            assert names(room) == {"player"}
+            assert next(tmp_path.rglob("*.seat")).read_text()
+
+    asyncio.run(asyncio.wait_for(main(), 60))

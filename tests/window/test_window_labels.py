@@ -1,4 +1,4 @@
-"""The words of a window never cover each other, a station in use or what is held."""
+"""Labels and tips: their contrast, and that they cover nothing in use."""
 
 from __future__ import annotations
 
@@ -7,17 +7,22 @@ import itertools
 
 import pygame
 import pytest
+from tests.support.golden_pictures import middle
 
-from robotouille import World
+from robotouille import World, load_task
+from robotouille.domain.task import Timing
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing import lobby_card
 from robotouille_client.window.drawing import painter as painting
+from robotouille_client.window.drawing.label_placement import PlacedLabel, place_labels
+from robotouille_client.window.drawing.labels import LabelSurroundings
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.drawing.spots import extent, occupied, player_area
+from robotouille_client.window.drawing.window_layout import UiOverlay
 from robotouille_client.window.pictures import theme
-from robotouille_client.window.pictures.badges import seat_fill, seat_ink
-from robotouille_client.window.pictures.colour_vision import contrast, strong_ink
+from robotouille_client.window.pictures.shapes import seat_fill, seat_ink
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import contrast, strong_ink
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, SeatView, View
 
@@ -26,7 +31,7 @@ NAMES = ("Ada", "A name of forty wide characters WWWWWWWWWW", "厨房", "Björn"
 
 
 def crowded(steps: int) -> View:
-    """Everybody has a name, a reason or something to say."""
+    """Return a view in which every player has a name, a reason or something to say."""
     world = World("multi_agent/10@4")
     previous = state = world.initial
     for step in range(steps):
@@ -45,26 +50,25 @@ def crowded(steps: int) -> View:
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("steps", [0, 9, 23])
-def test_no_words_overlap(size: tuple[int, int], steps: int, monkeypatch) -> None:
-    seen: dict[str, list[pygame.Rect]] = {}
-    place_all = painting.Labels.draw
+def test_labels_do_not_overlap(size: tuple[int, int], steps: int, monkeypatch) -> None:
+    drawn: list[tuple[LabelSurroundings, list[pygame.Rect]]] = []
+    draw = painting.Labels.draw
 
-    def watched(self, *arguments, **obstacles) -> None:
-        seen.update(obstacles)
-        place_all(self, *arguments, **obstacles)
-        seen["words"] = list(self.places().values())
+    def watched(self, *arguments) -> None:
+        draw(self, *arguments)
+        drawn.append((arguments[-1], list(self.places().values())))
 
     monkeypatch.setattr(painting.Labels, "draw", watched)
     view, painter, surface = crowded(steps), Painter(), pygame.Surface(size)
     layout = painter.layout(size, view.world)
     overlay = UiOverlay(layout.kitchen.center, ("Pick up lettuce1 at table2",), "[E] Cut")
     painter.paint(surface, view, overlay)
-    words = seen["words"]
+    [(around, words)] = drawn
     assert len(words) >= (5 if size[0] > 400 else 3)
     for one, other in itertools.combinations(words, 2):
         assert not one.colliderect(other)
     for area in words:
-        assert area.collidelist(seen["blocked"]) < 0
+        assert area.collidelist(around.blocked) < 0
         assert area.right <= layout.panel.left and surface.get_rect().contains(area)
 
 
@@ -85,36 +89,29 @@ PAIRS = {
     "done": (theme.GOOD, theme.CARD), "rejected": (theme.BAD, theme.CARD),
     "ticket": (theme.INK, theme.PAPER), "code": (theme.INK, theme.ACCENT),
     "prompt": (theme.TEXT, theme.INK), "reason": (theme.REASON, theme.PAPER),
-    "somebody away": (theme.PAPER, theme.ABSENT),
-    "nobody yet": (lobby_card._QUIET, theme.PAPER),
+    "absent participant": (theme.PAPER, theme.ABSENT),
+    "free seat": (lobby_card._QUIET, theme.PAPER),
     "no connection": (theme.PAPER, theme.mixed(theme.BAD, theme.INK, 0.6)),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
-def test_words_are_read_by_those_who_see_little_contrast(pair) -> None:
+def test_text_has_enough_contrast(pair) -> None:
     assert contrast(*pair) >= 4.5
 
 
 DARK = (theme.PANEL, theme.CARD, theme.INK, theme.BACKGROUND)
-"""Grounds on which nothing but letters changes with strong contrast."""
+# Grounds on which strong contrast changes only the letters.
 
 
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
-def test_with_strong_contrast_words_are_read_at_7_to_1(pair) -> None:
+def test_strong_contrast_is_7_to_1(pair) -> None:
     ink, ground = pair
     under = ground if ground in DARK or ink == theme.INK else Typesetter(strong=True).ground(ground)
     assert contrast(strong_ink(ink), ground if ground == theme.PAPER else under) >= 7
 
 
-@pytest.mark.parametrize("seat", range(len(theme.SEATS)))
-def test_with_strong_contrast_the_names_of_all_seats_are_read_at_7_to_1(seat: int) -> None:
-    ground = Typesetter(strong=True).ground(seat_fill(seat))
-    assert contrast(strong_ink(theme.PAPER), ground) >= 7
-    assert contrast(strong_ink(seat_ink(seat)), theme.CARD) >= 7
-
-
-def test_strong_contrast_is_of_all_letters_and_of_nothing_that_is_strong_already() -> None:
+def test_strong_contrast_changes_weak_inks_only() -> None:
     plain, strong = Typesetter(), Typesetter(strong=True)
     for ink, stays in ((theme.FAINT, False), (theme.INK, True), (theme.TEXT, True)):
         one, other = (
@@ -130,18 +127,20 @@ def test_strong_contrast_is_of_all_letters_and_of_nothing_that_is_strong_already
 
 
 @pytest.mark.parametrize("seat", range(len(theme.SEATS)))
-def test_the_names_of_all_seats_are_read(seat: int) -> None:
+def test_seat_names_have_enough_contrast(seat: int) -> None:
     assert contrast(theme.PAPER, seat_fill(seat)) >= 4.5
     assert contrast(seat_ink(seat), theme.CARD) >= 4.5
     assert contrast(seat_ink(seat), theme.PANEL) >= 4.5
+    ground = Typesetter(strong=True).ground(seat_fill(seat))
+    assert contrast(strong_ink(theme.PAPER), ground) >= 7
+    assert contrast(strong_ink(seat_ink(seat)), theme.CARD) >= 7
 
 
 CHOICES = UiOverlay(choices=tuple(f"Go to table {i}" for i in range(8)), more="9 more")
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_nothing_is_seen_through_the_list(size: tuple[int, int]) -> None:
-    """Nothing of the chat shines through."""
+def test_the_list_is_opaque(size: tuple[int, int]) -> None:
     view = crowded(9)
     chats = [(("Ada", word * 30),) * 9 for word in ("quick ", "brown ")]
     shown = []
@@ -154,24 +153,9 @@ def test_nothing_is_seen_through_the_list(size: tuple[int, int]) -> None:
     assert one == other
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_words_keep_off_the_outcome_and_the_strip_of_keys(size: tuple[int, int]) -> None:
-    view = dataclasses.replace(crowded(23), outcome="Out of steps.", lost=True)
-    painter, surface = Painter(), pygame.Surface(size)
-    layout = painter.layout(size, view.world)
-    overlay = UiOverlay(layout.kitchen.midbottom, ("Pick up lettuce1",), "Nothing to do")
-    painter.paint(surface, view, overlay)
-    (band,) = painter._notices.reserved(layout, view, overlay)
-    places = painter._labels.places().values()
-    assert places
-    for area in places:
-        assert not area.colliderect(band)
-        assert area.bottom <= layout.strip.top - 2 * layout.text
-
-
 @pytest.mark.parametrize("station", ["table1", "board1", "stove1", "sink1"])
-def test_what_is_under_the_mouse_is_marked(station: str) -> None:
-    """On light wood and on dark iron: its edge differs from what is around it by a lot."""
+def test_the_station_under_the_mouse_is_marked(station: str) -> None:
+    """The mark's edge has contrast on light wood and on dark iron, but its wash is faint."""
     world = World("multi_agent/07")
     painter = Painter()
     view = View(world, world.initial, hover=station)
@@ -184,13 +168,13 @@ def test_what_is_under_the_mouse_is_marked(station: str) -> None:
     ink, ground = marked.get_at(edge)[:3], marked.get_at((cell.left - 1, cell.centery))[:3]
     assert contrast(ink, ground) > 4.5
     middle = cell.center
-    assert contrast(marked.get_at(middle)[:3], plain.get_at(middle)[:3]) < 2.5, "and quietly"
+    assert contrast(marked.get_at(middle)[:3], plain.get_at(middle)[:3]) < 2.5, "the wash is faint"
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("task", ["multi_agent/10@4", "training/01", "multi_agent/01"])
 @pytest.mark.parametrize("scale", [1.0, 1.6])
-def test_the_list_covers_neither_the_order_nor_the_seats_nor_ones_own_player(
+def test_the_list_does_not_cover_the_ticket_the_seats_or_the_local_player(
     size: tuple[int, int], task: str, scale: float
 ) -> None:
     world = World(task)
@@ -204,6 +188,96 @@ def test_the_list_covers_neither_the_order_nor_the_seats_nor_ones_own_player(
     if size[0] >= 640:
         assert surface.get_rect().contains(whole)
         tile = scene(world.initial)[world.players[0]].tile
-        assert tile is not None
         if scale == 1.0:
             assert not whole.colliderect(place.cell(tile))
+
+
+ABOUT = pygame.Rect(200, 200, 60, 60)
+AREA = pygame.Rect(0, 0, 600, 500)
+TIP = PlacedLabel("tip", (150, 30), ((0, 0),), about=ABOUT, gap=5)
+
+
+def gap(one: pygame.Rect, other: pygame.Rect) -> int:
+    across = max(0, one.left - other.right, other.left - one.right)
+    return max(across, one.top - other.bottom, other.top - one.bottom)
+
+
+def placed(*arguments, label: PlacedLabel = TIP, **known) -> pygame.Rect:
+    return place_labels([label], AREA, *arguments, **known)["tip"].area
+
+
+def test_a_tip_is_next_to_its_object_and_in_line() -> None:
+    area = placed()
+    assert gap(area, ABOUT) == 5
+    assert area.centerx == ABOUT.centerx
+
+
+def test_a_tip_prefers_the_empty_floor() -> None:
+    row = [pygame.Rect(x, 190, 60, 40) for x in (80, 140, 260, 320)]
+    assert placed([], row).collidelist(row) < 0
+    above = [pygame.Rect(100, 100, 260, 95)]
+    assert placed([], above).top > ABOUT.bottom
+
+
+def test_a_tip_covers_unimportant_areas_before_it_moves_away() -> None:
+    round_it = [ABOUT.move(x, y) for x in (-180, -120, -60, 0, 60, 120, 180)
+                for y in (-180, -120, -60, 0, 60, 120, 180)]  # fmt: skip
+    machines = [each for each in round_it if each.y <= ABOUT.y]
+    area = placed([], round_it, machines)
+    assert gap(area, ABOUT) <= ABOUT.width
+    assert area.collidelist(machines) < 0
+    assert gap(placed([], [], [AREA]), ABOUT) == 5
+
+
+def test_a_tip_takes_a_smaller_shape_if_need_be() -> None:
+    shapes = dataclasses.replace(TIP, shapes=((50, 60),))
+    assert placed(label=shapes).size == (150, 30)
+    walls = [pygame.Rect(0, 0, 600, 195), pygame.Rect(0, 265, 600, 235)]
+    walls += [pygame.Rect(0, 0, 140, 500), pygame.Rect(320, 0, 280, 500)]
+    assert placed(walls, label=shapes).size == (50, 60)
+
+
+def test_a_tip_moves_away_if_everything_nearby_is_in_use() -> None:
+    use = [ABOUT.inflate(100, 100)]
+    assert 45 <= gap(placed(use), ABOUT) <= 60
+    assert gap(placed([ABOUT.inflate(300, 300)]), ABOUT) >= 150
+
+
+def tip_of(view: View, size: tuple[int, int]) -> tuple[Painter, pygame.Rect]:
+    painter, surface = Painter(), pygame.Surface(size)
+    layout = painter.layout(size, view.world)
+    tile = painter.stage(view.state).placed[view.hover or ""].tile
+    painter.paint(surface, view, UiOverlay(layout.cell(tile).center, ("Go to the table", "Now")))
+    (area,) = (a for key, a in painter._labels.places().items() if key[0] == ("tip", view.hover))
+    return painter, area
+
+
+@pytest.mark.parametrize("size", [(640, 360), (1280, 720)])
+@pytest.mark.parametrize("name", ["multi_agent/01@2", "multi_agent/07@2", "asynchronous/06"])
+def test_station_tips_are_near_and_cover_nothing_in_use(name: str, size: tuple[int, int]) -> None:
+    before, state, step = middle(load_task(name))
+    view = View(state.world, state, before, step)
+    for station in list(Painter().stage(state).stations):
+        painter, area = tip_of(dataclasses.replace(view, hover=station), size)
+        layout, stage = painter.layout(size, view.world), painter.stage(state)
+        poses = painter._poses(view)
+        about = extent(layout, stage, station, poses)
+        assert about is not None
+        assert gap(area, about) <= 1.5 * layout.tile, station
+        assert area.collidelist(occupied(layout, stage, poses)) < 0
+
+
+def test_a_busy_player_gets_a_tip(play) -> None:
+    world = World(load_task("asynchronous/09", timing=Timing.PEOPLE))
+    before, state = play(world, "move table2")[-2:]
+    view = View(world, state, before, 1, phase=0.1, me="robot1", hover="stove1")
+    painter, surface = Painter(), pygame.Surface((1280, 720))
+    layout = painter.layout((1280, 720), world)
+    painter.paint(surface, view, UiOverlay(layout.kitchen.center, ("The stove",)))
+    (told,) = (key for key in painter._labels.places() if key[0] == "busy")
+    steps = state.busy_steps("robot1")
+    assert told[1] == (f"On your way: {steps} more steps",)
+    own = player_area(layout, painter._poses(view)["robot1"])
+    assert gap(painter._labels.places()[told], own) <= layout.tile
+    painter.paint(surface, dataclasses.replace(view, state=world.initial, previous=None))
+    assert not [key for key in painter._labels.places() if key[0] == "busy"]

@@ -1,19 +1,22 @@
-"""Windows of any size: what is in them is as large as it can be, and nothing is cut off."""
+"""Layout at any size: nothing is cut off, and labels do not overlap."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import pygame
 import pytest
-from tests.support.samples import first_quickly
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.support.samples import quick_sample
 
 from robotouille import World, task_names
+from robotouille_client.window.drawing.label_placement import Place, PlacedLabel, place_labels
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.text_field import TextField
-from robotouille_client.window.forms.widgets import Button, Choice, Words
+from robotouille_client.window.forms.widgets import Button, Choice, TextField, Words
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import PANEL
 from robotouille_client.window.view import SeatView, View
@@ -38,7 +41,7 @@ def crowded(world: World) -> View:
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("task", ["multi_agent/10@4", "asynchronous/10", "workshop/02"])
 @pytest.mark.parametrize("waiting", [False, True])
-def test_nothing_in_the_panel_is_cut_off(size: tuple[int, int], task: str, waiting: bool) -> None:
+def test_the_panel_is_not_cut_off(size: tuple[int, int], task: str, waiting: bool) -> None:
     world = World(task)
     painter, surface = Painter(), pygame.Surface(size)
     view = replace(crowded(world), waits_for=world.players[::-1] if waiting else ())
@@ -54,9 +57,9 @@ def test_nothing_in_the_panel_is_cut_off(size: tuple[int, int], task: str, waiti
         assert all(abs(a - b) <= 1 for a, b in zip(found, PANEL, strict=True)), edge
 
 
-@pytest.mark.parametrize("name", first_quickly(task_names(), 10))
+@pytest.mark.parametrize("name", quick_sample(task_names(), 10))
 @pytest.mark.parametrize("size", SIZES)
-def test_the_kitchen_is_beside_the_panel_and_above_the_keys(
+def test_the_kitchen_is_left_of_the_panel_and_above_the_keys(
     size: tuple[int, int], name: str
 ) -> None:
     problem = World(name).task.problem
@@ -67,10 +70,10 @@ def test_the_kitchen_is_beside_the_panel_and_above_the_keys(
     assert place.compact == (size[1] < 300)
 
 
-def test_what_is_beside_a_kitchen_is_used() -> None:
+def test_wide_windows_have_larger_letters() -> None:
     narrow, wide = layout((960, 720), 7, 7), layout((1280, 720), 7, 7)
     assert wide.text > narrow.text
-    assert wide.wall < wide.tile, "the wall is lower where the kitchen would be smaller for it"
+    assert wide.wall < wide.tile, "the wall gives way to larger tiles"
     assert wide.tile >= 85
     assert layout((2560, 1440), 7, 7).text == 2 * wide.text
     tall = layout((700, 900), 7, 7)
@@ -79,7 +82,7 @@ def test_what_is_beside_a_kitchen_is_used() -> None:
 
 @pytest.mark.parametrize("size", [11, 24])
 @pytest.mark.parametrize("words", ["W" * 200, "厨房の" * 60, "مريم " * 40, "e\u0301" * 200])
-def test_no_words_leave_a_form(size: int, words: str) -> None:
+def test_long_words_stay_inside_a_form(size: int, words: str) -> None:
     rows = (
         Words(words), Button(words, 1), Choice(words, [(words, 1), ("no", 2)]),
         Choice("Look", [(words, 1)]), TextField("Name", words, 400),
@@ -92,3 +95,100 @@ def test_no_words_leave_a_form(size: int, words: str) -> None:
     form.draw(surface, area, Typesetter(), size)
     for edge in ((0, 0, 40, 900), (360, 0, 40, 900), (0, 0, 400, 40), (0, 860, 400, 40)):
         assert pygame.transform.average_color(surface, edge)[:3] == (255, 0, 0)
+
+
+AREA = pygame.Rect(10, 20, 300, 200)
+
+corners = st.tuples(st.integers(-50, 350), st.integers(-50, 250))
+rects = st.builds(
+    pygame.Rect, st.integers(0, 300), st.integers(0, 200), st.integers(1, 90), st.integers(1, 60)
+)
+labels = st.builds(
+    PlacedLabel,
+    key=st.integers(0, 1_000_000),
+    size=st.tuples(st.integers(1, 160), st.integers(1, 90)),
+    choices=st.lists(corners, min_size=1, max_size=4).map(tuple),
+    importance=st.integers(0, 3),
+    reach=st.none(),
+    stays=st.just(value=True),
+)
+many = st.lists(labels, max_size=8, unique_by=lambda label: label.key)
+
+
+@settings(max_examples=40)
+@given(many, st.lists(rects, max_size=8), st.lists(rects, max_size=4))
+def test_labels_do_not_overlap_or_leave_the_area(labels, blocked, avoided) -> None:
+    places = place_labels(labels, AREA, blocked, avoided)
+    sizes = {label.key: label.size for label in labels}
+    for key, place in places.items():
+        assert place.area.size == sizes[key]
+        assert AREA.contains(place.area)
+        assert place.area.collidelist(blocked) < 0
+    for one, other in itertools.combinations(places.values(), 2):
+        assert not one.area.colliderect(other.area)
+    assert places == place_labels(labels, AREA, blocked, avoided)
+
+
+@settings(max_examples=40)
+@given(many, st.lists(rects, max_size=5))
+def test_dropped_labels_fit_nowhere(labels, blocked) -> None:
+    places = place_labels(labels, AREA, blocked)
+    order = sorted(labels, key=lambda label: -label.importance)
+    for label in labels:
+        if label.key in places:
+            continue
+        before = order[: order.index(label)]
+        taken = [*blocked, *(places[x.key].area for x in before if x.key in places)]
+        width, height = label.size
+        for x in range(AREA.left, AREA.right - width + 1, 7):
+            for y in range(AREA.top, AREA.bottom - height + 1, 7):
+                assert pygame.Rect(x, y, width, height).collidelist(taken) >= 0
+
+
+@settings(max_examples=40)
+@given(many, st.lists(rects, max_size=5), st.tuples(st.integers(-2, 2), st.integers(-2, 2)))
+def test_labels_stay_in_the_next_frame(labels, blocked, moved) -> None:
+    first = place_labels(labels, AREA, blocked)
+    again = place_labels(labels, AREA, blocked, before=first)
+    assert {k: p.area for k, p in again.items()} == {k: p.area for k, p in first.items()}
+    follows = PlacedLabel("a", (40, 20), ((100, 100), (100, 150)))
+    held = {"a": Place(pygame.Rect(100, 150, 40, 20), (0, 50))}
+    x, y = moved
+    later = PlacedLabel("a", (40, 20), ((100 + x, 100 + y), (100 + x, 150 + y)))
+    assert place_labels([follows], AREA, before=held)["a"].area.topleft == (100, 150)
+    assert place_labels([later], AREA, before=held)["a"].area.topleft == (100 + x, 150 + y)
+
+
+def test_the_best_free_choice_is_taken() -> None:
+    label = PlacedLabel("a", (40, 20), ((100, 100), (200, 100), (200, 150)))
+    assert place_labels([label], AREA)["a"].area.topleft == (100, 100)
+    there = pygame.Rect(90, 90, 20, 20)
+    assert place_labels([label], AREA, [there])["a"].area.topleft == (200, 100)
+    soft = pygame.Rect(190, 90, 20, 20)
+    assert place_labels([label], AREA, [there], [soft])["a"].area.topleft == (200, 150)
+    both = [soft, pygame.Rect(190, 140, 30, 30)]
+    assert place_labels([label], AREA, [there], both)["a"].area.topleft == (200, 100)
+    assert place_labels([label], AREA, [there, *both])["a"].area.topleft == (100, 110)
+
+
+def test_a_label_stays_within_its_reach() -> None:
+    wall = [pygame.Rect(60, 60, 120, 120)]
+    near = PlacedLabel("a", (40, 20), ((100, 100),), reach=30)
+    assert place_labels([near], AREA, wall) == {}
+    assert "a" in place_labels([PlacedLabel("a", (40, 20), ((100, 100),), reach=90)], AREA, wall)
+
+
+def test_labels_that_do_not_stay_return_to_their_best_choice() -> None:
+    held = {"a": Place(pygame.Rect(100, 150, 40, 20), (0, 50))}
+    for stays, top in ((True, 150), (False, 100)):
+        label = PlacedLabel("a", (40, 20), ((100, 100), (100, 150)), stays=stays)
+        assert place_labels([label], AREA, before=held)["a"].area.topleft == (100, top)
+
+
+def test_spared_areas_are_covered_last() -> None:
+    machine = pygame.Rect(80, 80, 60, 60)
+    near = PlacedLabel("a", (20, 20), ((100, 100),), reach=60)
+    place = place_labels([near], AREA, spared=[machine])["a"].area
+    assert not place.colliderect(machine)
+    far = pygame.Rect(0, 0, 400, 400)
+    assert place_labels([near], AREA, spared=[far])["a"].area.topleft == (100, 100)

@@ -1,30 +1,37 @@
-"""A game in this process: counted down to, and won or not."""
+"""Local games: bots next to a person, bots that think in their own process, and pauses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
+from pathlib import Path
 
 import pytest
-from tests.support.scripted import BOILING
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy
-from robotouille.planning.policies.standing import seat_out_of_the_way, standing_at
+from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, RandomPolicy
+from robotouille.planning.policies.standing import standing_at
 from robotouille.planning.policies.team_talk import request
-from robotouille.planning.search.unsolvable import CutOff
-from robotouille.world.people.wording import Wording
-from robotouille_client.bots.partners import PromptPartners
-from robotouille_client.window.hands.controls import Controls
-from robotouille_client.window.hands.walking import walks
-from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
-from robotouille_client.window.sources.blockages import Blockages
-from robotouille_client.window.sources.local import LocalSource
-from robotouille_client.window.view import NEWS, View
+from robotouille.replay.recording import read_recording
+from robotouille.world.presentation.wording import Wording
+from robotouille_client.bots.kinds import BotKind
+from robotouille_client.bots.partner_process import GONE, RESTARTED, PartnerProcess
+from robotouille_client.bots.partners import Decision, PromptPartners, prompt_partners
+from robotouille_client.window.app.game_cards import GameCards
+from robotouille_client.window.app.local_game import (
+    NO_CERTIFICATE,
+    GameSetup,
+    LocalGame,
+    step_limit,
+)
+from robotouille_client.window.drawing.seat_cards import status
+from robotouille_client.window.sources.feedback import Blockages
+from robotouille_client.window.sources.local import LocalSeats, LocalSource
+from robotouille_client.window.view import NEWS
 
 RULES = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=5, countdown=3.0)
 
@@ -39,9 +46,9 @@ class Timer:
 def among(
     episode: Episode, me: str, bots: dict[str, Policy], timer: Timer, words: Language = NO_WORDS
 ) -> LocalSource:
-    """A game with bots that decide at once."""
+    """Return a game with bots that decide at once."""
     names = dict.fromkeys(bots, "bot")
-    return LocalSource(episode, me, names, PromptPartners(bots), timer, words=words)
+    return LocalSource(episode, LocalSeats(me, names), PromptPartners(bots), timer, words=words)
 
 
 def source(timer: Timer, rules: Rules = RULES) -> LocalSource:
@@ -50,10 +57,10 @@ def source(timer: Timer, rules: Rules = RULES) -> LocalSource:
     return among(Episode(world, rules, timer()), world.players[0], bots, timer)
 
 
-def test_it_is_counted_down_to() -> None:
+def test_countdown() -> None:
     timer = Timer()
     game = source(timer)
-    assert (game.view().starts_in, game.view().status) == (3.0, "Starts in 3")
+    assert (game.view().starts_in, game.view().status) == (3.0, "Starting in 3")
     timer.now = 2.5
     assert (game.view().starts_in, game.view().step) == (0.5, 0)
     timer.now = 3.1
@@ -61,7 +68,7 @@ def test_it_is_counted_down_to() -> None:
     assert (view.starts_in, view.status) == (None, "")
 
 
-def test_bots_think_before_the_game_begins() -> None:
+def test_bots_plan_during_the_countdown() -> None:
     timer, world, asked = Timer(), World("multi_agent/02"), []
 
     class Bot(RandomPolicy):
@@ -76,7 +83,7 @@ def test_bots_think_before_the_game_begins() -> None:
     assert len(asked) == len(bots)
 
 
-def test_out_of_steps_is_not_won() -> None:
+def test_running_out_of_steps_is_not_a_win() -> None:
     timer = Timer()
     game = source(timer)
     game.view()
@@ -88,17 +95,17 @@ def test_out_of_steps_is_not_won() -> None:
     assert not view.won
 
 
-def test_what_cannot_be_said_is_told() -> None:
+def test_a_refused_chat_message_is_reported() -> None:
     timer = Timer()
     game = source(timer)
     for timer.now in (0.0, 3.0, 4.0):
         game.view()
     game.say("that was close")
     (line,) = game.view().chat[-1:]
-    assert line == (NEWS, "the episode is over")
+    assert line == (NEWS, "the episode has ended")
 
 
-def test_the_step_limit_of_a_game_here() -> None:
+def test_step_limits_of_local_games() -> None:
     task = load_task("multi_agent/01", timing="people")
     assert step_limit(task, Clock.REALTIME, 10.0) == 1800
     assert step_limit(task, Clock.TURN, 10.0) == 210
@@ -107,8 +114,8 @@ def test_the_step_limit_of_a_game_here() -> None:
 
 
 @cache
-def known(task: str) -> AnytimePlanner:
-    """The plans of a task, which all bots of these tests share."""
+def known_plans(task: str) -> AnytimePlanner:
+    """Return a planner that keeps its plans for all bots of these tests."""
     return AnytimePlanner(World(task))
 
 
@@ -119,18 +126,13 @@ def known(task: str) -> AnytimePlanner:
         (Language.model_validate({"kinds": {"table": "Tisch"}}), "Tisch with the bottom bun"),
     ],
 )
-def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain(
-    words: Language, place: str
-) -> None:
-    """Where no way leads around somebody who does nothing; in the words of the window's owner."""
-    timer, world = Timer(), World("multi_agent/01@3")
+def test_bots_ask_an_idle_person_to_move(words: Language, place: str) -> None:
+    timer, world, found = Timer(), World("multi_agent/01@3"), known_plans("multi_agent/01@3")
+    options = PlannerOptions(expansions=500, words=words)
     bots = {
-        player: PlannerPolicy(
-            world, player, start=world.initial, expansions=500, anytime=known("multi_agent/01@3"),
-            words=words,
-        )
+        player: PlannerPolicy(world, player, options, start=world.initial, anytime=found)
         for player in ("robot2", "robot3")
-    }  # fmt: skip
+    }
     rules = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=60)
     game = among(Episode(world, rules, timer()), "robot1", bots, timer, words)
     blocked = set()
@@ -138,105 +140,41 @@ def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain(
         timer.now += 0.02
         view = game.view()
         blocked |= {*view.blocked}
-    asked = [text for _, text in game._chat_log._lines if text.startswith("I need")]
+    asked = [text for _, text in view.chat if text.startswith("I need")]
     assert asked == [f"I need the {place}, please"]
     assert ("robot2", "table2", "robot1") in blocked
     assert sum(seat.rejected for seat in view.seats) <= 2
-    assert game.outcome is not None
-    shares = {seat["player"]: seat for seat in game.outcome["seats"]}
-    assert shares["robot2"]["waiting"] > 20, "it waited for the place: it did not idle"
-    assert shares["robot2"]["idle"] < 20
+    (share,) = (seat for seat in game.outcome["seats"] if seat["player"] == "robot2")
+    assert share["waiting"] > 20, "it waited for the place: it did not idle"
+    assert share["idle"] < 20
 
 
-def beside_a_person(task: str, max_steps: int, act: Callable[[LocalSource, View], None]) -> Beside:
-    """A game in real time of planner bots and a person who does what `act` says."""
-    timer, world = Timer(), World(task)
-    me = seat_out_of_the_way(world.initial)
-    found = known(task)
-    bots: dict[str, Policy] = {
-        player: PlannerPolicy(world, player, start=world.initial, expansions=500, anytime=found)
-        for player in world.players
-        if player != me
-    }
-    rules = Rules(clock=Clock.REALTIME, step_rate=5.0, max_steps=max_steps)
-    game = among(Episode(world, rules, timer()), me, bots, timer)
-    states = []
+def test_a_bot_waits_for_the_help_it_asked_for() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    me, other = "robot2", "robot1"
+    bot = PlannerPolicy(world, other, PlannerOptions(expansions=500), start=world.initial)
+    rules = Rules(clock=Clock.REALTIME, step_rate=5.0, max_steps=140)
+    game = among(Episode(world, rules, timer()), me, {other: bot}, timer)
+    blocked = {}
     while not game.finished:
         timer.now += 0.2
         view = game.view()
-        states.append(view.state)
-        act(game, view)
-    return Beside(view, [text for _, text in game._chat_log._lines], states)
-
-
-class Beside(NamedTuple):
-    """How it went: the last view, what was said, the states."""
-
-    view: View
-    said: list[str]
-    states: list[State]
-
-
-def test_a_bot_never_does_what_it_would_have_to_undo() -> None:
-    """A person stands at the only board for a long time, and leaves."""
-
-    def stand_at_the_board(game: LocalSource, view: View) -> None:
-        free = walks(view.state, view.me or "")
-        at_board = standing_at(view.state, view.me or "") == "board1"
-        if view.step < 60 and not at_board and "board1" in free:
-            game.act(free["board1"])
-        elif view.step >= 60 and at_board:
-            game.act(free["table7"])
-
-    blocked = {}
-
-    def act(game: LocalSource, view: View) -> None:
         blocked[view.step] = view.blocked
-        stand_at_the_board(game, view)
-
-    game = beside_a_person("multi_agent/01", 150, act)
-    assert game.view.won
-    first = min(step for step, held_up in blocked.items() if held_up)
-    waits = ("robot1", "board1", "robot2")
-    assert first < 20
-    assert all(blocked[step] == (waits,) for step in range(first, 60)), "as long as it waits"
-    assert not any(blocked[step] for step in range(63, max(blocked)))
-    assert [text for text in game.said if "need" in text] == ["I need the board, please"]
-    for state in game.states:
-        facts = {*state.atoms()}
-        on_something = any(a[0] == "atop" and a[1] == "lettuce1" for a in facts)
-        assert not on_something or ("iscut", "lettuce1") in facts
-    assert len(game.said) == len(set(game.said))
-
-
-def test_bots_win_beside_a_person_who_does_nothing() -> None:
-    game = beside_a_person("multi_agent/07@4", 200, lambda game, view: None)
-    assert game.view.won
-    assert all(seat.rejected == 0 for seat in game.view.seats)
-    assert len(game.said) <= 15
-    assert len(game.said) == len(set(game.said))
-
-
-def test_who_asks_a_person_for_something_waits_until_it_is_done() -> None:
-    blocked = {}
-
-    def hold_the_bun(game: LocalSource, view: View) -> None:
-        blocked[view.step] = view.blocked
-        lines = ["move table2", "pick-up-item bottombun1"] if view.step < 100 else ["place-item"]
-        for line in lines[::-1]:
-            word, *arguments = line.split()
-            for action in view.state.actions(view.me or ""):
-                if action.name == word and {*arguments} <= {*action.arguments}:
-                    game.act(action)
-                    return
-
-    game = beside_a_person("multi_agent/01", 140, hold_the_bun)
-    assert "Can you put down the bottom bun?" in game.said
-    assert all(("robot1", "", "robot2") in blocked[step] for step in range(30, 100))
+        lines = ["pick-up-item bottombun1", "move table2"] if view.step < 100 else ["place-item"]
+        valid = [
+            action
+            for line in lines
+            for action in view.state.actions(me)
+            if action.name == line.split()[0] and {*line.split()[1:]} <= {*action.arguments}
+        ]
+        for action in valid[:1]:
+            game.act(action)
+    assert ("bot", "Can you put down the bottom bun?") in view.chat
+    assert all((other, "", me) in blocked[step] for step in range(30, 100))
     assert blocked[102] == (), "it goes on, and has not asked for anything else yet"
 
 
-def test_who_walks_to_a_taken_place_and_who_stands_there_are_told() -> None:
+def test_a_walk_to_an_occupied_station_shows_who_blocks() -> None:
     timer, world = Timer(), World("multi_agent/02")
     bots = {player: RandomPolicy(player, 1) for player in world.players[1:]}
     lockstep = Rules(clock=Clock.LOCKSTEP)
@@ -249,7 +187,7 @@ def test_who_walks_to_a_taken_place_and_who_stands_there_are_told() -> None:
     assert game.view().blocked == ()
 
 
-def test_who_asked_for_a_place_waits_as_long_as_it_stands_still() -> None:
+def test_a_request_for_a_station_lasts_while_standing_still() -> None:
     timer, world = Timer(), World("multi_agent/02")
     one, other = world.players[:2]
     here, there = (standing_at(world.initial, player) or "" for player in (one, other))
@@ -271,37 +209,165 @@ def test_who_asked_for_a_place_waits_as_long_as_it_stands_still() -> None:
     assert blockages.at(world.initial) == ()
 
 
-def test_the_seat_of_a_person_is_out_of_the_way() -> None:
-    for name, expected in (("multi_agent/07@4", "robot2"), ("multi_agent/01@2", "robot2")):
-        state = World(name).initial
-        player = seat_out_of_the_way(state)
-        assert player == expected
-        others = [other for other in state.world.players if other != player]
-        assert not CutOff(state.world)(state, others)
+class SlowPartners(PromptPartners):
+    """Bots that answer when the test says so."""
+
+    thinking = True
+
+    def answers(self) -> list[Decision]:
+        return [] if self.thinking else super().answers()
 
 
-SOUP_AND_BOWL = [
-    *BOILING, "-", "-", "-", "-",
-    "move table10", "pick-up-item onion1", "move stove1", "add-to",
-    "move table1", "pick-up-container bowl1", "move stove1",
-]  # fmt: skip
+def slow_game(
+    setup: GameSetup, timer: Timer, folder: Path | None = None
+) -> tuple[LocalGame, SlowPartners]:
+    made: list[SlowPartners] = []
+
+    def make(
+        start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language
+    ) -> SlowPartners:
+        made.append(SlowPartners(prompt_partners(start, kind, seed, players, words)._policies))
+        return made[0]
+
+    return LocalGame(setup, "ada", timer, folder, make), made[0]
 
 
-def test_a_refusal_says_what_to_do_where_the_language_does() -> None:
-    """By key, by click or from the list: with the bowl at the soup."""
-    world = World("asynchronous/09")
-    game = among(Episode(world, Rules(clock=Clock.TURN), 0.0), "robot1", {}, Timer())
-    for line in SOUP_AND_BOWL:
-        game.act(wanted(game.view().state, line))
-    meant = Controls(world).key(game.view().state, "robot1", "e")
-    assert meant.action is not None
-    game.act(meant.action)
-    (bubble,) = game.view().bubbles
-    assert bubble.text == "Put the bowl down, and bring the pot to it."
+def test_real_time_continues_while_bots_think() -> None:
+    timer = Timer()
+    setup = GameSetup("multi_agent/01", seats=2, rate=10.0, countdown=0.0)
+    game, bots = slow_game(setup, timer)
+    for _ in range(20):
+        timer.now += 0.1
+        view = game.source.view()
+    assert view.step >= 19
+    assert view.waits_for == ()
+    (bot,) = view.thinking
+    card = next(seat for seat in view.seats if seat.player == bot)
+    assert status(card, view)[0] == "thinking"
+    assert sum(seat.actions for seat in view.seats) == 0
+    bots.thinking = False
+    for _ in range(5):
+        timer.now += 0.1
+        view = game.source.view()
+    assert sum(seat.actions for seat in view.seats) == 1
+    assert sum(seat.rejected for seat in view.seats) == 0
+    assert view.thinking == ()
 
 
-def wanted(state: State, line: str) -> GroundAction:
-    """The action of `ACTION ARGUMENT…`; to wait for `-`."""
-    word, *arguments = line.replace("-", "wait", 1 if line == "-" else 0).split()
-    actions = (a for a in state.actions("robot1") if a.name == word)
-    return next(a for a in actions if set(arguments) <= set(a.arguments))
+def test_turns_wait_for_bots_and_show_it() -> None:
+    timer = Timer()
+    game, bots = slow_game(GameSetup("multi_agent/01", seats=2, clock=Clock.LOCKSTEP), timer)
+    view = game.source.view()
+    (bot,) = (seat.player for seat in view.seats if seat.player != view.me)
+    assert view.waits_for == ()
+    timer.now += 1.0
+    assert game.source.view().waits_for == (bot,)
+    bots.thinking = False
+    assert game.source.view().waits_for == ()
+
+
+def test_real_time_pauses_while_the_player_is_asked(tmp_path: Path) -> None:
+    timer = Timer()
+    setup = GameSetup("multi_agent/01", seats=2, rate=10.0, max_steps=40, countdown=0.0)
+    game, _ = slow_game(setup, timer, tmp_path)
+    source = game.source
+    cards = GameCards(lambda: None, tuple, source.pause)
+    timer.now += 1.0
+    step = source.view().step
+    cards.leave_card(source.view())
+    timer.now += 5.0
+    view = source.view()
+    assert (view.step, view.frozen) == (step, True)
+    cards.stay()
+    timer.now += 1.0
+    view = source.view()
+    assert not view.frozen
+    assert step + 9 <= view.step <= step + 11
+    while not game.source.finished:
+        timer.now += 0.1
+        game.source.view()
+    path = game.finish(ended=True)
+    assert read_recording(path).verify().ok
+
+
+@pytest.mark.process
+def test_bots_in_a_process_decide_the_same(tmp_path: Path) -> None:
+    world = World("multi_agent/02@3")
+    state, players = world.initial, world.players[1:]
+    words = Language.model_validate({"kinds": {"table": "Tisch", "board": "Brett"}})
+    here = prompt_partners(state, BotKind.PLANNER, 0, players, words)
+    there = PartnerProcess(state, BotKind.PLANNER, 0, players, words)
+    courses: list[list[object]] = []
+    try:
+        for partners in (here, there):
+            kinds = dict.fromkeys(players, "bot") | {world.players[0]: "human"}
+            partners.meet(kinds, "lockstep")
+            state, course = world.initial, []
+            for _ in range(12):
+                asked = [player for player in players if not state.busy_steps(player)]
+                for player in asked:
+                    partners.ask(player, state)
+                found: dict[str, Decision] = {}
+                while len(found) < len(asked):
+                    found.update((each.player, each) for each in partners.answers())
+                did = [each.action for each in found.values()]
+                actions = [a for a in did if a and world.applicable(state, a)]
+                state = state.step(actions).state
+                partners.observe([(a.arguments[0], a, True) for a in actions])
+                waiting = sorted(player for player, each in found.items() if each.waits)
+                course.append((sorted(map(str, actions)), sorted(partners.spoken()), waiting))
+            courses.append(course)
+    finally:
+        there.close()
+    assert courses[0] == courses[1]
+    assert "Tisch" in str(courses[0])
+    assert "table with" not in str(courses[0])
+    with pytest.raises(ProcessLookupError):
+        os.kill(there.pid, 0)
+
+
+@pytest.mark.process
+def test_a_thinking_process_is_stopped_at_once() -> None:
+    world = World("multi_agent/10@4")
+    partners = PartnerProcess(world.initial, BotKind.PLANNER, 0, world.players[1:])
+    partners.ask(world.players[1], world.initial)
+    partners.close()
+    assert not partners.answers(), "nobody waited for what it thought"
+    with pytest.raises(ProcessLookupError):
+        os.kill(partners.pid, 0)
+
+
+@pytest.mark.process
+def test_a_crashed_process_restarts_once() -> None:
+    timer, made = Timer(), []
+
+    def make(
+        start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language
+    ) -> PartnerProcess:
+        made.append(PartnerProcess(start, kind, seed, players, words))
+        return made[0]
+
+    setup = GameSetup("multi_agent/01", seats=2, clock=Clock.LOCKSTEP)
+    game = LocalGame(setup, "ada", timer, None, make)
+    source, (bots,) = game.source, made
+    view = source.view()
+    (bot,) = (seat.player for seat in view.seats if seat.player != view.me)
+    try:
+        for notice in ("", RESTARTED, GONE):
+            if notice:
+                os.kill(bots.pid, 9)
+                bots._reader.join()
+            done = view.step + 3
+            while view.step < done:
+                if view.step == source._episode.step and view.me in source._episode.waits_for:
+                    source._submit(view.me, None)
+                view = source.view()
+            assert view.notice == notice
+            timer.now += 20.0
+        assert [text for name, text in view.chat if name == NEWS] == [RESTARTED, GONE]
+        tally = next(seat for seat in view.seats if seat.player == bot)
+        assert 3 <= tally.actions <= 6
+    finally:
+        game.finish(ended=False)
+    with pytest.raises(ProcessLookupError):
+        os.kill(bots.pid, 0)

@@ -1,86 +1,38 @@
-"""The window's loop: events become actions and words; time is injected."""
+"""The window's loop: events of keyboard, mouse and gamepad become actions and chat."""
 
 from __future__ import annotations
 
 import asyncio
 import dataclasses
+from pathlib import Path
 
 import pygame
 import pytest
-from tests.support.window_play import Timer
+from tests.support.window_play import SIZE, Script, Timer, at, click, goes_to, headless_window, way
 
-from robotouille import GroundAction, State, Timing, World, load_task
-from robotouille_client.window.drawing.window_layout import layout
-from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille import Timing, World, load_task
+from robotouille.certification.certificate import load_certificate
+from robotouille_client.window.input.commands import Command
 from robotouille_client.window.view import FarewellView, PauseView, View
 from robotouille_client.window.window import Window
 
-SIZE = (800, 600)
-
-
-def plain(action: GroundAction) -> str:
-    """An action without the order of its arguments, which is the domain's affair."""
-    return " ".join([action.name, *sorted(action.arguments)])
-
-
-class Script:
-    """A source that plays by itself what it is told, and notes what it is told."""
-
-    def __init__(self, world: World, me: str | None = "robot1") -> None:
-        self.world = world
-        self.me = me
-        self.states: list[State] = [world.initial]
-        self.acted: list[str] = []
-        self.said: list[str] = []
-        self.finished = False
-        self.interruption: dict[str, object] = {}
-
-    def view(self) -> View:
-        before = self.states[-2] if len(self.states) > 1 else None
-        step = len(self.states) - 1
-        view = View(self.world, self.states[-1], before, step, me=self.me)
-        return dataclasses.replace(view, **self.interruption)
-
-    def act(self, action: GroundAction) -> None:
-        self.acted.append(plain(action))
-        self.states.append(self.states[-1].step(action).state)
-
-    def say(self, text: str) -> None:
-        self.said.append(text)
-
-    def wait(self) -> None:
-        self.states.append(self.states[-1].step([]).state)
-
 
 @pytest.fixture
-def source() -> Script:
-    return Script(World("asynchronous/09"))
+def busy() -> Game:
+    """Game in which a walk takes several steps."""
+    return Game(World(load_task("asynchronous/09", timing=Timing.PEOPLE)))
 
 
 @pytest.fixture
 def window(tmp_path):
     timer = Timer()
-    window = Window(
-        SIZE, fps=50, headless=True, screenshots=tmp_path, clock=timer, sleep=timer.sleep
-    )
+    window = headless_window(SIZE, fps=50, screenshots=tmp_path, clock=timer, sleep=timer.sleep)
     window.timer = timer
-    yield window
-    window.close()
-
-
-def spot(world: World, name: str) -> tuple[int, int]:
-    problem = world.task.problem
-    return layout(SIZE, problem.width, problem.height).cell(world.thing(name).tile).center
-
-
-def click(world: World, name: str, button: int = 1) -> None:
-    pos = spot(world, name)
-    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
-    pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=button))
+    return window
 
 
 def press(*keys: int | str) -> None:
-    """Keys by number, or text as typed."""
+    """Post keys by number, or text as typed."""
     for key in keys:
         if isinstance(key, str):
             for letter in key:
@@ -91,68 +43,58 @@ def press(*keys: int | str) -> None:
             pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))
 
 
-def test_clicks_and_keys_act(window: Window, source: Script) -> None:
-    window.frame(source)
-    for name in ("table11", "table11", "stove1", "stove1"):
-        click(source.world, name)
-        window.frame(source)
-    press(pygame.K_e, pygame.K_SPACE)
-    window.frame(source)
-    assert source.acted == [
-        "move robot1 table11 table8",
-        "pick-up-item chicken1 robot1 table11",
-        "move robot1 stove1 table11",
-        "place-item chicken1 robot1 stove1",
-        "cook chicken1 robot1 stove1",
-        "wait",
-    ]
+class Game(Script):
+    """Game that can be interrupted, and ended."""
+
+    over = False
+
+    def __init__(self, world: World, me: str | None = None) -> None:
+        super().__init__(world, me)
+        self.interruption: dict[str, object] = {}
+
+    @property
+    def finished(self) -> bool:
+        return self.over
+
+    def view(self) -> View:
+        return dataclasses.replace(super().view(), **self.interruption)
+
+    @property
+    def did(self) -> list[str]:
+        """Actions without the player."""
+        return [" ".join((a.name, *sorted(a.arguments[1:]))) for a in self.acted]
 
 
-def test_a_click_of_another_button_or_beside_the_stations_does_nothing(window, source) -> None:
+def point(at: tuple[int, int]) -> None:
+    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0)))
+
+
+def pixels() -> bytes:
+    return pygame.image.tobytes(pygame.display.get_surface(), "RGB")
+
+
+@pytest.fixture
+def source() -> Game:
+    return Game(World("asynchronous/09"))
+
+
+def test_other_clicks_do_nothing(window: Window, source: Game) -> None:
     window.frame(source)
-    click(source.world, "table11", button=3)
-    click(source.world, "table11", button=4)
+    for button in (3, 4):
+        click(window, source, "table11", button)
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=(1, 1), button=1))
     press(pygame.K_q, pygame.K_F5)
     window.frame(source)
     assert source.acted == []
 
 
-def test_a_spectator_cannot_act(window: Window) -> None:
-    source = Script(World("asynchronous/09"), me=None)
+def test_a_spectator_cannot_act(window: Window, source: Game) -> None:
+    source.interruption = {"me": None}
     window.frame(source)
-    click(source.world, "table11")
+    click(window, source, "table11")
     press(pygame.K_e)
     window.frame(source)
     assert source.acted == []
-
-
-def test_who_is_busy_does_it_afterwards(window: Window) -> None:
-    source = Script(World(load_task("asynchronous/09", timing=Timing.PEOPLE)))
-    window.frame(source)
-    click(source.world, "table2")
-    click(source.world, "table2")
-    window.frame(source)
-    window.frame(source)
-    assert source.acted == ["move robot1 table2 table8"]
-    while source.states[-1].busy_steps("robot1"):
-        source.wait()
-    window.frame(source)
-    assert source.acted[-1] == "pick-up-container pot1 robot1 table2"
-
-
-def test_escape_forgets_what_was_to_come(window: Window) -> None:
-    source = Script(World(load_task("asynchronous/09", timing=Timing.PEOPLE)))
-    window.frame(source)
-    for _ in range(2):
-        click(source.world, "table2")
-        window.frame(source)
-    press(pygame.K_ESCAPE)
-    window.frame(source)
-    while source.states[-1].busy_steps("robot1"):
-        source.wait()
-    window.frame(source)
-    assert len(source.acted) == 1
 
 
 INTERRUPTIONS = [
@@ -164,30 +106,25 @@ INTERRUPTIONS = [
 
 
 @pytest.mark.parametrize("interruption", INTERRUPTIONS)
-def test_while_a_game_is_interrupted_keys_and_clicks_do_nothing(
-    window: Window, source: Script, interruption: dict[str, object]
+def test_input_during_an_interruption_does_nothing(
+    window: Window, source: Game, interruption: dict[str, object]
 ) -> None:
     window.frame(source)
     source.interruption = interruption
-    click(source.world, "table11")
+    click(window, source, "table11")
     press(pygame.K_SPACE, pygame.K_e)
     window.frame(source)
-    window.frame(source)
-    assert source.acted == []
     source.interruption = {}
     window.frame(source)
-    assert source.acted == [], "what was pressed meanwhile does not come later"
-    click(source.world, "table11")
-    window.frame(source)
-    assert source.acted == ["move robot1 table11 table8"]
+    assert source.acted == [], "the input is not kept for later"
+    click(window, source, "table11")
+    assert source.did == ["move table11 table8"]
 
 
-def test_a_kitchen_that_is_finished_offers_nothing(window: Window, source: Script) -> None:
+def test_a_finished_game_offers_no_actions(window: Window, source: Game) -> None:
     window.frame(source)
     press(pygame.K_TAB)
-    window.frame(source)
-    pos = spot(source.world, "table11")
-    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
+    point(at(source.world, "table11"))
     window.frame(source)
     before = window.overlay(source.view())
     assert before.choices
@@ -198,7 +135,7 @@ def test_a_kitchen_that_is_finished_offers_nothing(window: Window, source: Scrip
     assert (after.choices, after.tips, after.hints, after.queued) == (None, (), (), ())
 
 
-def test_one_can_chat_while_a_game_is_paused(window: Window, source: Script) -> None:
+def test_chat_during_a_pause(window: Window, source: Game) -> None:
     source.interruption = INTERRUPTIONS[0]
     window.frame(source)
     press("twaiting", pygame.K_RETURN)
@@ -206,23 +143,21 @@ def test_one_can_chat_while_a_game_is_paused(window: Window, source: Script) -> 
     assert source.said == ["waiting"]
 
 
-def test_what_was_to_come_next_comes_after_the_pause(window: Window) -> None:
-    source = Script(World(load_task("asynchronous/09", timing=Timing.PEOPLE)))
-    window.frame(source)
+def test_the_queue_continues_after_a_pause(window: Window, busy: Game) -> None:
+    window.frame(busy)
     for _ in range(2):
-        click(source.world, "table2")
-        window.frame(source)
-    source.interruption = INTERRUPTIONS[0]
-    while source.states[-1].busy_steps("robot1"):
-        source.wait()
-    window.frame(source)
-    assert len(source.acted) == 1
-    source.interruption = {}
-    window.frame(source)
-    assert source.acted[-1] == "pick-up-container pot1 robot1 table2"
+        click(window, busy, "table2")
+    busy.interruption = INTERRUPTIONS[0]
+    while busy.state.busy_steps("robot1"):
+        busy.step()
+    window.frame(busy)
+    assert len(busy.acted) == 1
+    busy.interruption = {}
+    window.frame(busy)
+    assert busy.did[-1] == "pick-up-container pot1 table2"
 
 
-def test_chat(window: Window, source: Script) -> None:
+def test_chat(window: Window, source: Game) -> None:
     window.frame(source)
     press("the", pygame.K_BACKSPACE, "i there e", pygame.K_RETURN)
     press("tx", pygame.K_ESCAPE)
@@ -233,62 +168,50 @@ def test_chat(window: Window, source: Script) -> None:
     assert source.acted == []
 
 
-def test_help_covers_the_kitchen_until_a_click(window: Window, source: Script) -> None:
+def test_help_covers_the_kitchen_until_a_click(window: Window, source: Game) -> None:
     window.frame(source)
-    before = pygame.image.tobytes(pygame.display.get_surface(), "RGB")
+    before = pixels()
     press(pygame.K_h)
     window.frame(source)
-    assert pygame.image.tobytes(pygame.display.get_surface(), "RGB") != before
-    click(source.world, "table11")
-    window.frame(source)
+    assert pixels() != before
+    click(window, source, "table11")
     assert source.acted == []
-    click(source.world, "table11")
-    window.frame(source)
+    click(window, source, "table11")
     assert len(source.acted) == 1
 
 
-def test_hovering_is_seen(window: Window, source: Script) -> None:
+def test_hovering_shows_a_tip(window: Window, source: Game) -> None:
     window.frame(source)
-    before = pygame.image.tobytes(pygame.display.get_surface(), "RGB")
-    pos = spot(source.world, "stove1")
-    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
+    before = pixels()
+    point(at(source.world, "stove1"))
     window.frame(source)
-    during = pygame.image.tobytes(pygame.display.get_surface(), "RGB")
+    assert pixels() != before
     pygame.event.post(pygame.Event(pygame.WINDOWLEAVE))
     window.frame(source)
-    assert during != before
-    assert pygame.image.tobytes(pygame.display.get_surface(), "RGB") == before
+    assert pixels() == before
 
 
-def test_pictures(window: Window, source: Script, tmp_path) -> None:
+def test_screenshots_create_their_folder(window: Window, source: Game, tmp_path: Path) -> None:
+    window.screenshots = tmp_path / "of" / "pictures"
     window.frame(source)
+    assert not window.screenshots.exists()
     press(pygame.K_F12)
     window.frame(source)
-    (path,) = tmp_path.glob("robotouille-*.png")
+    (path,) = window.screenshots.glob("robotouille-*.png")
     assert pygame.image.load(path).get_size() == SIZE
-    window.screenshot(tmp_path / "own.png")
-    assert (tmp_path / "own.png").is_file()
 
 
-def test_a_picture_that_cannot_be_saved_is_no_error(window, source, tmp_path) -> None:
+def test_a_failed_screenshot_shows_a_notice(window: Window, source: Game, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     window.screenshots = tmp_path / "file" / "folder"
     window.frame(source)
     press(pygame.K_F12)
     window.frame(source)
     assert not window.closed
+    assert window.overlay(source.view()).prompt
 
 
-def test_the_folder_for_pictures_is_made_when_there_is_one(window, source, tmp_path) -> None:
-    window.screenshots = tmp_path / "of" / "pictures"
-    window.frame(source)
-    assert not window.screenshots.exists()
-    press(pygame.K_F12)
-    window.frame(source)
-    assert len(list(window.screenshots.iterdir())) == 1
-
-
-async def test_closing_ends_the_run(window: Window, source: Script) -> None:
+async def test_closing_ends_the_run(window: Window, source: Game) -> None:
     task = asyncio.create_task(window.run(source))
     await asyncio.sleep(0)
     pygame.event.post(pygame.Event(pygame.QUIT))
@@ -298,14 +221,14 @@ async def test_closing_ends_the_run(window: Window, source: Script) -> None:
 
 @pytest.mark.parametrize("linger", [0.0, 2.0])
 async def test_the_run_lingers_after_the_end(window, source, linger: float) -> None:
-    source.finished = True
+    source.over = True
     await asyncio.wait_for(window.run(source, linger=linger), 5)
     assert window.frames == pytest.approx(linger * 50 + 1, abs=1)
     assert window.timer.now == pytest.approx(100 + linger, abs=0.03)
 
 
-async def test_an_outcome_stays_until_closed(window: Window, source: Script) -> None:
-    source.finished = True
+async def test_an_outcome_stays_until_closed(window: Window, source: Game) -> None:
+    source.over = True
     task = asyncio.create_task(window.run(source, linger=None))
     while window.frames < 50:
         await asyncio.sleep(0)
@@ -316,93 +239,110 @@ async def test_an_outcome_stays_until_closed(window: Window, source: Script) -> 
     assert window.closed
 
 
-async def test_a_slow_frame_is_not_made_up_for(window: Window, source: Script) -> None:
+async def test_a_slow_frame_is_not_followed_by_fast_ones(window: Window, source: Game) -> None:
     original = window.frame
 
-    def slow(of: Script) -> None:
+    def slow(of: Game) -> None:
         original(of)
         window.timer.now += 0.5
-        source.finished = window.frames == 4
+        source.over = window.frames == 4
 
-    window.frame = slow  # type: ignore[method-assign]
+    window.frame = slow
     await asyncio.wait_for(window.run(source, linger=0.0), 5)
     assert window.frames == 4
     assert window.timer.now == pytest.approx(102.0)
 
 
-def test_another_world_in_the_same_window(window: Window, source: Script) -> None:
+def test_another_world_in_the_same_window(window: Window, source: Game) -> None:
     window.frame(source)
-    other = Script(World("workshop/01"), me="fitter1")
+    other = Game(World("workshop/01"))
     window.frame(other)
-    click(other.world, "anvil1")
-    window.frame(other)
-    assert other.acted == ["walk anvil1 fitter1 trestle2"]
-    assert dataclasses.is_dataclass(other.view())
+    click(window, other, "anvil1")
+    assert other.did == ["walk anvil1 trestle2"]
 
 
-class Ruler:
-    """A strip of three lines that takes clicks, and the key S."""
-
-    lines = 3.0
-
-    def __init__(self) -> None:
-        self.areas: list[pygame.Rect] = []
-        self.clicks = 0
-        self.colour = "red"
-        self.ticks = 0
-
-    def tick(self) -> None:
-        self.ticks += 1
-
-    def seen(self) -> object:
-        return self.colour
-
-    def draw(
-        self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int, view: View
-    ) -> None:
-        target.fill(self.colour, area)
-        self.areas.append(area)
-
-    def covers(self, position: tuple[int, int]) -> bool:
-        return bool(self.areas) and self.areas[-1].collidepoint(position)
-
-    def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
-        if event.type == pygame.MOUSEBUTTONDOWN and area.collidepoint(event.pos):
-            self.clicks += 1
-            return True
-        return event.type == pygame.KEYDOWN and event.key == pygame.K_s
+PADS = {
+    Command.LEFT: pygame.CONTROLLER_BUTTON_DPAD_LEFT,
+    Command.RIGHT: pygame.CONTROLLER_BUTTON_DPAD_RIGHT,
+    Command.UP: pygame.CONTROLLER_BUTTON_DPAD_UP,
+    Command.DOWN: pygame.CONTROLLER_BUTTON_DPAD_DOWN,
+}
 
 
-def test_a_strip_has_room_of_its_own_and_is_asked_first() -> None:
-    source, ruler = Script(World(load_task("synchronous/01"))), Ruler()
-    window = Window(SIZE, headless=True, strip=ruler)
-    window.frame(source)
-    (area,) = ruler.areas
-    plan = layout(SIZE, source.world.task.problem.width, source.world.task.problem.height, 3.0)
-    assert area == plan.strip
-    assert area.height == 3 * plan.text
-    assert plan.kitchen.bottom <= area.top
-    assert area.right == plan.panel.left
-    pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=area.center, button=1))
-    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_s, unicode="s", mod=0))
-    window.frame(source)
-    assert ruler.clicks == 1
-    assert not source.acted
-    window.close()
+class Pad:
+    def __init__(self, task: str) -> None:
+        self.timer = Timer()
+        self.source = Script(World(task))
+        self.window = headless_window(SIZE, clock=self.timer)
+        self.window.frame(self.source)
+
+    def press(self, *buttons: int) -> None:
+        for button in buttons:
+            for kind in (pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP):
+                pygame.event.post(pygame.Event(kind, button=button, instance_id=0))
+                self.window.frame(self.source)
+
+    def tilt(self, axis: int, value: int) -> None:
+        event = pygame.Event(pygame.CONTROLLERAXISMOTION, axis=axis, value=value, instance_id=0)
+        pygame.event.post(event)
+        self.window.frame(self.source)
+
+    def overlay(self):
+        return self.window.overlay(self.source.view())
 
 
-def test_a_strip_is_drawn_when_it_looks_different() -> None:
-    source, ruler = Script(World(load_task("synchronous/01"))), Ruler()
-    window = Window(SIZE, headless=True, strip=ruler)
-    for _ in range(5):
-        window.frame(source)
-    pygame.event.clear()
-    drawn, ticks = window.drawn, ruler.ticks
-    for _ in range(3):
-        window.frame(source)
-    assert (window.drawn, ruler.ticks) == (drawn, ticks + 3)
-    ruler.colour = "blue"
-    for _ in range(3):
-        window.frame(source)
-    assert window.drawn == drawn + 1
-    window.close()
+@pytest.fixture
+def pad() -> Pad:
+    return Pad("training/01")
+
+
+@pytest.mark.parametrize("task", ["synchronous/01", "training/01"])
+def test_a_whole_task_by_gamepad_alone(task: str) -> None:
+    pad = Pad(task)
+    source = pad.source
+    for line in load_certificate(task).plan or ():
+        action = source.world.parse(source.state, source.me, line)
+        station = goes_to(action)
+        if station is None:
+            pad.press(pygame.CONTROLLER_BUTTON_A)
+            assert source.acted[-1] == action
+        else:
+            pad.press(*[PADS[c] for c in way(source.state, source.me, station)])
+    assert source.finished
+
+
+def test_a_stick_walks_once_and_repeats_while_held(pad: Pad) -> None:
+    for value in (8_000, 21_000, 25_000, 19_000):
+        pad.tilt(pygame.CONTROLLER_AXIS_LEFTX, -value)
+    assert len(pad.source.acted) == 1
+    pad.timer.now += 0.4
+    pad.window.frame(pad.source)
+    assert len(pad.source.acted) == 2
+    pad.tilt(pygame.CONTROLLER_AXIS_LEFTX, -3_000)
+    pad.timer.now += 1.0
+    pad.window.frame(pad.source)
+    walked = len(pad.source.acted)
+    pad.window.frame(pad.source)
+    assert len(pad.source.acted) == walked
+    pad.tilt(pygame.CONTROLLER_AXIS_RIGHTX, 30_000)
+    assert len(pad.source.acted) == walked
+
+
+def test_open_and_close_list_and_help(pad: Pad) -> None:
+    pad.press(pygame.CONTROLLER_BUTTON_X, pygame.CONTROLLER_BUTTON_DPAD_DOWN)
+    assert pad.overlay().chosen == 1
+    pad.press(pygame.CONTROLLER_BUTTON_B)
+    assert pad.overlay().choices is None
+    pad.press(pygame.CONTROLLER_BUTTON_Y)
+    assert pad.overlay().help
+    pad.press(pygame.CONTROLLER_BUTTON_B, pygame.CONTROLLER_BUTTON_X, pygame.CONTROLLER_BUTTON_A)
+    assert len(pad.source.acted) == 1
+
+
+def test_connecting_and_disconnecting_shows_a_notice(pad: Pad) -> None:
+    pygame.event.post(pygame.Event(pygame.CONTROLLERDEVICEREMOVED, instance_id=3))
+    pad.window.frame(pad.source)
+    assert "disconnected" in pad.overlay().prompt
+    pygame.event.post(pygame.Event(pygame.CONTROLLERDEVICEADDED, device_index=99))
+    pad.window.frame(pad.source)
+    assert "connected" in pad.overlay().prompt

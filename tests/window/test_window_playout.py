@@ -1,4 +1,4 @@
-"""Steps that arrive unevenly are shown evenly."""
+"""Steps that arrive at irregular times are shown evenly."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ FRAME = 1 / 60
 
 
 def line(steps: int, period: float, jitter: float, loss: float, seed: int) -> list[float]:
-    """When steps arrive over TCP: each on its way for 40 ms and some of the jitter; one that is
-    lost comes with a retransmission, and all that follow it wait for it."""
+    """Return arrival times over TCP: 40 ms, jitter, and retransmissions that delay later steps."""
     dice, arrivals, last = random.Random(seed), [], 0.0
     for step in range(steps):
         late = 0.25 if dice.random() < loss else 0.0
@@ -27,7 +26,7 @@ def line(steps: int, period: float, jitter: float, loss: float, seed: int) -> li
 
 
 def watch(arrivals: list[float], period: float, until: float) -> Iterator[tuple[float, float, int]]:
-    """Time, what is shown and the newest step there is, frame by frame."""
+    """Yield the time, the shown step and the newest step, frame by frame."""
     state = World("multi_agent/02").initial
     playout, now, next_step = Playout(period), arrivals[0], 0
     while now < until:
@@ -38,7 +37,6 @@ def watch(arrivals: list[float], period: float, until: float) -> Iterator[tuple[
         if next_step > known:
             playout.arrived(next_step - 1, arrivals[next_step - 1])
         shown = playout.at(now)
-        assert shown is not None
         assert math.isclose(shown.step + shown.phase, playout.position, abs_tol=1e-9)
         yield now, playout.position, next_step - 1
         now += FRAME
@@ -46,8 +44,7 @@ def watch(arrivals: list[float], period: float, until: float) -> Iterator[tuple[
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("rate", [2.0, 5.0, 10.0])
-def test_under_jitter_and_loss_nothing_goes_back_and_nothing_jumps(rate: float, seed: int) -> None:
-    """Who walks a tile a step is at the position, in tiles."""
+def test_playback_never_goes_back_or_jumps(rate: float, seed: int) -> None:
     period = 1 / rate
     arrivals = line(400, period, jitter=0.15, loss=0.03, seed=seed)
     course = list(watch(arrivals, period, arrivals[-1] + 1.0))
@@ -61,14 +58,14 @@ def test_under_jitter_and_loss_nothing_goes_back_and_nothing_jumps(rate: float, 
     assert still < 0.08
 
 
-def test_an_even_line_is_not_held_back() -> None:
+def test_no_delay_on_an_even_line() -> None:
     arrivals = line(100, 0.2, jitter=0.0, loss=0.0, seed=0)
     for now, shown, newest in watch(arrivals, 0.2, arrivals[-1]):
         assert shown == pytest.approx((now - 0.04) / 0.2, abs=0.02)
         assert newest <= shown + 0.02 <= newest + 1.04
 
 
-def test_after_a_pause_the_picture_waits_and_goes_on() -> None:
+def test_playback_continues_after_a_pause() -> None:
     arrivals = [step * 0.2 + (30.0 if step >= 50 else 0.0) for step in range(100)]
     course = list(watch(arrivals, 0.2, arrivals[-1]))
     moves = [after - before for (_, before, _), (_, after, _) in itertools.pairwise(course)]
@@ -78,7 +75,7 @@ def test_after_a_pause_the_picture_waits_and_goes_on() -> None:
     assert course[-1][1] == pytest.approx(99.0, abs=0.2)
 
 
-def test_a_long_silence_is_skipped_and_a_snapshot_is_shown_at_once() -> None:
+def test_long_gaps_are_skipped_and_snapshots_shown_at_once() -> None:
     state = World("multi_agent/02").initial
     playout = Playout(0.2)
     assert playout.at(0.0) is None
@@ -92,5 +89,4 @@ def test_a_long_silence_is_skipped_and_a_snapshot_is_shown_at_once() -> None:
     playout.add(7, state, None)
     playout.arrived(7, 10.1)
     shown = playout.at(10.1)
-    assert shown is not None
     assert (shown.step, shown.previous) == (7, None)

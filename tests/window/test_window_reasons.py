@@ -1,16 +1,21 @@
-"""Pauses and farewells in words."""
+"""Texts of pauses, farewells, rates and paths."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import pytest
 
 from robotouille.episode import PauseReason
 from robotouille.protocol.messages import SeatInfo
 from robotouille_client.window.sources.texts import (
+    clock_words,
     comings_and_goings,
     farewell,
     outcome_words,
+    path_words,
     pause_words,
+    rate_words,
     speaker,
     waiting_words,
 )
@@ -27,15 +32,15 @@ def seats(*present: bool) -> list[SeatInfo]:
 @pytest.mark.parametrize(
     ("reason", "here", "left", "why", "detail"),
     [
-        ("absence", (True, False, True), 22.1, "bob's connection is lost", "23 s"),
-        ("absence", (True, False, False), 3.0, "bob and carol have lost their connections", "3 s"),
-        ("restart", (True, False, True), 9.0, "The server was restarted", "9 s for bob."),
-        ("restart", (False, False, True), None, "The server was restarted", "ada and bob"),
-        ("restart", (True, True, True), 9.0, "The server was restarted", "the others"),
-        ("operator", (True, True, True), None, "Paused by the operator", "goes on"),
-        ("storage", (True, True, True), None, "The recording cannot be written", "Nothing is lost"),
-        ("deserted", (False, False, False), 5.5, "Everybody is away", "6 s"),
-        ("eclipse", (True, True, True), 5.5, "The game stands still", "eclipse"),
+        ("absence", (True, False, True), 22.1, "bob lost the connection", "23 s"),
+        ("absence", (True, False, False), 3.0, "bob and carol lost the connection", "3 s"),
+        ("restart", (True, False, True), 9.0, "The server restarted", "9 s for bob."),
+        ("restart", (False, False, True), None, "The server restarted", "ada and bob"),
+        ("restart", (True, True, True), 9.0, "The server restarted", "the others"),
+        ("operator", (True, True, True), None, "Paused by the operator", "resume"),
+        ("storage", (True, True, True), None, "The recording can't be saved", "Nothing is lost"),
+        ("deserted", (False, False, False), 5.5, "Everyone is away", "6 s"),
+        ("eclipse", (True, True, True), 5.5, "Paused", "Eclipse"),
     ],
 )
 def test_pauses(
@@ -46,52 +51,79 @@ def test_pauses(
     assert detail in found[1]
 
 
-def test_every_reason_of_the_protocol_has_words_of_its_own() -> None:
+def test_every_pause_reason_has_a_text() -> None:
     titles = {pause_words(hold.value, seats(True, False, True), 5.0)[0] for hold in PauseReason}
     assert len(titles) == len(PauseReason)
-    assert "The game stands still" not in titles
+    assert "Paused" not in titles
 
 
-def test_a_seat_that_nobody_has_is_named() -> None:
+def test_a_free_seat_is_named() -> None:
     free = [*seats(True, True, True), SeatInfo(player="robot4")]
-    assert pause_words("absence", free, 5.0)[0] == "Nobody plays robot4"
+    assert pause_words("absence", free, 5.0)[0] == "Nobody is playing robot4"
 
 
-def test_codes_have_words_and_other_reasons_are_the_servers() -> None:
+def test_known_codes_have_texts_and_others_show_the_reason() -> None:
     known = farewell("session/elsewhere", "whatever the server says")
-    assert known.title == "This seat is now played from another window"
+    assert known.title == "You are playing in another window"
     assert farewell("", "removed by the operator").text == "Removed by the operator."
     assert farewell("x/y", "You cheated!").text == "You cheated!"
     assert farewell("", "  ").text == "The connection was closed."
 
 
-def test_an_outcome_names_what_it_came_from() -> None:
+def test_an_outcome_includes_its_detail() -> None:
     outcome = {"reason": "abandoned", "steps": 4, "detail": "bob did not come back"}
-    assert outcome_words(outcome) == "Given up after 4 steps: bob did not come back"
+    assert outcome_words(outcome) == "Abandoned after 4 steps: bob did not come back"
 
 
-def test_who_comes_and_goes_is_told_but_of_oneself() -> None:
-    def told(before: list[SeatInfo], now: list[SeatInfo]) -> list[str]:
-        return comings_and_goings(before, now, "robot1")
+def test_changes_of_other_seats_are_listed() -> None:
+    def changes(
+        before: list[SeatInfo], now: list[SeatInfo], me: str | None = "robot1"
+    ) -> list[str]:
+        return comings_and_goings(before, now, me)
 
     two, free = seats(True, True), [seats(True)[0], SeatInfo(player="robot2")]
-    assert told(free, two) == ["bob joins"]
-    assert told(two, free) == ["bob has left"]
-    assert told(two, seats(False, False)) == ["bob is away"]
-    assert told(seats(True, False), two) == ["bob is back"]
-    other = [two[0], two[1].model_copy(update={"name": "carol"})]
-    assert told(two, other) == ["bob has left", "carol joins"]
-    assert told([], two) == told(two, two) == []
+    assert changes(free, two) == ["bob joined"]
+    assert changes(two, free) == ["bob left"]
+    assert changes(two, seats(False, False)) == ["bob is away"]
+    assert changes(seats(True, False), two) == ["bob is back"]
+    assert changes(two, [two[0], renamed(two[1], name="carol")]) == ["bob left", "carol joined"]
+    assert changes([], two) == changes(two, two) == []
+    unready = [renamed(two[0], ready=False), two[1]]
+    assert changes(unready, two, None) == ["ada is ready"]
+    assert changes(two, unready, None) == ["ada is no longer ready"]
+    assert changes(unready, two) == []
 
 
-def test_what_a_game_waits_for_before_it_begins() -> None:
-    assert waiting_words(seats(True, True), 2.2) == "Starts in 3"
-    assert waiting_words(seats(True, True), 0.0) == "Starts now"
+def renamed(seat: SeatInfo, **fields: object) -> SeatInfo:
+    return seat.model_copy(update=fields)
+
+
+def test_waiting_words() -> None:
+    assert waiting_words(seats(True, True), 2.2) == "Starting in 3"
+    assert waiting_words(seats(True, True), 0.0) == "Go!"
     assert waiting_words(seats(True, False), None) == "Waiting for bob"
     free = [*seats(True), SeatInfo(player="robot2"), SeatInfo(player="robot3")]
     assert waiting_words(free, None) == "Waiting for 2 more players"
+    unready = [renamed(seat, ready=False) for seat in seats(True, True)]
+    assert waiting_words(unready, None, "robot1") == "Waiting for you to get ready"
+    assert waiting_words(unready, None, "robot3") == "Waiting for ada and bob to get ready"
 
 
-def test_what_a_watcher_says_is_marked() -> None:
+def test_spectators_are_marked_in_the_chat() -> None:
     assert speaker("ada", "robot1") == "ada"
     assert speaker("bob", "") == "bob (watching)"
+
+
+@pytest.mark.parametrize(
+    ("rate", "words"),
+    [(1.0, "1 step a second"), (5.0, "5 steps a second"), (0.5, "0.5 steps a second")],
+)
+def test_singular_and_plural_steps(rate: float, words: str) -> None:
+    assert rate_words(rate) == words
+    assert clock_words("realtime", {"step_rate": rate}) == f"real time, {words}"
+
+
+def test_the_home_folder_is_a_tilde(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    assert path_words(tmp_path / "a" / "b.png") == "~/a/b.png"
+    assert path_words(tmp_path.parent / "b.png") == str(tmp_path.parent / "b.png")

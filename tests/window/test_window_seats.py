@@ -1,41 +1,40 @@
-"""Seats are told apart without colour: by their badges and their hats; and by any eye by colour."""
+"""Seats and keys: badges, hats, colours for every eye, cards and the key strip."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-import math
+from dataclasses import replace
 
 import pygame
 import pytest
 from tests.support.colours import colour_distance
+from tests.support.window_play import Script
 
-from robotouille import World, load_task
+from robotouille import World
 from robotouille.domain.rendering import rendering_of
-from robotouille.planning.plan import read_plan
-from robotouille_client.window.drawing.kitchen.spots import hands
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.panel.seat_cards import (
+from robotouille_client.window.drawing.seat_cards import (
     SeatCards,
     latency_words,
     status,
     watching_words,
 )
+from robotouille_client.window.drawing.window_layout import UiOverlay
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.badges import SHAPES, badge
-from robotouille_client.window.pictures.colour_vision import DICHROMACIES, simulated
+from robotouille_client.window.pictures.shapes import SHAPES, badge
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import SEATS, Colour
+from robotouille_client.window.pictures.theme import DICHROMACIES, SEATS, Colour, simulated
+from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import SeatView, View
 
-PLAN = "07_onion_potato_tomato_soup@4.plan"
 HAT = 0.32
-"""The part of a robot's picture, from the top, that its hat takes."""
+# Share of a robot's picture that its hat takes, from the top.
 
 
 @pytest.mark.parametrize("eye", [None, *DICHROMACIES])
-def test_every_eye_tells_the_colours_of_seats_apart(eye: str | None) -> None:
+def test_seat_colours_differ_for_colour_blind_people(eye: str | None) -> None:
     def seen(colour: Colour) -> Colour:
         return simulated(colour, eye) if eye else colour
 
@@ -50,12 +49,12 @@ def outline(picture: pygame.Surface) -> list[bool]:
 
 
 def difference(one: pygame.Surface, other: pygame.Surface) -> float:
-    """The share of pixels that one outline has and the other has not."""
+    """Return the share of pixels in which two outlines differ."""
     pairs = list(zip(outline(one), outline(other), strict=True))
     return sum(a != b for a, b in pairs) / sum(a or b for a, b in pairs)
 
 
-def test_no_two_badges_have_the_same_shape() -> None:
+def test_badges_differ_in_shape() -> None:
     shapes = [badge(seat, 32, (0, 0, 0)) for seat in range(len(SHAPES))]
     assert len(shapes) >= len(SEATS)
     for one, other in itertools.combinations(shapes, 2):
@@ -63,7 +62,7 @@ def test_no_two_badges_have_the_same_shape() -> None:
 
 
 @pytest.mark.parametrize("side", ["front", "back", "left", "right"])
-def test_no_two_robots_wear_the_same_hat(side: str) -> None:
+def test_robots_wear_different_hats(side: str) -> None:
     world = World("multi_agent/07")
     art = rendering_of(world.task)
     resolver = AppearanceResolver(world.task.domain, art)
@@ -80,49 +79,7 @@ def test_no_two_robots_wear_the_same_hat(side: str) -> None:
         assert difference(one, other) > 0.15
 
 
-def test_what_is_held_is_seen_from_behind() -> None:
-    """It is drawn over the hat."""
-    world = World(load_task("multi_agent/07", seats=4))
-    folder = load_task("multi_agent/07").folder
-    state = world.initial
-    for joint in list(read_plan((folder / PLAN).read_text(), world))[:20]:
-        state = state.step(list(joint)).state
-    painter, size = Painter(), (1280, 720)
-    stage, layout = painter.stage(state), painter.layout(size, world)
-    pose = painter._poses(View(world, state))["robot1"]
-    assert pose.facing == "back"
-    (pot,) = stage.piles["robot1"]
-    spot = hands(layout, pose)
-    surface = pygame.Surface(size)
-    painter.paint(surface, View(world, state, step=20))
-    sprite = painter._sprites.of(pot.appearance, round(pot.scale * spot.tile))
-    drawn = surface.get_at((round(spot.x), round(spot.y)))
-    middle = sprite.get_at((sprite.get_width() // 2, sprite.get_height() // 2))
-    assert math.dist(drawn[:3], middle[:3]) < 40
-
-
-def test_players_walk_on_their_feet(play) -> None:
-    world = World("multi_agent/07")
-    first, second = play(world, f"move {free_station(world)}")
-    painter, pictures = Painter(), set()
-    for phase in (0.1, 0.3, 0.5):
-        surface = pygame.Surface((640, 400))
-        painter.paint(surface, View(world, second, first, 1, phase=phase))
-        pictures.add(pygame.image.tobytes(surface, "RGB"))
-    assert len(pictures) == 3
-
-
-def free_station(world: World) -> str:
-    moves = (a for a in world.initial.actions("robot1") if a.name == "move")
-    action = next(iter(moves))
-    return next(n for n in action.arguments if n not in ("robot1", at(world)))
-
-
-def at(world: World) -> str | None:
-    return Painter().stage(world.initial).placed["robot1"].at
-
-
-def test_a_card_says_who_is_waited_for_and_who_stands_in_the_way() -> None:
+def test_cards_name_waiting_and_blocking_players() -> None:
     world = World("multi_agent/01")
     ada, bot = SeatView("robot1", "ada"), SeatView("robot2", "otter", "bot")
     view = View(world, world.initial, seats=(ada, bot), me="robot1")
@@ -132,35 +89,17 @@ def test_a_card_says_who_is_waited_for_and_who_stands_in_the_way() -> None:
         return [status(seat, now)[0] for seat in now.seats]
 
     assert words() == ["robot1 · human", "robot2 · bot"]
-    assert words(waits_for=("robot1", "robot2")) == ["your turn", "thinks"]
-    assert words(me=None, waits_for=("robot1",)) == ["is waited for", "robot2 · bot"]
+    assert words(waits_for=("robot1", "robot2")) == ["your turn", "thinking"]
+    assert words(me=None, waits_for=("robot1",)) == ["deciding", "robot2 · bot"]
     blocked = (("robot2", "stove1", "robot1"),)
-    assert words(blocked=blocked) == ["stands in otter's way", "waits for you"]
-    assert words(me=None, blocked=blocked)[1] == "waits for ada"
+    assert words(blocked=blocked) == ["in otter's way", "waiting for you"]
+    assert words(me=None, blocked=blocked)[1] == "waiting for ada"
     asked = (("robot2", "", "robot1"),)
-    assert words(blocked=asked) == ["is waited for", "waits for you"]
-
-
-def test_what_a_card_says_moves_nothing_below_it() -> None:
-    world = World("multi_agent/01")
-    seats = (SeatView("robot1", "ada"), SeatView("robot2", "otter", "bot"))
-    view = View(world, world.initial, seats=seats, me="robot1")
-    painter = Painter()
-    place = painter.layout((800, 500), world)
-    cards = SeatCards(
-        AppearanceResolver(world.task.domain, rendering_of(world.task)),
-        Sprites((), Typesetter()),
-        Typesetter(),
-    )
-    ends = {
-        cards.draw(pygame.Surface((800, 500)), pygame.Rect(0, 0, 250, 400), place, shown)
-        for shown in (view, dataclasses.replace(view, waits_for=("robot2",)))
-    }
-    assert len(ends) == 1
+    assert words(blocked=asked) == ["keeps otter waiting", "waiting for you"]
 
 
 @pytest.mark.parametrize("size", [(320, 240), (480, 360), (1280, 720)])
-def test_a_card_says_how_far_away_somebody_is_who_is_slow(size: tuple[int, int]) -> None:
+def test_cards_show_a_high_latency(size: tuple[int, int]) -> None:
     world, painter = World("multi_agent/01"), Painter()
 
     def card(milliseconds: int) -> bytes:
@@ -174,7 +113,7 @@ def test_a_card_says_how_far_away_somebody_is_who_is_slow(size: tuple[int, int])
     assert len({near, slow, slower}) == 3
 
 
-def test_latency_is_told_in_few_letters() -> None:
+def test_latency_words_are_short() -> None:
     assert [latency_words(each) for each in (150, 950, 1000, 12_450)] == [
         "150 ms", "950 ms", "1.0 s", "12.4 s",
     ]  # fmt: skip
@@ -190,35 +129,12 @@ def test_latency_is_told_in_few_letters() -> None:
         (["Ada"], 2, "Ada and 1 more are watching"),
     ],
 )
-def test_who_watches_is_named(names: list[str], count: int, words: str) -> None:
+def test_spectators_in_words(names: list[str], count: int, words: str) -> None:
     assert watching_words(names, count) == words
 
 
-def test_the_panel_shows_who_watches() -> None:
-    world = World("multi_agent/01")
-    one, other = (
-        View(world, world.initial, watching=1, spectator_names=names) for names in (("Ada",), ())
-    )
-    pictures = []
-    for view in (one, other):
-        surface = pygame.Surface((640, 480))
-        Painter().paint(surface, view)
-        pictures.append(pygame.image.tobytes(surface, "RGB"))
-    assert pictures[0] != pictures[1]
-
-
-def test_no_more_names_are_read_than_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    world, asked = World("multi_agent/01"), list[str]()
-    reads = Typesetter.reads
-    monkeypatch.setattr(Typesetter, "reads", lambda *a: (asked.append(a[1]), reads(*a))[1])
-    names = ("\ue000", "Ada", "Ben", "Cleo", "Dan", "Eve", "Fay", "Gil")
-    view = View(world, world.initial, watching=8, spectator_names=names)
-    Painter().paint(pygame.Surface((640, 480)), view)
-    assert [name for name in asked if name in names] == list(names[:4])
-
-
 @pytest.mark.parametrize("size", [(640, 480), (1280, 720), (2560, 1440)])
-def test_an_order_of_two_dishes_leaves_room_for_all_seats(
+def test_a_ticket_of_two_dishes_leaves_room_for_all_seats(
     size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = World("multi_agent/10@4")
@@ -228,3 +144,91 @@ def test_an_order_of_two_dishes_leaves_room_for_all_seats(
     seats = tuple(SeatView(player, player.title()) for player in world.players)
     Painter().paint(pygame.Surface(size), View(world, world.initial, seats=seats, max_steps=90))
     assert drawn == list(world.players)
+
+
+SCALES = (1.0, 1.3, 1.5, 1.6)
+SIZES = [(1280, 720), (800, 600), (640, 360)]
+KEYS = (("Arrows", "walk"), ("Tab", "all actions"), ("Esc", "leave"), ("H", "help"))
+SENTENCE = "Some places are for work: carry something there, put it down, and press E."
+
+
+class RecordingPainter(Painter):
+    """Painter that records the words of its newest picture."""
+
+    def __init__(self, scale: float) -> None:
+        super().__init__(preferences=Preferences(text_scale=scale))
+        self.words: list[str] = []
+        line = self.text.line
+
+        def kept(text: str, *others: object) -> pygame.Surface:
+            self.words.append(text)
+            return line(text, *others)
+
+        self.text.line = kept
+
+    def tooltip(self, pointer: tuple[int, int] | None) -> tuple[str, ...]:
+        return ()
+
+
+def shown(view: View, overlay: UiOverlay, size: tuple[int, int], scale: float) -> str:
+    painter = RecordingPainter(scale)
+    painter.paint(pygame.Surface(size), view, overlay)
+    return " ".join(painter.words)
+
+
+@pytest.fixture(scope="module")
+def view() -> View:
+    return Script(World("training/01")).view()
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("prompt", ["", "Sound off", "There is no free station that way"])
+def test_the_main_key_is_always_shown(
+    view: View, size: tuple[int, int], scale: float, prompt: str
+) -> None:
+    hints = (("E", "Put down the bread"), ("Click", "Pick up the tomato"))
+    words = shown(view, UiOverlay(prompt=prompt, hints=hints, keys=KEYS), size, scale)
+    assert "Put down the bread" in words
+    assert prompt in words
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_the_last_permanent_keys_stay_longest(view: View, scale: float) -> None:
+    hints = (("E", "Stack the cooked patty onto the lower half of the bun"),)
+    words = shown(view, UiOverlay(hints=hints, keys=KEYS), (800, 600), scale).split()
+    there = [key in words for key, _ in KEYS]
+    assert there == sorted(there)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("lesson", ["Short.", SENTENCE, SENTENCE * 2])
+def test_a_lesson_covers_only_the_wall(
+    view: View, size: tuple[int, int], scale: float, lesson: str
+) -> None:
+    painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)
+    before = painter.layout(size, view.world)
+    told = replace(view, lesson=lesson)
+    painter.paint(surface, told)
+    place = painter.layout(size, view.world)
+    shown = painter._interruptions.draw(surface, place, told)
+    assert all(area.bottom <= place.top for area in shown)
+    assert place.corner((0, 0))[1] + place.tile <= place.strip.top
+    painter.paint(surface, view)
+    assert painter.layout(size, view.world) == before
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_notice_moves_nothing(view: View, size: tuple[int, int]) -> None:
+    painter, surface = Painter(), pygame.Surface(size)
+    before = painter.layout(size, view.world)
+    painter.paint(surface, replace(view, notice=SENTENCE))
+    assert painter.layout(size, view.world) == before
+
+
+def test_a_prompt_hides_the_equal_hint(view: View) -> None:
+    advice = "Fill the pot with water first"
+    for prompt in ("", advice):
+        overlay = UiOverlay(hints=(("", advice),), prompt=prompt)
+        assert shown(view, overlay, (800, 600), 1.0).split().count("Fill") == 1

@@ -1,19 +1,21 @@
-"""What is heard of a game, and that nothing depends on a sound card."""
+"""Sounds and videos of a game."""
 
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 
 import pygame
 import pytest
-from tests.support.window_play import SIZE, Script, Timer, press
+from tests.support.window_play import SIZE, Script, Timer, headless_window, press
 
 from robotouille import World
-from robotouille.resources import data_folder
-from robotouille_client.window.hands.sounds import Sounds, sounds_between
-from robotouille_client.window.view import Bubble
-from robotouille_client.window.window import Window
+from robotouille.errors import MissingExtraError
+from robotouille.installation import data_folder
+from robotouille_client.window.input.sounds import Sounds, sounds_between
+from robotouille_client.window.video import FilmOptions, frames_of, write_video
+from robotouille_client.window.view import Bubble, SeatView
 
 
 def heard(script: Script, line: str) -> tuple[str, ...]:
@@ -37,7 +39,7 @@ def test_each_kind_of_action_has_a_sound() -> None:
     assert [heard(script, line) for line, _ in lines] == [sounds for _, sounds in lines]
 
 
-def test_refusals_words_and_the_end() -> None:
+def test_sounds_of_rejections_chat_and_the_end() -> None:
     view = Script(World("training/01")).view()
     own, other = Bubble("robot1", "No."), Bubble("robot2", "No.")
     refused = dataclasses.replace(view, bubbles=(own,))
@@ -49,14 +51,14 @@ def test_refusals_words_and_the_end() -> None:
         assert sounds_between(view, dataclasses.replace(view, outcome="x", won=won)) == (sound,)
 
 
-def test_every_sound_is_there_and_they_are_small() -> None:
+def test_all_sounds_exist_and_are_small() -> None:
     files = list((data_folder("assets") / "sounds").glob("*.wav"))
     names = {"walk", "take", "put", "work", "ready", "refused", "said", "won", "lost"}
     assert {path.stem for path in files} == names
     assert sum(path.stat().st_size for path in files) < 100_000
 
 
-def test_without_a_sound_card_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_error_without_a_sound_card(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(**_: object) -> None:
         raise pygame.error("no such device")
 
@@ -70,11 +72,77 @@ def test_without_a_sound_card_nothing_happens(monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_key_turns_the_sound_off(tmp_path: Path) -> None:
     script, sounds = Script(World("training/01")), Sounds(on=False)
-    window = Window(SIZE, headless=True, clock=Timer(), sounds=sounds, screenshots=tmp_path)
+    window = headless_window(SIZE, clock=Timer(), sounds=sounds, screenshots=tmp_path)
     window.frame(script)
     press(window, script, pygame.K_m)
     assert sounds.on
     press(window, script, pygame.K_m)
     assert not sounds.on
-    assert window.overlay(script.view()).prompt == "Sound is off"
-    window.close()
+    assert window.overlay(script.view()).prompt == "Sound off"
+
+
+av = pytest.importorskip("av")
+
+
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_three_steps(tmp_path, play, ending: str) -> None:
+    course = play(World("asynchronous/09"), "move table11", "pick-up-item", "move stove1")
+    path = tmp_path / f"film.{ending}"
+    frames = frames_of(
+        enumerate(course),
+        FilmOptions(
+            size=(321, 241), frames_per_step=5, hold=2, outcome="Goal reached", max_steps=9,
+            seats=((SeatView("robot1", "Ada"),),), bubbles={1: (Bubble("robot1", "hi", "chat"),)},
+        ),
+    )  # fmt: skip
+    *_, count = write_video(path, frames, fps=10)
+    assert count == 4 * 5 + 2
+    with av.open(str(path)) as film:
+        stream = film.streams.video[0]
+        decoded = list(film.decode(stream))
+    assert len(decoded) == count
+    assert (decoded[0].width, decoded[0].height) == (320, 240)
+    assert float(decoded[-1].time) == pytest.approx((count - 1) / 10)
+
+
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_colours_survive(tmp_path, ending: str) -> None:
+    surface = pygame.Surface((64, 48))
+    surface.fill((200, 40, 40))
+    path = tmp_path / f"red.{ending}"
+    list(write_video(path, [surface] * 3, fps=10))
+    with av.open(str(path)) as film:
+        frame = next(film.decode(video=0)).reformat(format="rgba")
+    red, green, blue = bytes(frame.planes[0])[:3]
+    assert abs(red - 200) < 12
+    assert abs(green - 40) < 12
+    assert abs(blue - 40) < 12
+
+
+def test_unwritable_videos(tmp_path) -> None:
+    with pytest.raises(ValueError, match=r"\.mp4 or \.gif"):
+        list(write_video(tmp_path / "film.avi", []))
+    with pytest.raises(ValueError, match="at least one frame"):
+        list(write_video(tmp_path / "film.mp4", []))
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_pyav_the_extra_is_named(tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(MissingExtraError, match=r"robotouille\[video\]"):
+        list(write_video(tmp_path / "film.mp4", [pygame.Surface((8, 8))]))
+
+
+def test_without_states_there_are_no_frames() -> None:
+    assert list(frames_of([])) == []
+
+
+def test_films_use_the_chosen_rendering(play) -> None:
+    course = play(World("synchronous/01"))
+    pictures = {
+        pygame.image.tobytes(
+            next(iter(frames_of(enumerate(course), FilmOptions(rendering=name)))), "RGB"
+        )
+        for name in ("", "robotouille", "chalk")
+    }
+    assert len(pictures) == 2

@@ -1,48 +1,55 @@
-"""The list of tasks, and what is asked before a game here, by posted events."""
+"""Lists of tasks and recordings, and the menu for a local game."""
 
 from __future__ import annotations
 
+import os
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
 
 import pygame
 import pytest
 from tests.support.forms import drawn
+from tests.support.golden_screens import proven_game
 from tests.support.window_play import follow, post
 
-from robotouille import State, load_task
 from robotouille.domain.loading import task_names
-from robotouille.domain.rendering import Language
-from robotouille.planning.policies import RandomPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way
-from robotouille_client.bots.partners import PromptPartners
+from robotouille.replay.container import frame_ends, plain
+from robotouille_client.bots.partners import prompt_partners
+from robotouille_client.window.app import play_menu as task_picker
+from robotouille_client.window.app import thumbnails
+from robotouille_client.window.app.local_game import LocalGame
+from robotouille_client.window.app.play_menu import PlayMenu, TaskPicker
+from robotouille_client.window.app.replays_menu import (
+    ReplaysMenu,
+    recent_recordings,
+    summary_of,
+    when_words,
+)
+from robotouille_client.window.app.settings import Settings
+from robotouille_client.window.app.thumbnails import Thumbnails
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.picker import PickerEntry, Told
-from robotouille_client.window.forms.widgets import Choice, Words
-from robotouille_client.window.hands.commands import Command
-from robotouille_client.window.shell.games.local_game import LocalGame
-from robotouille_client.window.shell.screens import task_picker, thumbnails
-from robotouille_client.window.shell.screens.play_menu import PlayMenu
-from robotouille_client.window.shell.screens.task_picker import TaskPicker
-from robotouille_client.window.shell.screens.thumbnails import Thumbnails
-from robotouille_client.window.shell.settings import Settings
-from robotouille_client.window.sources.task_titles import dish_title, task_title
+from robotouille_client.window.forms.picker import EntryText, PickerEntry
+from robotouille_client.window.forms.widgets import Words
+from robotouille_client.window.input.commands import Command
+from robotouille_client.window.sources.texts import dish_title, task_title
 
 BURGER = "multi_agent/01_lettuce_burger"
 
 
 @pytest.fixture(autouse=True)
-def no_kitchen_is_drawn_yet(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of kitchens are kept as long as a process lasts, for other tests, too."""
+def empty_picture_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clear the cache of pictures, which lasts as long as the process."""
     monkeypatch.setattr(thumbnails, "_kitchens", OrderedDict())
 
 
-def test_a_task_is_found_by_typing_and_taken_by_enter(display: Display) -> None:
+def test_find_a_task_by_typing(display: Display) -> None:
     form = TaskPicker(Settings(), "synchronous/01_cheese_sandwich").form
     assert len(form.entries) == len(task_names())
-    assert form.focused is not None
     assert form.focused.answer == "synchronous/01_cheese_sandwich"
     post("Lettuce bur")
     follow(form)
@@ -57,27 +64,22 @@ def test_a_task_is_found_by_typing_and_taken_by_enter(display: Display) -> None:
     assert form.result == BURGER
 
 
-def test_titles_that_are_what_was_typed_come_first(display: Display) -> None:
+def test_exact_titles_come_first_and_each_family_has_one_heading(display: Display) -> None:
     form = TaskPicker(Settings(), "asynchronous/01_chicken_burger").form
     post("LETTUCE  burger")
     follow(form)
-    titles = [row.told().title for row in form.rows if isinstance(row, PickerEntry)]
+    entries = [row for row in form.rows if isinstance(row, PickerEntry)]
+    titles = [row.text().title for row in entries]
     exact = [title for title in titles if title.partition(" ")[2] == "Lettuce burger"]
     assert exact == titles[:1]
     assert len(titles) > 3
-    assert form.focused is next(row for row in form.rows if isinstance(row, PickerEntry))
-
-
-def test_each_family_has_one_heading_whatever_is_typed(display: Display) -> None:
-    form = TaskPicker(Settings(), BURGER).form
-    post("lettuce burger")
-    follow(form)
+    assert form.focused is entries[0]
     headings = [row.label for row in form.rows if isinstance(row, Words)]
     assert "Multi agent" in headings
     assert len(set(headings)) == len(headings)
 
 
-def test_what_is_typed_is_erased_and_escape_forgets_it_first(display: Display) -> None:
+def test_escape_clears_the_search_first(display: Display) -> None:
     form = TaskPicker(Settings(), BURGER).form
     post("soup zz")
     follow(form)
@@ -94,22 +96,11 @@ def test_what_is_typed_is_erased_and_escape_forgets_it_first(display: Display) -
     assert form.result == "back"
 
 
-def test_letters_that_mean_something_else_are_typed(display: Display) -> None:
-    form = TaskPicker(Settings(), BURGER).form
-    for letter in "we":
-        key = pygame.key.key_code(letter)
-        pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=letter))
-        pygame.event.post(pygame.Event(pygame.TEXTINPUT, text=letter))
-    follow(form)
-    assert (form.typed, form.result) == ("we", None)
-
-
-def test_families_by_the_sides_pages_ends_and_the_wheel(display: Display) -> None:
+def test_scroll_by_family_page_end_and_wheel(display: Display) -> None:
     form = TaskPicker(Settings(), "training/01_synchronous").form
     drawn(form, (800, 600))
 
     def at() -> object:
-        assert form.focused is not None
         return form.focused.answer
 
     seen = []
@@ -138,19 +129,7 @@ def test_families_by_the_sides_pages_ends_and_the_wheel(display: Display) -> Non
     assert at() == "back", "the wheel does not go round"
 
 
-def test_a_task_by_mouse(display: Display) -> None:
-    form = TaskPicker(Settings(), "training/01_synchronous").form
-    drawn(form, (800, 600))
-    row = form.rows[2]
-    place = form.place_of(row)
-    assert place is not None
-    pos = place.center
-    pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=1))
-    follow(form)
-    assert form.result == row.answer
-
-
-def test_pictures_and_lengths_come_when_nobody_types(
+def test_pictures_and_lengths_load_while_idle(
     display: Display, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     some = tuple(name for name in task_names() if name.startswith(("training/", BURGER)))
@@ -160,59 +139,29 @@ def test_pictures_and_lengths_come_when_nobody_types(
     drawn(form, (800, 600))
     row = form.focused
     assert isinstance(row, PickerEntry)
-    assert row.picture is not None
     assert row.picture((200, 200)) is None, "no key has to wait for it"
-    assert row.told() == Told("01 Lettuce burger", "for 2 to 4 · done in 40")
+    assert row.text() == EntryText("01 Lettuce burger", "2 to 4 players · your best 40")
     for _ in range(2 * len(some)):
         if row.picture((200, 200)) is not None:
             break
         form.idle()
     while form.idle():
         pass
-    assert "steps · done in 40" in row.told().detail
-    assert "Your best game took 40 steps." in row.about()
+    assert "steps · your best 40" in row.text().detail
+    assert "Your best: 40 steps." in row.about()
 
 
-def test_the_task_that_is_looked_at_has_its_length_first(display: Display) -> None:
+def test_the_focused_task_loads_first(display: Display) -> None:
     form = TaskPicker(Settings(), "asynchronous/07_onion_soup").form
     row = form.focused
     assert isinstance(row, PickerEntry)
     drawn(form, (1280, 720))
     assert form.idle()
-    assert "89 steps" in row.told().detail
-    assert "A very good game takes 89 steps." in row.about()
+    assert "89 steps" in row.text().detail
+    assert "A great game takes 89 steps." in row.about()
 
 
-def test_every_certified_task_comes_to_its_length(display: Display) -> None:
-    form = TaskPicker(Settings(), "asynchronous/07_onion_soup").form
-    certified = [
-        name for name in task_names() if any(load_task(name).folder.glob("*.certificate.json"))
-    ]
-    while form.idle():
-        pass
-    told = {row.answer: row.told().detail for row in form.entries}
-    assert [name for name in certified if "steps" not in told[name]] == []
-
-
-def test_forty_quick_presses_are_forty_and_wait_for_no_picture(
-    display: Display, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def draw(*_: object) -> None:
-        raise AssertionError("a picture of a task is drawn in between")
-
-    monkeypatch.setattr(thumbnails, "_drawn", draw)
-    form = PlayMenu(Settings(task="training/01")).form
-    task = form.rows[1]
-    assert isinstance(task, Choice)
-    form.focus(task)
-    for _ in range(len(task.options) + 3):
-        post(pygame.K_RIGHT)
-        follow(form)
-        drawn(form, (640, 480))
-    assert task.index == 3
-
-
-async def test_who_plays_alone_is_not_asked_about_partners() -> None:
+async def test_one_player_has_no_choice_of_bots() -> None:
     settings = Settings(task="synchronous/01")
     asking = PlayMenu(settings)
     answers: list[Callable[[Form], object]] = []
@@ -224,25 +173,15 @@ async def test_who_plays_alone_is_not_asked_about_partners() -> None:
 
     answers += [lambda form: "task", lambda form: BURGER, lambda form: "start"]
     setup = await asking.ask(ask)
-    assert setup is not None
     assert (setup.task, setup.seats) == (BURGER, 2)
     assert settings.task == BURGER
-    assert "Partners" not in seen[0]
+    assert "Bots" not in seen[0]
     assert "Players" not in seen[0]
-    assert {"Partners", "Players"} <= set(seen[2])
+    assert {"Bots", "Players"} <= set(seen[2])
 
 
-def random_partners(
-    start: State, kind: str, seed: int, players: Sequence[str], words: Language
-) -> PromptPartners:
-    """Bots that need not search for a plan first."""
-    return PromptPartners({player: RandomPolicy(player, seed) for player in players})
-
-
-def test_the_picture_marks_which_player_is_you(display: Display) -> None:
-    """It is the one that is played, each time."""
+def test_the_picture_marks_the_own_player(display: Display) -> None:
     menu = PlayMenu(Settings(task=BURGER, seats=2))
-    assert menu.form.picture is not None
     assert menu.form.picture((300, 200)) is None
     assert menu.form.idle()
     picture = menu.form.picture((300, 200))
@@ -250,19 +189,115 @@ def test_the_picture_marks_which_player_is_you(display: Display) -> None:
     unmarked.at(BURGER, (300, 200))
     unmarked.load()
     other = unmarked.at(BURGER, (300, 200))
-    assert picture is not None
-    assert other is not None
     assert picture.get_size() == other.get_size()
     assert pygame.image.tobytes(picture, "RGB") != pygame.image.tobytes(other, "RGB")
-    games = [LocalGame(menu.setup, "ada", time.monotonic, None, random_partners) for _ in "12"]
-    seat = seat_out_of_the_way(games[0].world.initial)
-    assert [game.source.view().me for game in games] == [seat, seat]
+    game = LocalGame(menu.setup, "ada", time.monotonic, None, prompt_partners)
+    assert game.source.view().me == seat_out_of_the_way(game.world.initial)
 
 
-def test_titles_say_what_a_task_is() -> None:
+def test_task_titles() -> None:
     assert task_title(BURGER) == "Multi agent 01: lettuce burger"
     assert task_title(f"{BURGER}/free-42") == "Multi agent 01: lettuce burger, free-42"
     assert task_title("kitchen") == "Kitchen"
     assert "sandwich" in task_title("training/01_synchronous")
     assert dish_title("training/01_synchronous", "Make it.") == "Make it"
     assert dish_title(BURGER, "Make it.") == "Lettuce burger"
+
+
+NOW = datetime(2026, 11, 22, 14, 5, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("ago", "words"),
+    [
+        (timedelta(0), "today 14:05"),
+        (timedelta(hours=14), "today 0:05"),
+        (timedelta(hours=15), "yesterday 23:05"),
+        (timedelta(days=3), "19 Nov 14:05"),
+        (timedelta(days=400), "18 Oct 2025"),
+    ],
+)
+def test_when_words(ago: timedelta, words: str) -> None:
+    assert when_words(NOW - ago, NOW) == words
+
+
+def test_recordings_show_task_and_result(
+    display: Display, tmp_path: Path, recording: bytes
+) -> None:
+    whole = tmp_path / "20261122T120000Z_a.rbt"
+    whole.write_bytes(recording)
+    damaged = {
+        "cut.rbt": recording[: len(recording) // 2], "none.rbt": b"", "text.rbt": b"Hello",
+        "version.rbt": b"RBTL\x63" + bytes(40), "noise.rbt": recording[:60] + os.urandom(300),
+    }  # fmt: skip
+    for name, content in damaged.items():
+        (tmp_path / name).write_bytes(content)
+    paths = [whole, *(tmp_path / name for name in damaged), tmp_path / "gone.rbt"]
+    menu = ReplaysMenu(paths)
+    while menu.form.idle():
+        drawn(menu.form, (800, 600))
+    told = {entry.answer: entry.text() for entry in menu.form.entries}
+    title, detail = told[whole]
+    assert title == "Synchronous 01: cheese sandwich"
+    assert "won in 8 steps" in detail
+    assert (
+        "Played by robot1-bot." in next(e for e in menu.form.entries if e.answer == whole).about()
+    )
+    assert "damaged" in told[tmp_path / "cut.rbt"].detail
+    assert "not a recording" in told[tmp_path / "text.rbt"].detail
+    assert "format version 99" in told[tmp_path / "version.rbt"].detail
+    for name in ("none.rbt", "noise.rbt"):
+        assert told[tmp_path / name].detail
+    assert "No such file" in told[tmp_path / "gone.rbt"].detail
+    post("cheese won")
+    follow(menu.form)
+    assert menu.form.focused.answer == whole
+
+
+def test_interrupted_games_are_listed_and_running_ones_not(
+    display: Display, tmp_path: Path, recording: bytes
+) -> None:
+    ages = {"whole.rbt": 5.0, "cut.rbt.part": 600.0, "now.rbt.part": 2.0, "both.rbt.part": 900.0,
+            "both.rbt": 700.0, "draft.rbt.tmp": 800.0}  # fmt: skip
+    for name, ago in ages.items():
+        (tmp_path / name).write_bytes(recording)
+        os.utime(tmp_path / name, (time.time() - ago,) * 2)
+    stream, _ = plain(recording, 1 << 20)
+    (tmp_path / "cut.rbt.part").write_bytes(stream[: [*frame_ends(stream)][-3]])
+    os.utime(tmp_path / "cut.rbt.part", (time.time() - 600.0,) * 2)
+    paths = recent_recordings([tmp_path, tmp_path / "none"])
+    assert [path.name for path in paths] == ["whole.rbt", "cut.rbt.part", "both.rbt"]
+    menu = ReplaysMenu(paths)
+    assert menu.form.entries[1].text().title == "cut"
+    while menu.form.idle():
+        drawn(menu.form, (800, 600))
+    assert "unfinished" in menu.form.entries[1].text().detail
+
+
+def test_only_files_are_listed(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.rbt")
+    (tmp_path / "folder.rbt").mkdir()
+    (tmp_path / "zero.rbt").symlink_to("/dev/zero")
+    (tmp_path / "circle.rbt").symlink_to(tmp_path / "circle.rbt")
+    (tmp_path / "gone.rbt").symlink_to(tmp_path / "nothing")
+    assert recent_recordings([tmp_path]) == []
+    for name in ("pipe", "zero"):
+        assert summary_of(tmp_path / f"{name}.rbt").fault == "not a file"
+
+
+def test_times_outside_the_calendar(
+    tmp_path: Path, recording: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.rbt"
+    path.write_bytes(recording)
+    told = path.stat()
+    monkeypatch.setattr(Path, "stat", lambda *_, **__: os.stat_result((*told[:8], 10**15, 10**15)))
+    assert summary_of(path).result
+    west, east = timezone(timedelta(hours=-12)), timezone(timedelta(hours=12))
+    assert when_words(datetime.min.replace(tzinfo=UTC), NOW.astimezone(west))
+    assert when_words(datetime.max.replace(tzinfo=UTC), NOW.astimezone(east))
+
+
+@pytest.fixture(scope="module")
+def recording() -> bytes:
+    return proven_game()

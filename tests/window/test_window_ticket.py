@@ -1,4 +1,4 @@
-"""The goal as pictures: from any domain's terms, ticked off as they come to hold."""
+"""The ticket: dishes from any domain's goal, ticked off as they are finished."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import replace
 
 import pygame
 import pytest
-from tests.support.samples import first_quickly
-from tests.support.scripted import after
+from tests.support.samples import quick_sample
+from tests.support.scripted import after, planned
 
-from robotouille import State, World, load_task, task_names
+from robotouille import State, World, task_names
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import NO_WORDS, Language, rendering_of
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.panel.dish_progress import (
+from robotouille_client.window.drawing.ticket import (
     LayerProgress,
     fit,
     kept_in_place,
@@ -24,7 +23,7 @@ from robotouille_client.window.drawing.panel.dish_progress import (
     shares,
     stack_levels,
 )
-from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.drawing.window_layout import UiOverlay
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.dishes import Dish, dishes
 from robotouille_client.window.view import View
@@ -68,80 +67,41 @@ def test_dishes_are_read_from_the_top_down(task: str, columns: list[list[str]]) 
     assert [pictures(dish) for dish in drawn(task)] == columns
 
 
-@pytest.mark.parametrize("name", first_quickly(task_names(), 10))
-def test_every_condition_is_on_the_ticket_once(name: str) -> None:
+@pytest.mark.parametrize("name", quick_sample(task_names(), 10))
+def test_every_term_is_on_the_ticket_once(name: str) -> None:
     numbers = [n for dish in drawn(name) for layer in dish.layers for n in layer.terms]
     assert sorted(numbers) == list(range(len(World(name).goal.terms)))
 
 
-def test_layers_are_ticked_off_until_the_goal_is_reached() -> None:
-    world = World(load_task("multi_agent/07", seats=4))
-    text = (load_task("multi_agent/07").folder / "07_onion_potato_tomato_soup@4.plan").read_text()
-    state, ticked = world.initial, []
-    (dish,) = drawn("multi_agent/07")
-    for joint in read_plan(text, world):
-        state = state.step(list(joint)).state
-        holding = world.goal.holding(state.facts)
-        ticked.append(sum(all(holding[n] for n in layer.terms) for layer in dish.layers))
-    assert state.goal_reached
-    assert ticked[-1] == len(dish.layers)
-    assert len(set(ticked)) >= 3
-
-
 def settled(name: str) -> Iterator[dict[str, bool]]:
-    """What is ticked before and after each step of a plan for two."""
-    task = load_task(name, seats=2)
-    world = World(task)
-    plan = next(task.folder.glob(f"{task.name.rpartition('/')[2]}@2.plan"))
-    state = world.initial
-    yield {words: row.settled for words, row in far(state).items()}
-    for joint in read_plan(plan.read_text(), world):
-        state = state.step(list(joint)).state
+    """Yield which layers are ticked before and after each step of a plan for two."""
+    for state in planned(name, 2):
         yield {words: row.settled for words, row in far(state).items()}
 
 
-def test_nothing_is_ticked_at_the_start_and_everything_at_the_end() -> None:
-    for name in ("multi_agent/01", "multi_agent/07", "multi_agent/06"):
-        first, *_, last = settled(name)
+def test_ticks_go_from_none_to_all() -> None:
+    for name in ("multi_agent/01", "multi_agent/07"):
+        first, *course = settled(name)
         assert not any(first.values())
-        assert all(last.values())
-
-
-def test_a_layer_is_ticked_for_good() -> None:
-    """No layer of a plan that is carried out loses its tick, whatever it lies on."""
-    for name in ("multi_agent/01", "multi_agent/04", "multi_agent/07"):
         before: dict[str, bool] = {}
-        for now in settled(name):
+        for now in course:
             assert all(now[words] for words, done in before.items() if done)
             before = now
+        assert all(before.values())
 
 
-def test_what_is_above_waits_for_what_is_below() -> None:
-    (dish,) = drawn("multi_agent/01")
-    top, lettuce, patty, bottom, table = dish.layers
-    held = [True] * len(World("multi_agent/01").goal.terms)
-    held[lettuce.terms[0]] = False
-    first = [n in bottom.terms for n in range(len(held))]
-    found = dict(zip(dish.layers, progress(dish, held, first), strict=True))
-    assert not found[top].settled and found[top].share == 1
-    assert found[patty].settled and found[bottom].settled
-    assert found[lettuce].share == 0.5
-    assert not found[table].settled
-    assert all(far.settled for far in progress(dish, [True] * len(held), first))
-
-
-def test_a_row_of_the_ticket_says_what_it_needs() -> None:
+def test_tooltips_explain_each_layer() -> None:
     world = World("multi_agent/01")
     painter, surface = Painter(), pygame.Surface(SIZE)
     painter.paint(surface, View(world, world.initial))
     x = painter.layout(SIZE, world).panel.left + 60
-    told = {line for y in range(60, 300) for line in painter.told((x, y))}
+    told = {line for y in range(60, 300) for line in painter.tooltip((x, y))}
     assert "Not yet: the lettuce has been cut." in told
     assert "Ready: the bottom bun lies directly on the table." in told
     assert world.task.goal_description in told
 
 
-def test_a_goal_that_cannot_be_drawn_is_told_in_words() -> None:
+def test_a_goal_that_cannot_be_drawn_is_in_words() -> None:
     world = World("synchronous/01")
     resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
     world.goal.terms = (GoalTerm(predicate="nothing", args=("robot",), ids=(1,)),)
@@ -156,7 +116,7 @@ def shown(view: View, pointer: tuple[int, int] | None = None) -> bytes:
     return pygame.image.tobytes(surface, "RGB")
 
 
-def test_the_goal_in_words_is_told_where_the_mouse_is_on_the_ticket() -> None:
+def test_the_tooltip_of_the_ticket_is_the_goal_in_words() -> None:
     world = World("multi_agent/07")
     view = View(world, world.initial)
     place = Painter().layout(SIZE, world)
@@ -164,7 +124,7 @@ def test_the_goal_in_words_is_told_where_the_mouse_is_on_the_ticket() -> None:
     assert shown(view, on_the_ticket) != shown(view) == shown(view, (5, 5))
 
 
-def test_seconds_are_left_where_a_clock_says_how_long_a_step_takes() -> None:
+def test_real_time_games_show_the_seconds_left() -> None:
     world = World("multi_agent/07")
     view = View(world, world.initial, step=20, max_steps=80)
     timed = replace(view, step_seconds=0.2)
@@ -172,27 +132,16 @@ def test_seconds_are_left_where_a_clock_says_how_long_a_step_takes() -> None:
     assert shown(timed) != shown(replace(timed, step_seconds=0.5))
 
 
-def test_hovering_lists_what_is_in_a_pot_or_stack() -> None:
-    world = World(load_task("multi_agent/07", seats=4))
-    text = (load_task("multi_agent/07").folder / "07_onion_potato_tomato_soup@4.plan").read_text()
-    state = world.initial
-    for joint in list(read_plan(text, world))[:15]:
-        state = state.step(list(joint)).state
-    painter = Painter()
-    stage = painter.stage(state)
+def test_hovering_lists_the_contents_of_a_pot() -> None:
+    state = planned("multi_agent/07", 4, 15)[-1]
+    world, stage = state.world, Painter().stage(state)
     resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
     words = [words for _, words in resolver.listing(stage, "stove1")]
     assert words[0] == "pot"
     assert {"cut onion", "potato"} < set(words)
 
 
-def test_the_ticket_calls_things_what_people_call_them() -> None:
-    words = [layer.words for dish in drawn("multi_agent/01") for layer in dish.layers]
-    assert "bottom bun" in words
-    assert "bottombun" not in words
-
-
-def test_the_ticket_is_in_the_words_of_the_windows_owner() -> None:
+def test_the_ticket_uses_the_players_own_words() -> None:
     world = World("multi_agent/01")
     words = Language.model_validate({"kinds": {"lettuce": "Salat"}})
 
@@ -206,7 +155,6 @@ def test_the_ticket_is_in_the_words_of_the_windows_owner() -> None:
 
 
 def test_the_circle_fills_with_each_cut() -> None:
-    """Work that has to be done several times is seen on the order before it is done."""
     world = World("training/01")
     state, seen = world.initial, []
     for line in load_certificate("training/01").plan or ():
@@ -216,11 +164,11 @@ def test_the_circle_fills_with_each_cut() -> None:
             seen.append(max(shares(state, world.goal.holding(state.facts))))
     assert seen[0] > 0.3
     assert seen[1] > 0.6
-    assert seen[2] == 0.0, "it is done"
+    assert seen[2] == 0.0, "a finished term has no share"
 
 
 def far(state: State) -> dict[str, LayerProgress]:
-    """How far each layer of a one-dish goal is, from the top down as the ticket draws it."""
+    """Return the progress of each layer of a one-dish goal, from the top down."""
     world = state.world
     resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
     plain = dishes(world, resolver) or ()
@@ -233,8 +181,8 @@ def far(state: State) -> dict[str, LayerProgress]:
 HOLDING_THE_BASE = ["pick-up-item bottombun1"]
 
 
-def test_no_circle_fills_because_what_carries_all_is_in_hand() -> None:
-    """Any table would do then: that on which the top bun happens to lie is no progress."""
+def test_an_arbitrary_table_is_no_progress() -> None:
+    """Any table will do, so that the one under the top bun does not count as progress."""
     before = far(World("multi_agent/01").initial)
     held = far(after("multi_agent/01", *HOLDING_THE_BASE))
     assert all(row.share == 0 for row in before.values())
@@ -248,7 +196,7 @@ CUT = [
 ]  # fmt: skip
 
 
-def test_what_may_lie_in_any_order_is_drawn_as_it_lies() -> None:
+def test_layers_of_free_order_are_drawn_as_they_lie() -> None:
     started = far(World("multi_agent/01").initial)
     assert list(started) == ["top bun", "cut lettuce", "cooked patty", "bottom bun", "table"]
     built = far(after("multi_agent/01", *CUT))
@@ -257,8 +205,8 @@ def test_what_may_lie_in_any_order_is_drawn_as_it_lies() -> None:
     assert not built["cooked patty"].settled
 
 
-def test_what_lies_on_something_unfinished_waits_for_it() -> None:
-    """The lettuce that is not cut yet has to come out again, and so has all that lies on it."""
+def test_layers_on_unfinished_ones_wait() -> None:
+    """The uncut lettuce must come out again, and everything on top of it as well."""
     whole = [line for line in CUT if line != "cut"]
     patty = [
         "move table4", "pick-up-item patty1", "move stove1", "place-item", "cook",
@@ -270,19 +218,15 @@ def test_what_lies_on_something_unfinished_waits_for_it() -> None:
     assert not found["cut lettuce"].settled
 
 
-def test_no_tick_is_lost_where_two_dishes_are_alike() -> None:
-    """Each dish stays where it is, whichever of them has become the better one, and what lies on
-    one is no progress of the other."""
-    task = load_task("synchronous/09")
-    world = World(task)
-    state = world.initial
-    resolver = AppearanceResolver(task.domain, rendering_of(task))
+def test_equal_dishes_keep_their_ticks() -> None:
+    """Each dish keeps its place, even if the other one gets ahead."""
+    state, *course = planned("synchronous/09", 1)
+    world = state.world
+    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
     plain = dishes(world, resolver) or ()
     first, roots = fit(plain, state).holding, {}
     ticked: set[tuple[int, str]] = set()
-    plan = next(task.folder.glob("09_*.plan")).read_text()
-    for joint in read_plan(plan, world):
-        state = state.step(list(joint)).state
+    for state in course:
         now = fit(plain, state)
         drawn = dishes(world, resolver, stack_levels(state, now)) or ()
         drawn, roots = kept_in_place(drawn, now.chosen, roots)
@@ -297,7 +241,7 @@ def test_no_tick_is_lost_where_two_dishes_are_alike() -> None:
     assert len(ticked) == 12
 
 
-def test_work_on_one_thing_fills_one_circle() -> None:
+def test_work_on_one_object_counts_once() -> None:
     pot = World("asynchronous/07")  # Three onions.
     state = pot.initial
     (dish,) = dishes(pot, AppearanceResolver(pot.task.domain, rendering_of(pot.task))) or ()

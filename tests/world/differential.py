@@ -1,4 +1,4 @@
-"""Walk the fast world and the reference side by side, and compare everything on the way."""
+"""Comparison of the fast world and the reference over random walks."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ WALKS = [
     ("workshop/02", "benchmark", 120),
     ("workshop/02", "people", 80),
 ]
-"""Shipped tasks: name, timing, and how many steps are walked."""
+"""Shipped tasks: name, timing and number of steps."""
 
 
 def walk_both(task: Task, steps: int, seed: int) -> int:
-    """A random walk in both worlds; the number of actions that applied."""
+    """Walk randomly in both worlds and return the number of applied actions."""
     choose = random.Random(seed)
     world, reference = World(task), Reference(task)
     state, expected = world.initial, reference.initial
@@ -54,7 +54,7 @@ def walk_both(task: Task, steps: int, seed: int) -> int:
 
 
 def choose_call(world: World, state: State, player: str, choose: random.Random) -> Call:
-    """Mostly a valid action of the player's; now and then just any action."""
+    """Choose mostly a valid action of the player, sometimes any action."""
     valid = state.actions(player)
     if valid and choose.random() < 0.8:
         # Rarer actions as often as the many ways to walk somewhere.
@@ -71,7 +71,7 @@ def choose_call(world: World, state: State, player: str, choose: random.Random) 
 
 
 def compare(world: World, state: State, reference: Reference, expected: ReferenceState) -> None:
-    """Everything that can be seen of a state."""
+    """Compare all observable parts of a state."""
     assert set(state.atoms()) == expected.facts
     assert list(state.timer_rows()) == expected.timer_rows()
     assert {p: state.busy_steps(p) for p in world.players if state.busy_steps(p)} == expected.busy
@@ -90,7 +90,7 @@ def compare_changes(
     expected_before: ReferenceState,
     expected_after: ReferenceState,
 ) -> None:
-    """The difference between two states; facts that never change leave with their object."""
+    """Compare the difference between two states; static facts end with their object."""
     added, removed = world.changes(before, after)
     assert set(added) == expected_after.facts - expected_before.facts
     gone = expected_before.facts - expected_after.facts
@@ -98,7 +98,7 @@ def compare_changes(
 
 
 def all_actions(world: World) -> list[GroundAction]:
-    """Every action with every choice of the objects there is room for."""
+    """Return every action with all possible arguments."""
     found = []
     for schema in world.schemas:
         pools = [[o.name for o in world.all_objects() if o.type == k] for _, k in schema.parameters]

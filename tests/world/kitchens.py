@@ -1,11 +1,11 @@
-"""Small kitchens for one test each, and ways to play in them."""
+"""Small kitchens for single tests, and helpers that play in them."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from robotouille import State, World, load_task
-from robotouille.domain.schema import ProblemFile
+from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import Timing, build_task, read_domain
 
 __all__ = [
@@ -22,7 +22,7 @@ __all__ = [
 
 
 def problem(**fields: Any) -> dict[str, Any]:
-    """A problem file: two tables, a board, two stoves, a sink, and a cook in front of table1."""
+    """Return a problem: two tables, a board, two stoves, a sink, and a cook in front of table1."""
     return {
         "version": "2.0",
         "width": 6,
@@ -53,7 +53,7 @@ def kitchen(
     domain: str = "robotouille",
     **fields: Any,
 ) -> World:
-    """The world of `problem(**fields)`."""
+    """Return the world of `problem(**fields)`."""
     task = build_task(
         "test",
         read_domain(domain),
@@ -65,14 +65,14 @@ def kitchen(
 
 
 def act(state: State, action: str, *arguments: str) -> State:
-    """The state after one action, which must apply."""
+    """Return the state after one action, which must be valid."""
     result = state.step(state.world.action(action, *arguments))
     assert all(attempt.applied for attempt in result.attempts), result.attempts
     return result.state
 
 
 def play(state: State, *sentences: str, player: str = "") -> State:
-    """The state after several actions, as their sentences say them."""
+    """Return the state after several actions, given as sentences."""
     for sentence in sentences:
         actor = player or state.world.players[0]
         result = state.step(state.world.parse(state, actor, sentence))
@@ -82,7 +82,7 @@ def play(state: State, *sentences: str, player: str = "") -> State:
 
 
 def waiting(state: State, steps: int) -> State:
-    """The state after some steps in which nobody acts."""
+    """Return the state after some steps without actions."""
     for _ in range(steps):
         state = state.step([]).state
     return state
@@ -98,7 +98,7 @@ FILL = (
 
 
 def full_pot() -> State:
-    """A pot of water at the sink: `water1` has been created."""
+    """Return a state with a pot of water at the sink: `water1` has been created."""
     state = waiting(play(World(load_task("asynchronous/06")).initial, *FILL), 3)
     assert [o.name for o in state.objects if o.type == "meal"] == ["water1"]
     return state
@@ -124,10 +124,7 @@ STATES = {
 
 
 def bolt_recycler() -> World:
-    """A workshop whose dispenser is its recycling bin, and recycles anything."""
-    from robotouille.domain.schema import DomainFile, ProblemFile
-    from robotouille.domain.task import build_task, read_domain
-
+    """Return a workshop whose dispenser is also its recycling bin and recycles anything."""
     raw = read_domain("workshop").model_dump(mode="json", by_alias=True, exclude_unset=True)
     for action in raw["action_defs"]:
         if action["name"] == "recycle":

@@ -1,4 +1,4 @@
-"""Small domains and problems made at random, with all kinds of effects in one another.
+"""Random small domains and problems, with all kinds of effects nested in each other.
 
 Actions speak of an agent `a`, a spot `s`, and things `t` and `u`; created things are `n0`, `n1`, …
 """
@@ -36,7 +36,7 @@ PREDICATES = {
 
 @st.composite
 def conditions(draw: st.DrawFn, scope: dict[str, str], most: int = 3, least: int = 0) -> list[Json]:
-    """Some predicates over the parameters in scope, each true or false."""
+    """Draw predicates over the parameters in scope, each true or false."""
     usable = {
         name: types
         for name, types in PREDICATES.items()
@@ -58,7 +58,7 @@ def conditions(draw: st.DrawFn, scope: dict[str, str], most: int = 3, least: int
 
 @st.composite
 def effects(draw: st.DrawFn, scope: dict[str, str], depth: int, names: list[str]) -> list[Json]:
-    """Up to two effects, nested in one another up to a depth."""
+    """Draw up to two effects, nested up to a depth."""
     if not depth or not scope:
         return []
     found = []
@@ -119,7 +119,7 @@ def goals(draw: st.DrawFn) -> list[Json]:
 
 @st.composite
 def tasks(draw: st.DrawFn) -> Task:
-    """A task of two agents, three spots and two things."""
+    """Draw a task with two agents, three spots and two things."""
     domain = {
         "name": "random",
         "version": "2.0",

@@ -1,4 +1,4 @@
-"""The world as world.md tells it, as plainly as can be: the yardstick of the fast one.
+"""Slow, obvious implementation of docs/episodes.md; the reference for the fast one.
 
 Facts are tuples of strings in a set, timers are nested objects, grounding tries every choice of
 objects and the goal every assignment. Nothing here comes from `robotouille.world` but the names
@@ -15,7 +15,7 @@ from string import Formatter
 from typing import Any
 
 from robotouille import Task
-from robotouille.domain.checks.derived import parameter_types
+from robotouille.domain.derived import parameter_types
 from robotouille.domain.schema import ActionDef, Condition, EffectDef
 from robotouille.world.grounding.objects import initial_facts, place_objects
 from tests.world.reference_floor import distance
@@ -29,7 +29,7 @@ Call = tuple[str, tuple[str, ...]]
 
 @dataclass
 class Progress:
-    """How far one node of an effect has come; -1 when it has completed."""
+    """Progress of one node of an effect; -1 when it has completed."""
 
     definition: EffectDef
     count: int = 0
@@ -109,15 +109,13 @@ class Reference:
         names = [name for name, _ in self.parameters(self.actions[call[0]])]
         return dict(zip(names, call[1], strict=True))
 
-    def unmet(self, state: ReferenceState, call: Call, player: str | None = None) -> list[str]:
-        """Why an action does not apply: one entry for each reason."""
-        actor = self.actor(call) or player
-        reasons = [f"{actor} is busy"] if actor in state.busy else []
-        reasons += [f"{n} does not exist" for n in call[1] if n not in state.objects]
-        for fact, is_true in self.preconditions(call):
-            if (fact in state.facts) != is_true:
-                reasons.append(f"{fact} is not {is_true}")
-        return reasons
+    def applies(self, state: ReferenceState, call: Call, player: str) -> bool:
+        """Return whether the player may take the action now."""
+        return (
+            (self.actor(call) or player) not in state.busy
+            and all(name in state.objects for name in call[1])
+            and all((fact in state.facts) == true for fact, true in self.preconditions(call))
+        )
 
     def ground(self, state: ReferenceState) -> list[tuple[Call, str | None, list[Literal]]]:
         """Every action with every choice of objects that exist: its actor and preconditions."""
@@ -157,13 +155,13 @@ class Reference:
     def step(
         self, state: ReferenceState, joint: Sequence[tuple[str, Call]]
     ) -> tuple[ReferenceState, list[bool]]:
-        """The state after a joint action, and which of its actions applied."""
+        """Return the state after a joint action, and whether each action was applied."""
         state = state.copy()
         acted: set[str] = set()
         applied = []
         for player, call in joint:
             actor = self.actor(call) or player
-            applied.append(actor not in acted and not self.unmet(state, call, player))
+            applied.append(actor not in acted and self.applies(state, call, player))
             if applied[-1]:
                 acted.add(actor)
                 self.apply(state, call)
@@ -201,7 +199,7 @@ class Reference:
     def start(
         self, state: ReferenceState, name: str, index: int, effect: EffectDef, binding: Binding
     ) -> Timer:
-        """The timer of an effect: the active one with the same arguments, or a new one."""
+        """Return the active timer of an effect with these arguments, or a new one."""
         arguments = tuple(binding[n] for n in dict.fromkeys(variables(effect)) if n in binding)
         for timer in state.timers:
             if (timer.action, timer.index, timer.arguments) == (name, index, arguments):
@@ -272,7 +270,7 @@ class Reference:
         return self.update_nested(state, node, binding, active)
 
     def configured(self, state: ReferenceState, effect: Any, binding: Binding) -> int:
-        """The number a problem gives for an object, or for its kind, or by default."""
+        """Return a problem's number for an object, for its kind, or by default."""
         subject = binding[effect.param]
         table = self.task.problem.config.get(effect.config, {})
         for key in (subject, self.kinds[subject], "default"):
@@ -308,7 +306,7 @@ class Reference:
         return True
 
     def start_nested(self, state: ReferenceState, effect: EffectDef, binding: Binding) -> None:
-        """A creation and a deletion complete at once: what is nested in them goes on alone."""
+        """Complete a creation or deletion at once; effects nested in it continue alone."""
         for nested in effect.sfx:
             action, index = self.origin(nested)
             if all(binding[n] in state.objects for n in variables(nested) if n in binding):
@@ -343,7 +341,7 @@ class Reference:
     # Goal
 
     def goal_reached(self, state: ReferenceState) -> bool:
-        """Whether some assignment of objects makes every predicate of the goal true."""
+        """Return whether some assignment of objects makes every predicate of the goal true."""
         goal = self.task.problem.goal
         kinds: dict[int | str, str] = {}
         for term in goal:
@@ -360,7 +358,7 @@ class Reference:
         }
 
         def met(chosen: dict[int | str, str]) -> bool:
-            """Whether the goal can be met with these objects, and some for the other ids."""
+            """Return whether these objects, with some for the other ids, satisfy the goal."""
             for term in goal:
                 decided = all(i in chosen for i in term.ids)
                 if decided and (term.predicate, *(chosen[i] for i in term.ids)) not in state.facts:

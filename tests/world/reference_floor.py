@@ -1,4 +1,4 @@
-"""How far it is from station to station, by flooding the floor.
+"""Distances between stations, by flooding the floor.
 
 One stands south of a station if one can, else north, west or east of it.
 """
@@ -18,7 +18,7 @@ __all__ = ["distance"]
 def distance(
     task: Task, players: list[str], placed: Sequence[Object], here: str, there: str
 ) -> int:
-    """Steps over free tiles between the places in front of two stations."""
+    """Return the steps over free tiles between the tiles in front of two stations."""
     stations = {o.tile for o in placed if o.type in task.domain.station_types}
     where = {o.name: o.tile for o in placed}
     problem = task.problem

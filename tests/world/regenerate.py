@@ -1,4 +1,4 @@
-"""Write the golden files anew: `python -m tests.world.regenerate`, then read the difference.
+"""Rewrite the golden files: run `python -m tests.world.regenerate` and review the difference.
 
 A change of `*.txt` changes what agents read, one of `digests.json` breaks old recordings, and
 one of `perft.json` (how many states can be reached in exactly n steps) changes the world itself.
@@ -31,7 +31,7 @@ PERFT = {
 
 
 def golden_files() -> dict[str, Callable[[], str]]:
-    """What makes the content of every golden file, by its name."""
+    """Return a function for the content of each golden file."""
     return {
         "synchronous_01.txt": lambda: text("synchronous/01"),
         "asynchronous_06_full_pot.txt": lambda: full_pot().text() + "\n",
@@ -51,7 +51,7 @@ def pretty(value: object) -> str:
 
 
 def perft(name: str, depth: int) -> list[int]:
-    """How many states can be reached in exactly 0, 1, … steps in which every player acts."""
+    """Count the states reachable in exactly 0, 1, … steps in which every player acts."""
     states = {World(load_task(name)).initial}
     counts = [1]
     for _ in range(depth):

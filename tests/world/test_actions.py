@@ -1,29 +1,19 @@
-"""Ground actions are values: equal by name and arguments, copied, pickled, read from sentences."""
+"""Ground actions as values: equality, copies, pickles, sentences."""
 
 import copy
-import os
 import pickle
-import subprocess
-import sys
 
 import pytest
 
 from robotouille import GroundAction, World, load_task
-from tests.world.kitchens import bolt_recycler, full_pot, kitchen, play
-
-CHILD = """
-import pickle, sys
-state, actions = pickle.load(sys.stdin.buffer)
-after = state.step(actions[0])
-sys.stdout.buffer.write(pickle.dumps((after.state.digest, actions, after.attempts)))
-"""
+from tests.world.kitchens import bolt_recycler, full_pot, kitchen
 
 
 def move(world: World) -> GroundAction:
     return world.action("move", "robot1", "table3", "table1")
 
 
-def test_copies_are_the_same_action() -> None:
+def test_copies_are_the_same_object() -> None:
     action = move(World("synchronous/01"))
     for twin in (pickle.loads(pickle.dumps(action)), copy.copy(action), copy.deepcopy(action)):
         assert twin == action
@@ -43,7 +33,7 @@ def test_actions_of_two_worlds_are_equal() -> None:
 
 
 @pytest.mark.parametrize("name", ["synchronous/01", "asynchronous/06", "multi_agent/01@2"])
-def test_a_world_takes_the_actions_of_another_of_its_task(name: str) -> None:
+def test_actions_of_another_world_of_the_task_are_accepted(name: str) -> None:
     here, there = World(name), World(name)
     state = here.initial
     for number in range(40):
@@ -56,7 +46,7 @@ def test_a_world_takes_the_actions_of_another_of_its_task(name: str) -> None:
         state = step.state
 
 
-def test_a_world_takes_the_states_of_another_of_its_task() -> None:
+def test_states_of_another_world_of_the_task_are_accepted() -> None:
     there = World("asynchronous/06")
     state = full_pot()
     action = there.action("move", "robot1", "sink1", "table1")
@@ -64,7 +54,7 @@ def test_a_world_takes_the_states_of_another_of_its_task() -> None:
     assert there.step(state, action).state.world is there
 
 
-def test_an_action_about_a_created_object_travels_to_a_world_that_has_no_room_for_it() -> None:
+def test_action_about_a_created_object_can_be_sent_to_a_new_world() -> None:
     world = bolt_recycler()
     world.make_room({"bolt": 7})
     action = world.action("grab", "fitter1", "bolt7", "dispenser1")
@@ -75,32 +65,7 @@ def test_an_action_about_a_created_object_travels_to_a_world_that_has_no_room_fo
     assert "bolt7 does not exist" in attempt.reasons
 
 
-@pytest.mark.process
-@pytest.mark.parametrize("seed", ["1", "2"])
-def test_actions_travel_between_processes(seed: str) -> None:
-    state = full_pot()
-    actions = state.actions("robot1")
-    answer = subprocess.run(
-        [sys.executable, "-c", CHILD],
-        input=pickle.dumps((state, actions)),
-        stdout=subprocess.PIPE,
-        check=True,
-        env={**os.environ, "PYTHONHASHSEED": seed},
-    )
-    digest, there, attempts = pickle.loads(answer.stdout)
-    step = state.step(actions[0])
-    assert (digest, there, attempts) == (step.state.digest, actions, step.attempts)
-    assert [hash(action) for action in there] == [hash(action) for action in actions]
-
-
-def test_states_and_actions_of_shipped_tasks_are_small() -> None:
-    """They say which task is theirs, and do not carry it along."""
-    state = full_pot()
-    assert len(pickle.dumps(state)) < 300
-    assert len(pickle.dumps(state.actions("robot1")[0])) < 300
-
-
-def test_states_of_other_tasks_carry_theirs() -> None:
+def test_pickles_of_other_tasks_contain_the_task() -> None:
     world = kitchen()
     twin = pickle.loads(pickle.dumps(world.initial))
     assert twin == world.initial
@@ -109,7 +74,7 @@ def test_states_of_other_tasks_carry_theirs() -> None:
     assert pickle.loads(pickle.dumps(action)) == action
 
 
-def test_seats_and_timing_travel_too() -> None:
+def test_pickles_keep_seats_and_timing() -> None:
     task = load_task("multi_agent/01@3", timing="people")
     world = World(task)
     assert pickle.loads(pickle.dumps(world)).task == task
@@ -118,7 +83,7 @@ def test_seats_and_timing_travel_too() -> None:
 # Sentences
 
 
-def test_a_step_takes_a_sentence() -> None:
+def test_step_accepts_a_sentence() -> None:
     world = World("synchronous/01")
     state, said = world.initial, "move ROBOT1  from table3 to table1"
     step = state.step(said)
@@ -126,7 +91,7 @@ def test_a_step_takes_a_sentence() -> None:
     assert state.step([said]) == state.step([None, said]) == state.step({"robot1": said}) == step
 
 
-def test_a_team_takes_sentences() -> None:
+def test_step_accepts_sentences_of_a_team() -> None:
     world = World("multi_agent/01@2")
     joint = [world.initial.actions(player)[0] for player in world.players]
     expected = world.initial.step(joint)
@@ -136,14 +101,8 @@ def test_a_team_takes_sentences() -> None:
     assert world.initial.step(said) == expected
 
 
-def test_nothing_is_a_step_too() -> None:
+def test_step_without_actions() -> None:
     state = full_pot()
     nothing = state.step([])
     assert state.step(None) == state.step([None]) == state.step({"robot1": None}) == nothing
     assert nothing.attempts == ()
-
-
-def test_a_plan_of_sentences_is_played() -> None:
-    state = World("asynchronous/06").initial
-    said = ("Move robot1 from table3 to table2", "Pick up pot1 at table2 with robot1")
-    assert state.step(said[0]).state.step(said[1]).state == play(state, *said)

@@ -1,4 +1,4 @@
-"""What must not change unnoticed: observations, digests and the shape of the state space."""
+"""Golden files of observations, digests and state counts."""
 
 import json
 
@@ -13,16 +13,16 @@ FILES = sorted(path.name for path in GOLDEN.iterdir())
     "file",
     [pytest.param(file, marks=[pytest.mark.slow] * (file == PERFT_FILE)) for file in FILES],
 )
-def test_golden_file(file: str) -> None:
-    """If the change is meant: python -m tests.world.regenerate"""
+def test_golden_file_is_unchanged(file: str) -> None:
+    """After an intended change, run `python -m tests.world.regenerate`."""
     assert (GOLDEN / file).read_bytes() == golden_files()[file]().encode()
 
 
-def test_the_first_steps_of_the_state_space() -> None:
+def test_state_counts_are_unchanged() -> None:
     for name, counts in json.loads((GOLDEN / PERFT_FILE).read_text()).items():
         depth = len(counts) - 2
         assert perft(name, depth) == counts[: depth + 1]
 
 
-def test_every_golden_file_is_there() -> None:
+def test_every_golden_file_exists() -> None:
     assert sorted(golden_files()) == FILES

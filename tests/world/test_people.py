@@ -14,7 +14,7 @@ def at(x: int) -> list[dict[str, object]]:
 
 
 def busy_steps(state: State) -> list[int]:
-    """How long robot1 stays busy, seen step by step."""
+    """Return the number of steps for which robot1 stays busy."""
     found = [state.busy_steps("robot1")]
     while found[-1]:
         state = waiting(state, 1)
@@ -26,13 +26,13 @@ def busy_steps(state: State) -> list[int]:
     ("there", "busy"),
     [("table2", [0]), ("board1", [1, 0]), ("stove1", [2, 1, 0]), ("sink1", [4, 3, 2, 1, 0])],
 )
-def test_a_walk_takes_a_step_for_each_tile(there: str, busy: list[int]) -> None:
+def test_walk_takes_one_step_for_each_tile(there: str, busy: list[int]) -> None:
     world = kitchen(timing="people", players=at(0))
     state = act(world.initial, "move", "robot1", "table1", there)
     assert busy_steps(state) == busy
 
 
-def test_a_walk_goes_round_what_stands_in_the_way() -> None:
+def test_walk_goes_around_stations() -> None:
     wall = [{"name": "table", "x": 2, "y": y} for y in range(4)]
     ends = [{"name": "stove", "x": 1, "y": 0}, {"name": "sink", "x": 3, "y": 0}]
     world = kitchen(timing="people", players=at(1), stations=[*wall, *ends])
@@ -40,12 +40,7 @@ def test_a_walk_goes_round_what_stands_in_the_way() -> None:
     assert busy_steps(state)[0] == 8 - 1
 
 
-def test_a_walk_in_the_benchmark_takes_one_step() -> None:
-    world = kitchen(players=at(0))
-    assert act(world.initial, "move", "robot1", "table1", "sink1").busy_steps("robot1") == 0
-
-
-def test_a_busy_player_has_no_actions_and_is_told_why() -> None:
+def test_busy_player_has_no_actions_and_gets_the_reason() -> None:
     world = kitchen(timing="people", players=at(0))
     state = act(world.initial, "move", "robot1", "table1", "sink1")
     assert state.actions("robot1") == ()
@@ -59,25 +54,16 @@ def test_a_busy_player_has_no_actions_and_is_told_why() -> None:
     assert waiting(state, 4).step(back).attempts[0].applied
 
 
-def test_a_busy_player_cannot_even_wait() -> None:
-    """`wait` names no player: who asks for it counts."""
+def test_busy_player_cannot_wait() -> None:
+    """`wait` has no player argument, so the acting player counts."""
     world = kitchen(timing="people", players=at(0))
     state = act(world.initial, "move", "robot1", "table1", "sink1")
     result = state.step({"robot1": world.action("wait")})
     assert result.attempts[0].reasons == ("robot1 is busy for 4 more steps",)
 
 
-def test_the_place_one_walks_to_is_taken_and_the_one_left_is_free() -> None:
-    two = [*at(0), {"name": "robot", "x": 4, "y": 1, "direction": [0, -1]}]
-    world = kitchen(timing="people", players=two)
-    state = act(world.initial, "move", "robot1", "table1", "sink1")
-    sentences = [action.sentence for action in state.actions("robot2")]
-    assert "Move robot2 from stove2 to sink1" not in sentences
-    assert "Move robot2 from stove2 to table1" in sentences
-
-
 @pytest.mark.parametrize(("config", "steps"), [({}, 15), ({"default": 1}, 5), ({"default": 0}, 0)])
-def test_delays_take_five_times_as_long(config: dict[str, int], steps: int) -> None:
+def test_delays_are_five_times_longer(config: dict[str, int], steps: int) -> None:
     world = kitchen(timing="people", items=[PATTY], players=at(3), config={"cook_time": config})
     state = act(world.initial, "cook", "robot1", "patty1", "stove1")
     assert state.busy_steps("robot1") == 0
@@ -86,7 +72,7 @@ def test_delays_take_five_times_as_long(config: dict[str, int], steps: int) -> N
     ]
 
 
-def test_a_cut_takes_two_steps() -> None:
+def test_cut_takes_two_steps() -> None:
     state = kitchen(timing="people", items=[LETTUCE], players=at(2)).initial
     for number in range(3):
         assert not state.holds("iscut", "lettuce1"), number
@@ -97,7 +83,7 @@ def test_a_cut_takes_two_steps() -> None:
     assert state.holds("iscut", "lettuce1")
 
 
-def test_profiles_make_different_tasks_of_the_same_kitchen() -> None:
+def test_timing_profiles_give_different_digests() -> None:
     one, other = (load_task("multi_agent/01", timing=t) for t in ("benchmark", "people"))
     assert one.problem == other.problem
     assert one.digest != other.digest

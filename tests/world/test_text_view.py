@@ -1,4 +1,4 @@
-"""What an agent that reads is sent: who it is, the observation, every condition of the goal."""
+"""Messages to agents that read: player, observation, conditions of the goal."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from functools import cache
 import pytest
 
 from robotouille import State, UnknownNameError, World, load_task, task_names
-from robotouille.world.text import _letters
-from tests.support.samples import first_of_each_folder_quickly, first_quickly
+from tests.support.samples import quick_sample, quick_sample_per_folder
 
 
 def walk(world: World, seed: int, length: int = 40) -> list[State]:
-    """Some states of a random course of play."""
+    """Return some states of a random episode."""
     rng, states = random.Random(seed), [world.initial]
     for _ in range(length):
         joint = [rng.choice(options) for p in world.players if (options := states[-1].actions(p))]
@@ -22,7 +21,7 @@ def walk(world: World, seed: int, length: int = 40) -> list[State]:
     return states
 
 
-def test_it_says_who_one_is_and_holds_the_observation_unchanged() -> None:
+def test_text_names_the_player_and_contains_the_observation() -> None:
     state = World("multi_agent/01@2").initial
     for player in ("robot1", "robot2"):
         view = state.text_view(player)
@@ -36,7 +35,7 @@ def test_it_says_who_one_is_and_holds_the_observation_unchanged() -> None:
         state.text_view("robot3")
 
 
-def test_every_condition_is_said_in_words_in_the_order_of_the_problem() -> None:
+def test_conditions_are_sentences_in_the_problems_order() -> None:
     world = World("synchronous/02")
     assert [sentence for sentence, _ in world.goal_terms(world.initial)] == [
         "bread A lies directly on some table",
@@ -47,8 +46,8 @@ def test_every_condition_is_said_in_words_in_the_order_of_the_problem() -> None:
     ]
 
 
-@pytest.mark.parametrize("name", first_of_each_folder_quickly(task_names()))
-def test_all_hold_exactly_where_the_goal_is_reached(name: str) -> None:
+@pytest.mark.parametrize("name", quick_sample_per_folder(task_names()))
+def test_all_conditions_hold_exactly_if_the_goal_does(name: str) -> None:
     world = World(load_task(name))
     for state in walk(world, seed=3):
         terms = world.goal_terms(state)
@@ -59,10 +58,10 @@ def test_all_hold_exactly_where_the_goal_is_reached(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", first_quickly(["multi_agent/09@2", "synchronous/09", "asynchronous/10"])
+    "name", quick_sample(["multi_agent/09@2", "synchronous/09", "asynchronous/10"])
 )
-def test_one_holds_if_it_can_together_with_those_before_it(name: str) -> None:
-    """Against the goals that consist of these conditions alone."""
+def test_condition_holds_if_compatible_with_earlier_ones(name: str) -> None:
+    """Compare with goals that have only these conditions."""
     world = World(load_task(name))
 
     @cache
@@ -76,9 +75,3 @@ def test_one_holds_if_it_can_together_with_those_before_it(name: str) -> None:
         for number, (_, holds) in enumerate(world.goal_terms(state)):
             assert part(*held, number).goal.reached(state.facts) == holds
             held += [number] if holds else []
-
-
-def test_letters_go_on_behind_z() -> None:
-    assert [_letters(number) for number in (0, 25, 26, 51, 52, 701, 702)] == [
-        "A", "Z", "AA", "AZ", "BA", "ZZ", "AAA",
-    ]  # fmt: skip

@@ -7,10 +7,8 @@ from tests.world.kitchens import act, kitchen, play, waiting
 
 PATTY = {"name": "patty", "x": 3, "y": 0, "predicates": ["iscookable"]}
 LETTUCE = {"name": "lettuce", "x": 2, "y": 0, "predicates": ["iscuttable"]}
-ONION = {"name": "onion", "x": 2, "y": 0, "predicates": ["iscuttable", "isfryableifcut"]}
 COOK = [{"name": "robot", "x": 3, "y": 1, "direction": [0, -1]}]
 CHEF = [{"name": "robot", "x": 2, "y": 1, "direction": [0, -1]}]
-TWO_CHEFS = [*CHEF, {"name": "robot", "x": 4, "y": 1, "direction": [0, -1]}]
 
 
 def cooking(world: World) -> State:
@@ -18,7 +16,7 @@ def cooking(world: World) -> State:
 
 
 def steps_until(state: State, predicate: str, *arguments: str) -> int:
-    """After how many more steps in which nobody acts a fact holds."""
+    """Return the number of steps without actions after which a fact holds."""
     for step in range(50):
         if state.holds(predicate, *arguments):
             return step
@@ -38,9 +36,7 @@ def steps_until(state: State, predicate: str, *arguments: str) -> int:
         ({"lettuce": 9}, 3),
     ],
 )
-def test_a_delay_counts_the_steps_after_that_of_the_action(
-    config: dict[str, int], steps: int
-) -> None:
+def test_delay_counts_the_steps_after_its_action(config: dict[str, int], steps: int) -> None:
     world = kitchen(items=[PATTY], players=COOK, config={"cook_time": config})
     state = cooking(world)
     assert steps_until(state, "iscooked", "patty1") == steps
@@ -50,22 +46,7 @@ def test_a_delay_counts_the_steps_after_that_of_the_action(
     assert waiting(done, 5) == done
 
 
-def test_cooking_goes_on_while_the_cook_is_elsewhere() -> None:
-    world = kitchen(items=[PATTY], players=COOK)
-    state = cooking(world)
-    assert state.holds("iscooking", "patty1")
-    state = act(state, "move", "robot1", "stove1", "table1")
-    assert steps_until(state, "iscooked", "patty1") == 2
-
-
-def test_cooking_cannot_be_started_twice() -> None:
-    state = cooking(kitchen(items=[PATTY], players=COOK))
-    names = [action.name for action in state.actions("robot1")]
-    assert "cook" not in names
-    assert "pick-up-item" in names
-
-
-def test_a_paused_delay_keeps_its_count() -> None:
+def test_paused_delay_keeps_its_count() -> None:
     world = kitchen(items=[PATTY], players=COOK)
     state = waiting(cooking(world), 1)
     assert [(p.done, p.total, p.running) for p in state.progress()] == [(2, 4, True)]
@@ -80,21 +61,8 @@ def test_a_paused_delay_keeps_its_count() -> None:
     assert steps_until(state, "iscooked", "patty1") == 1
 
 
-def test_another_stove_starts_anew() -> None:
-    world = kitchen(items=[PATTY], players=COOK)
-    state = play(
-        waiting(cooking(world), 1),
-        "Pick up patty1 at stove1 with robot1",
-        "Move robot1 from stove1 to stove2",
-        "Put down patty1 at stove2 with robot1",
-    )
-    assert not waiting(state, 20).holds("iscooking", "patty1")
-    state = act(state, "cook", "robot1", "patty1", "stove2")
-    assert steps_until(state, "iscooked", "patty1") == 3
-
-
-def test_starting_again_on_the_same_stove_adds_nothing() -> None:
-    """The effect is active already; only time makes a delay pass."""
+def test_restarting_on_the_same_stove_changes_nothing() -> None:
+    """The effect is already active, and only time advances a delay."""
     fry = {**PATTY, "name": "potato", "predicates": ["isfryable"]}
     stations = [{"name": "fryer", "x": 3, "y": 0}, {"name": "table", "x": 0, "y": 0}]
     state = kitchen(items=[fry], players=COOK, stations=stations).initial
@@ -104,8 +72,8 @@ def test_starting_again_on_the_same_stove_adds_nothing() -> None:
     assert steps_until(state, "isfried", "potato1") == 1
 
 
-def test_the_negation_is_asserted_once() -> None:
-    """A forgotten effect must not switch off what another one has switched on."""
+def test_negation_is_asserted_once() -> None:
+    """An ended effect must not negate a result of another effect."""
     world = kitchen(items=[PATTY], players=COOK)
     state = play(
         cooking(world),
@@ -121,22 +89,11 @@ def test_the_negation_is_asserted_once() -> None:
     assert state.holds("iscooked", "patty1")
 
 
-def test_what_was_cut_stays_fryable() -> None:
-    world = kitchen(items=[ONION], players=CHEF)
-    state = world.initial
-    for _ in range(3):
-        state = act(state, "cut", "robot1", "onion1", "board1")
-    assert state.holds("iscut", "onion1")
-    assert state.holds("isfryable", "onion1")
-    assert waiting(state, 5).holds("isfryable", "onion1")
-    assert not waiting(state, 1).timers
-
-
 @pytest.mark.parametrize(
     ("config", "cuts"),
     [({}, 3), ({"default": 1}, 1), ({"default": 0}, 1), ({"default": 2, "lettuce": 5}, 5)],
 )
-def test_the_number_of_cuts(config: dict[str, int], cuts: int) -> None:
+def test_item_is_cut_after_the_configured_number_of_cuts(config: dict[str, int], cuts: int) -> None:
     state = kitchen(items=[LETTUCE], players=CHEF, config={"num_cuts": config}).initial
     for number in range(cuts):
         assert not state.holds("iscut", "lettuce1"), number
@@ -144,39 +101,7 @@ def test_the_number_of_cuts(config: dict[str, int], cuts: int) -> None:
     assert state.holds("iscut", "lettuce1")
 
 
-def test_time_does_not_cut() -> None:
-    state = act(
-        kitchen(items=[LETTUCE], players=CHEF).initial, "cut", "robot1", "lettuce1", "board1"
-    )
-    assert waiting(state, 20) == state
-
-
-def test_two_players_cut_one_thing_together() -> None:
-    state = kitchen(items=[LETTUCE], players=TWO_CHEFS).initial
-    state = act(state, "cut", "robot1", "lettuce1", "board1")
-    state = act(state, "cut", "robot1", "lettuce1", "board1")
-    assert [(p.done, p.total) for p in state.progress()] == [(2, 3)]
-    state = act(state, "move", "robot1", "board1", "table1")
-    state = act(state, "move", "robot2", "stove2", "board1")
-    state = act(state, "cut", "robot2", "lettuce1", "board1")
-    assert state.holds("iscut", "lettuce1")
-
-
-def test_two_delays_that_end_together_both_end() -> None:
-    """The published system skips the next effect's update when one completes."""
-    second = {**PATTY, "x": 4}
-    players = [*COOK, {"name": "robot", "x": 4, "y": 1, "direction": [0, -1]}]
-    world = kitchen(items=[PATTY, second], players=players)
-    both = [
-        world.action("cook", "robot1", "patty1", "stove1"),
-        world.action("cook", "robot2", "patty2", "stove2"),
-    ]
-    state = waiting(world.initial.step(both).state, 3)
-    assert state.holds("iscooked", "patty1")
-    assert state.holds("iscooked", "patty2")
-
-
-def test_progress_names_what_goes_on() -> None:
+def test_progress_names_active_effects() -> None:
     world = kitchen(items=[PATTY], players=COOK, config={"cook_time": {"patty": 5}})
     (progress,) = cooking(world).progress()
     assert progress.action == "cook"

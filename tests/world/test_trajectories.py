@@ -9,7 +9,7 @@ import pytest
 
 from robotouille import State, World
 from tests.programs.make_trajectories import FILE, TASKS, plan_of, summary, trajectories
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
 
 GOLDEN = json.loads(FILE.read_text())
 
@@ -21,7 +21,7 @@ def seen(state: State, applied: Sequence[bool]) -> str:
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_the_golden_walk(name: str) -> None:
+def test_golden_walk_is_unchanged(name: str) -> None:
     state = World(name).initial
     expected = GOLDEN[name]["walk"]
     assert seen(state, []) == expected[0]
@@ -33,8 +33,8 @@ def test_the_golden_walk(name: str) -> None:
     assert len(expected) == number + 1
 
 
-@pytest.mark.parametrize("name", first_quickly(TASKS, 10))
-def test_the_shipped_plan(name: str) -> None:
+@pytest.mark.parametrize("name", quick_sample(TASKS, 10))
+def test_shipped_plan_gives_the_golden_states(name: str) -> None:
     world = World(name)
     state = world.initial
     found = [seen(state, [])]
@@ -46,12 +46,12 @@ def test_the_shipped_plan(name: str) -> None:
     assert state.goal_reached
 
 
-def test_every_task_has_its_trajectories() -> None:
+def test_every_task_has_trajectories() -> None:
     assert sorted(GOLDEN) == sorted(TASKS)
     assert FILE.stat().st_size < 300_000
 
 
 @pytest.mark.parametrize("name", ["synchronous/01_cheese_sandwich"])
-def test_the_file_is_what_the_program_makes(name: str) -> None:
-    """If a change is meant: python -m tests.programs.make_trajectories"""
+def test_golden_file_is_up_to_date(name: str) -> None:
+    """After an intended change, run `python -m tests.programs.make_trajectories`."""
     assert GOLDEN[name] == trajectories(name)

@@ -1,11 +1,15 @@
-"""Work that still changes something, and work that does not."""
+"""Useful and useless actions and work."""
 
 from __future__ import annotations
 
 import pytest
 
 from robotouille import State, World
-from robotouille.world.people.usefulness import changes_something, useful_actions, work_in_progress
+from robotouille.world.presentation.usefulness import (
+    changes_something,
+    useful_actions,
+    work_in_progress,
+)
 from tests.support.scripted import BOILING, POT_AT_SINK, after
 
 CUTTING = ["move table9", "pick-up-item", "move board1", "place-item", "cut"]
@@ -30,7 +34,7 @@ def useless(state: State) -> list[str]:
         ([*BOILING, "-", "-", "-", "-"], ["boil-water"]),
     ],
 )
-def test_what_is_valid_and_changes_nothing(lines: list[str], expected: list[str]) -> None:
+def test_useless_actions(lines: list[str], expected: list[str]) -> None:
     assert useless(after("asynchronous/09", *lines)) == expected
 
 
@@ -40,12 +44,12 @@ def test_in_another_domain() -> None:
     assert useless(after("workshop/01", *lines, "hammer")) == ["hammer"]
 
 
-def test_to_wait_is_always_meant_to_change_nothing() -> None:
+def test_waiting_counts_as_useful() -> None:
     state = World("asynchronous/09").initial
     assert changes_something(state, state.world.action("wait"))
 
 
-def test_progress_that_leads_nowhere_is_not_shown() -> None:
+def test_useless_progress_is_hidden() -> None:
     cutting = after("asynchronous/09", *CUTTING)
     assert work_in_progress(cutting) == cutting.progress() != ()
     again = after("asynchronous/09", *CUTTING, "cut", "cut", "cut", "cut")

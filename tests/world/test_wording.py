@@ -1,4 +1,4 @@
-"""Things, actions and reasons in a person's words."""
+"""Objects, actions and reasons in plain words."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from robotouille import State, World, task_names
 from robotouille.domain.rendering import Language, language_of
-from robotouille.world.people.wording import Wording
+from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
 from tests.support.scripted import BOILING, after
 
@@ -21,7 +21,7 @@ def condition(predicate: str, *objects: str, expected: bool = True) -> Unmet:
     return Unmet(UnmetKind.CONDITION, "as the domain says it", predicate, objects, expected)
 
 
-def test_stations_are_called_by_what_lies_there_or_by_where_they_are() -> None:
+def test_stations_are_named_by_their_objects_or_places() -> None:
     assert WORDS.things(["table1", "pot1"], START) == {"table1": "the table", "pot1": "the pot"}
     both = WORDS.things(["table1", "table2"], START)
     assert both == {"table1": WORDS.place("table1", START), "table2": WORDS.place("table2", START)}
@@ -30,46 +30,30 @@ def test_stations_are_called_by_what_lies_there_or_by_where_they_are() -> None:
 
 
 @pytest.mark.parametrize(
-    ("task", "called"),
+    ("task", "place", "called"),
     [
-        (
-            "multi_agent/01",
-            {
-                "table1": "the table on the left",
-                "table2": "the table with the bottom bun",
-                "table5": "the right table at the bottom",
-                "board1": "the board",
-                "table6": "the table with the lettuce",
-            },
-        ),
-        (
-            "multi_agent/10@4",
-            {
-                "table3": "the top table on the left",
-                "stove1": "the left stove at the top",
-                "table8": "the right table in the middle",
-                "table12": "the table with the onion",
-            },
-        ),
-        (
-            "asynchronous/10",
-            {
-                "table12": "the sixth table at the bottom",
-                "table4": "the left table in the middle",
-            },
-        ),
-        ("workshop/02", {"trestle1": "the bottom trestle on the left", "anvil1": "the anvil"}),
+        ("multi_agent/01", "table1", "the table on the left"),
+        ("multi_agent/01", "table2", "the table with the bottom bun"),
+        ("multi_agent/01", "table5", "the right table at the bottom"),
+        ("multi_agent/01", "board1", "the board"),
+        ("multi_agent/01", "table6", "the table with the lettuce"),
+        ("multi_agent/10@4", "table3", "the top table on the left"),
+        ("multi_agent/10@4", "stove1", "the left stove at the top"),
+        ("multi_agent/10@4", "table8", "the right table in the middle"),
+        ("multi_agent/10@4", "table12", "the table with the onion"),
+        ("asynchronous/10", "table12", "the sixth table at the bottom"),
+        ("asynchronous/10", "table4", "the left table in the middle"),
+        ("workshop/02", "trestle1", "the bottom trestle on the left"),
+        ("workshop/02", "anvil1", "the anvil"),
     ],
 )
-def test_places(task: str, called: dict[str, str]) -> None:
+def test_places(task: str, place: str, called: str) -> None:
     world = World(task)
-    places = Wording(world, language_of(world.task)).places(world.initial)
-    assert {name: places[name] for name in called} == called
+    assert Wording(world, language_of(world.task)).place(place, world.initial) == called
 
 
 @pytest.mark.parametrize("task", task_names())
-def test_no_two_places_are_called_the_same(task: str) -> None:
-    """Nor do any two walks sound alike."""
+def test_place_names_and_walks_are_unique(task: str) -> None:
     world = World(task)
     for language in (language_of(world.task), Language()):
         wording = Wording(world, language)
@@ -90,8 +74,8 @@ def _later(world: World) -> list[State]:
     return states[::5]
 
 
-def test_places_by_the_words_of_a_language() -> None:
-    """In German, say; words that tell nothing apart are not taken."""
+def test_places_in_another_language() -> None:
+    """Words that would give two stations one name are not used."""
     places = {"with_things": "{noun} mit {things}", "one_of_few": "{noun} {side} {order}"}
     world = World("multi_agent/01")
     language = Language.model_validate({"places": {**places, "single": "{noun} {side}"}})
@@ -103,7 +87,7 @@ def test_places_by_the_words_of_a_language() -> None:
     assert wording.place("table5", world.initial) == "the right table at the bottom"
 
 
-def test_of_two_that_sound_alike_one_is_the_other() -> None:
+def test_the_second_of_two_equal_objects_is_the_other() -> None:
     called = WORDS.things(["onion1", "pot1"], START)
     assert called == {"onion1": "the onion", "pot1": "the pot"}
     world = World("synchronous/08")
@@ -114,7 +98,7 @@ def test_of_two_that_sound_alike_one_is_the_other() -> None:
     assert wording.action(stack, world.initial) == "put the bread on the other bread"
 
 
-def test_who_stands_where_one_wants_to_be() -> None:
+def test_reasons_name_the_blocking_player() -> None:
     world = World("multi_agent/01")
     language = language_of(world.task)
     unmet = condition("vacant", "table2")
@@ -124,7 +108,7 @@ def test_who_stands_where_one_wants_to_be() -> None:
     assert nobody.reason(unmet, world.initial).startswith("somebody stands at ")
 
 
-def test_water_with_something_in_it_has_another_name() -> None:
+def test_water_with_ingredients_is_soup() -> None:
     state = after("asynchronous/09", *BOILING)
     wording = Wording(state.world, language_of(state.world.task), "robot1")
     assert wording.thing("water1", state) == "the water"
@@ -134,7 +118,7 @@ def test_water_with_something_in_it_has_another_name() -> None:
     assert wording.thing("water1", state) == "the soup"
 
 
-def test_players_are_you_or_called_by_their_names() -> None:
+def test_players_are_you_or_have_names() -> None:
     world = World("multi_agent/01@3")
     wording = Wording(world, Language(), "robot1", {"robot2": "Ada"})
     called = wording.things(world.players, world.initial)
@@ -147,7 +131,7 @@ def test_players_are_you_or_called_by_their_names() -> None:
         (condition("nothing", "robot1"), "needs empty hands"),
         (condition("loc", "robot1", "sink1"), "go to the sink first"),
         (condition("isboard", "table2"), "needs a board, which the table is not"),
-        (condition("iscooking", "chicken1", expected=False), "the chicken is cooking already"),
+        (condition("iscooking", "chicken1", expected=False), "the chicken is already cooking"),
         (condition("clear", "bread1", expected=False), "not while the bread has nothing on top"),
         (condition("isboiling", "water1"), "boil the water first, at the stove"),
         (condition("loc", "robot1", "moon"), "go to moon first"),
@@ -160,7 +144,7 @@ def test_reasons(unmet: Unmet, words: str) -> None:
     assert WORDS.reason(unmet, START).startswith(words)
 
 
-def test_a_domain_without_words_is_readable() -> None:
+def test_a_domain_without_words() -> None:
     world = World("workshop/01")
     assert language_of(world.task) == Language()
     wording = Wording(world, language_of(world.task), "fitter1")
@@ -171,7 +155,7 @@ def test_a_domain_without_words_is_readable() -> None:
     assert told == "needs: the fitter works at the booth"
 
 
-def test_words_that_ask_for_what_is_not_there_are_left_out() -> None:
+def test_templates_with_unknown_fields_are_ignored() -> None:
     actions = {"cut": "cut {zucchini}", "cook": "cook {i1", "fry": {"do": "fry {0}"}}
     predicates = {"nothing": {"needed": "{3} needs empty hands"}}
     language = Language.model_validate({"actions": actions, "predicates": predicates})
@@ -184,7 +168,7 @@ def test_words_that_ask_for_what_is_not_there_are_left_out() -> None:
     assert told.startswith("needs: ")
 
 
-def test_words_for_places_are_laid_over_others_one_by_one() -> None:
+def test_place_words_are_replaced_one_by_one() -> None:
     own = Language.model_validate({"places": {"left": "by the door"}, "other": "another {noun}"})
     world = World("multi_agent/01")
     wording = Wording(world, language_of(world.task).with_words(own))

@@ -1,7 +1,8 @@
-"""The options of `robotouille-bot llm`: which model plays, how it is asked, and its seats."""
+"""Options of language models, for `robotouille-bot llm` and `robotouille benchmark run`."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,73 +10,93 @@ import typer
 
 from robotouille_client.console import finite
 
-__all__ = [
-    "Attempts",
-    "BaseUrl",
-    "Charge",
-    "Control",
-    "DigestTokens",
-    "Helper",
-    "Late",
-    "Model",
-    "Price",
-    "Seats",
-    "Strategy",
-    "Temperature",
-    "Timeout",
-    "Transcript",
+TimeoutOption = Annotated[
+    float | None,
+    typer.Option(
+        min=0.1, callback=finite, help="Seconds for one attempt at a model call. Default: 120."
+    ),
+]
+AttemptsOption = Annotated[
+    int | None, typer.Option(min=1, help="Maximum number of attempts at a model call. Default: 6.")
+]
+LateOption = Annotated[
+    Literal["apply", "revalidate", "drop"],
+    typer.Option(
+        help="Language models in real time: handling of late answers (docs/evaluate_models.md)."
+    ),
+]
+DigestTokensOption = Annotated[
+    int,
+    typer.Option(
+        min=0,
+        help="Language models in real time: maximum length of the digest of changes. 0: no digest.",
+    ),
 ]
 
-Seats = Annotated[
-    str | None,
-    typer.Option(help="llm: several seats for one model: all that are free, or robot1,robot2."),
-]
-Control = Annotated[
-    Literal["turns", "joint"] | None,
-    typer.Option(
-        help="llm with several seats: asked for one after the other (turns, if left out), or "
-        "for all at once."
-    ),
-]
-Model = Annotated[
-    str, typer.Option(help="llm: the model's name; `local` for a small one, `mock` for none.")
-]
-BaseUrl = Annotated[
-    str, typer.Option(help="llm: an OpenAI-compatible endpoint; OpenAI's if left out.")
-]
-Strategy = Annotated[str, typer.Option(help="llm: how it is asked (docs/benchmark.md).")]
-Temperature = Annotated[
-    float | None, typer.Option(min=0, callback=finite, help="llm: sent with each request.")
-]
-Price = Annotated[
-    str, typer.Option(help="llm: of a million tokens sent and received, e.g. 0.40/1.20.")
-]
-Timeout = Annotated[
-    float | None,
-    typer.Option(min=0.1, callback=finite, help="llm: seconds for an attempt; 120 if left out."),
-]
-Attempts = Annotated[
-    int | None, typer.Option(min=1, help="llm: how often it is asked at most; 6 if left out.")
-]
-Transcript = Annotated[
-    Path | None, typer.Option(help="llm: a file for what the model is sent and says.")
-]
-Late = Annotated[
-    Literal["apply", "revalidate", "drop"],
-    typer.Option(help="llm in real time: what becomes of late answers (docs/benchmark.md)."),
-]
-Helper = Annotated[
-    Literal["none", "planner"],
-    typer.Option(help="llm in real time: who acts while the model thinks."),
-]
-DigestTokens = Annotated[
-    int,
-    typer.Option(min=0, help="llm in real time: the longest digest of what has changed; 0: none."),
-]
-Charge = Annotated[
-    str,
-    typer.Option(
-        help="llm, where thinking is declared: what it costs. `wall`, `tokens:20` for 20 ms a "
-        "token, `declared:1500` for 1,500 ms a call."
-    ),
-]
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions:
+    """The choice of a language model and how it is called."""
+
+    model: Annotated[
+        str,
+        typer.Option(
+            help="Name of the language model. `local`: a small model in this process. `mock`: "
+            "seeded answers without a model. `inspect:PROVIDER/NAME`: a provider of Inspect."
+        ),
+    ] = "mock"
+    base_url: Annotated[
+        str,
+        typer.Option(help="OpenAI-compatible endpoint of the language model. Default: OpenAI's."),
+    ] = ""
+    temperature: Annotated[
+        float | None,
+        typer.Option(min=0, callback=finite, help="Temperature that each model call asks for."),
+    ] = None
+    price: Annotated[
+        str,
+        typer.Option(
+            help="Price of a million tokens sent to and received from the language model, "
+            "such as 0.40/1.20."
+        ),
+    ] = ""
+    timeout: TimeoutOption = None
+    attempts: AttemptsOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LlmBotOptions(ModelOptions):
+    """The options of a language model that plays on a server."""
+
+    strategy: Annotated[
+        str, typer.Option(help="Strategy of the language model (docs/evaluate_models.md).")
+    ] = "react-last-reasoning-action"
+    transcript: Annotated[
+        Path | None, typer.Option(help="File for the transcript of all model calls.")
+    ] = None
+    seats: Annotated[
+        str | None,
+        typer.Option(
+            help="Seats for one language model: `all` free ones, or names such as robot1,robot2."
+        ),
+    ] = None
+    control: Annotated[
+        Literal["turns", "joint"] | None,
+        typer.Option(
+            help="With --seats: one model call for each player (turns, the default), or one for "
+            "all players (joint)."
+        ),
+    ] = None
+    late: LateOption = "apply"
+    helper: Annotated[
+        Literal["none", "planner"],
+        typer.Option(help="Language models in real time: bot that acts while the model thinks."),
+    ] = "none"
+    digest_tokens: DigestTokensOption = 0
+    charge: Annotated[
+        str,
+        typer.Option(
+            help="Cost of a model call in episodes with declared thinking time. `wall`: its "
+            "duration. `tokens:20`: 20 ms for each generated token. `declared:1500`: 1,500 ms."
+        ),
+    ] = "wall"

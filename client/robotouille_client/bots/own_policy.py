@@ -1,7 +1,7 @@
-"""`robotouille-bot MODULE:NAME`: a policy of the user's own.
+"""Policies of the user's own: `robotouille-bot MODULE:NAME`.
 
-It is imported from the current folder, or from what is installed, which comes first. Whoever starts
-the program names it: nothing that comes from a server is ever imported.
+The module is imported from the installed packages or the current folder. Only the user who starts
+the program can name it; nothing that a server sends is ever imported.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.sentences import plain
+from robotouille.world.text import plain
 
 if TYPE_CHECKING:
     from robotouille.planning.policies.policy import Policy
@@ -26,20 +26,19 @@ if TYPE_CHECKING:
     from robotouille.world.world import State
     from robotouille_client.bots.seat_policy import MakePolicy
 
-__all__ = ["OwnPolicyError", "own_policy_maker"]
-
-WHAT_IT_IS = "a class or function that takes (state, player) and gives a policy"
+WHAT_IT_IS = "a class or function that takes (state, player) and returns a policy"
 MAX_FRAMES = 5
-"""Lines of the user's own file that are told of where it raises."""
+"""Maximum number of frames of the user's file that are shown for an exception."""
 MAX_QUOTED = 200
-"""Characters that are told of what `act` returned."""
+"""Maximum number of characters of an invalid action that are shown."""
 
 
 class OwnPolicyError(RobotouilleError):
-    """A policy of the user's own raised, or returned what is no valid action.
+    """A policy of the user's own raised, or returned an invalid action.
 
-    `frames` are the lines of its own file that led there, as Python prints them; empty where it
-    did not raise.
+    Attributes:
+        frames: The frames of the user's file, formatted like a traceback; empty if it did not
+            raise.
     """
 
     def __init__(self, message: str, frames: str = "") -> None:
@@ -48,7 +47,11 @@ class OwnPolicyError(RobotouilleError):
 
 
 def own_policy_maker(name: str) -> MakePolicy:
-    """How to make the policy `MODULE:NAME`; RobotouilleError says what is missing."""
+    """Return a function that makes the policy `MODULE:NAME`.
+
+    Raises:
+        RobotouilleError: The module or name is missing or is not a policy maker.
+    """
     module_name, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), attribute)):
         raise RobotouilleError(f"{name!r} is not MODULE:NAME, as in my_bot:MyPolicy")
@@ -61,23 +64,25 @@ def own_policy_maker(name: str) -> MakePolicy:
         )
     maker = getattr(module, attribute)
     if not _takes_two(maker):
-        raise RobotouilleError(f"{name} has to be {WHAT_IT_IS}")
+        raise RobotouilleError(f"{name} must be {WHAT_IT_IS}")
     if inspect.isclass(maker) and not callable(getattr(maker, "act", None)):
-        raise RobotouilleError(f"{name} has no method 'act': it takes a state and gives an action")
+        raise RobotouilleError(
+            f"{name} has no method 'act', which takes a state and returns an action"
+        )
     file = getattr(module, "__file__", None) or ""
 
     def make(state: State, player: str) -> Policy:
-        with _telling(name, file):
+        with _own_errors(name, file):
             policy = maker(state, player)
         if not callable(getattr(policy, "act", None)):
-            raise OwnPolicyError(f"what {name} gives has no method 'act'")
+            raise OwnPolicyError(f"the policy that {name} returns has no method 'act'")
         return _OwnPolicy(policy, player, name, file)
 
     return make
 
 
 class _OwnPolicy:
-    """A policy of the user's: `observe` may be left out, and `act` may give a sentence."""
+    """Adapter of a user's policy, which may lack `observe` and may return sentences."""
 
     def __init__(self, policy: Any, player: str, name: str, file: str) -> None:
         self._policy = policy
@@ -88,11 +93,11 @@ class _OwnPolicy:
     def observe(self, did: Did) -> None:
         observe = getattr(self._policy, "observe", None)
         if observe is not None:
-            with _telling(f"{self._name}.observe", self._file):
+            with _own_errors(f"{self._name}.observe", self._file):
                 observe(did)
 
     def act(self, state: State) -> GroundAction | None:
-        with _telling(f"{self._name}.act", self._file):
+        with _own_errors(f"{self._name}.act", self._file):
             found = self._policy.act(state)
         if found is None or isinstance(found, GroundAction):
             return found
@@ -110,38 +115,41 @@ class _OwnPolicy:
                 why = "; ".join(unmet) or f"it moves {action.player}"
         quoted = repr(found)
         cut = quoted if len(quoted) <= MAX_QUOTED else f"{quoted[:MAX_QUOTED]}…"
-        raise OwnPolicyError(f"{self._name}.act returned {cut}, which is no valid action ({why})")
+        raise OwnPolicyError(
+            f"{self._name}.act returned {cut}, which is not a valid action ({why})"
+        )
 
 
-def _nearest(said: str, actions: tuple[GroundAction, ...]) -> str:
+def _nearest(text: str, actions: tuple[GroundAction, ...]) -> str:
     sentences = {plain(action.sentence): action.sentence for action in actions}
-    near = difflib.get_close_matches(plain(said[:MAX_QUOTED]), sentences, n=2, cutoff=0)
-    return " or ".join(repr(sentences[each]) for each in near) or "there is none now"
+    near = difflib.get_close_matches(plain(text[:MAX_QUOTED]), sentences, n=2, cutoff=0)
+    return " or ".join(repr(sentences[each]) for each in near) or "no action is valid now"
 
 
 @contextmanager
-def _telling(what: str, file: str) -> Iterator[None]:
-    """Whatever the user's own code raises is told with the lines of its file alone."""
+def _own_errors(what: str, file: str) -> Iterator[None]:
+    """Turn an exception of the user's code into an `OwnPolicyError` with frames of its file."""
     try:
         yield
     except Exception as error:
         own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
         frames = "".join(traceback.format_list(own[-MAX_FRAMES:])).rstrip()
-        said = f"{type(error).__name__}: {error}".rstrip(": ")
-        raise OwnPolicyError(f"{what} raised {said}", frames) from error
+        words = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise OwnPolicyError(f"{what} raised {words}", frames) from error
 
 
 def _import(name: str) -> Any:
     folder = str(Path.cwd())
     if folder not in sys.path:
-        sys.path.append(folder)  # Last: no file of the folder takes the place of a library.
+        # Last, so that no file of the folder replaces a library.
+        sys.path.append(folder)
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name and (name == error.name or name.startswith(f"{error.name}.")):
             file = f"{name.replace('.', '/')}.py"
             raise RobotouilleError(
-                f"there is no {file} in {folder}, nor a package {name}"
+                f"no {file} in {folder}, and no installed package {name}"
             ) from None
         raise RobotouilleError(f"{name} needs {error.name!r}, which is not installed") from error
     except Exception as error:

@@ -1,5 +1,7 @@
-"""Bots that think in a process of their own (`partner_worker`), so that no frame waits for them: a
-search in a thread would hold the interpreter's lock."""
+"""Bot partners that plan in a separate process (`partner_worker`).
+
+A search in a thread would hold the interpreter's lock and delay frames.
+"""
 
 from __future__ import annotations
 
@@ -13,34 +15,30 @@ from collections.abc import Mapping, Sequence
 from threading import Thread
 from typing import Any
 
-import msgpack
-
 from robotouille.domain.rendering import NO_WORDS, Language
+from robotouille.planning.bot_process import CHUNK, packed, state_row, unpacker
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.partners import Decision
 
-__all__ = ["PartnerProcess"]
-
 COMMAND = (sys.executable, "-P", "-m", "robotouille_client.bots.partner_worker")
 PLAIN = {"ROBOTOUILLE_COMPILE": "0"}
-"""They plan in plain Python, unless the environment says otherwise: compiling takes half a minute,
-and begins in the middle of a game, with the first plan in which the person has a part."""
-CHUNK = 65536
+"""Default environment: plan without compiled code. Compiling takes half a minute and would start
+in the middle of a game, with the first plan that involves the person."""
 LIVES = 2
-"""Processes that are started for a game, one after the other."""
+"""Maximum number of processes per game, one after the other."""
 
-RESTARTED = "The bots' process ended: they think anew in another one"
-GONE = "The bots' process ended again: they stand still, and the game goes on"
+RESTARTED = "The bots' process ended. The bots plan again in a new process."
+GONE = "The bots' process ended again. The game continues without the bots."
 
 
 class PartnerProcess:
-    """The bots of some players; their process lasts until `close`.
+    """Bots of some players in a process that runs until `close`.
 
-    Where it ends before, another one takes its place, once. Where that ends as well, the bots do
-    nothing any more, and the game goes on without them.
+    If the process dies, it is replaced once. If the replacement dies, too, the bots do nothing and
+    the game continues without them.
     """
 
     def __init__(
@@ -53,8 +51,8 @@ class PartnerProcess:
     ) -> None:
         self._world: World = start.world
         self._task = json.dumps(start.world.task.to_json())
-        said_in = words.model_dump_json(exclude_unset=True)
-        self._begin = kind.value, seed, list(players), said_in
+        words_json = words.model_dump_json(exclude_unset=True)
+        self._begin = kind.value, seed, list(players), words_json
         self._met: tuple[dict[str, str], str] | None = None
         self._asked: dict[str, tuple[Any, ...]] = {}
         self._replies: deque[Any] = deque()
@@ -80,8 +78,8 @@ class PartnerProcess:
         for question in self._asked.values():
             self._send(*question)
 
-    def _start_anew(self) -> None:
-        """The process has ended: another one begins with what is known and asked now."""
+    def _restart(self) -> None:
+        """Replace a dead process. The new one gets all open questions."""
         self._end()
         self._lives -= 1
         if self._lives:
@@ -92,7 +90,7 @@ class PartnerProcess:
 
     @property
     def pid(self) -> int:
-        """That of the process in which they think."""
+        """Process id."""
         return self._process.pid
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
@@ -107,8 +105,8 @@ class PartnerProcess:
         self._send("hear", player, text)
 
     def ask(self, player: str, state: State) -> None:
-        facts = state.facts.to_bytes((state.facts.bit_length() + 7) // 8, "big")
-        self._asked[player] = "ask", player, facts, state.timer_rows(), state.timers.busy
+        row = state_row(state.facts, state.timer_rows(), state.timers.busy)
+        self._asked[player] = "ask", player, row
         self._send(*self._asked[player])
 
     def answers(self) -> list[Decision]:
@@ -122,7 +120,7 @@ class PartnerProcess:
                 action = None if told is None else self._action(*told)
                 found.append(Decision(player, action, *more))
         if ended:
-            self._start_anew()
+            self._restart()
         if not self._lives:
             found += [Decision(player, None) for player in self._asked]
             self._asked.clear()
@@ -137,7 +135,7 @@ class PartnerProcess:
         return said
 
     def close(self) -> None:
-        """End the process, whatever it thinks about."""
+        """End the process at once, even during a search."""
         if self._closed:
             return
         self._closed = True
@@ -159,15 +157,15 @@ class PartnerProcess:
         return self._process.stdin
 
     def _send(self, *request: Any) -> None:
-        """Write a request; `answers` tells of a process that has ended."""
+        # A process that has died is noticed by `answers`.
         if self._lives and not self._closed:
             with contextlib.suppress(BrokenPipeError):
-                self._input.write(msgpack.packb(request))
+                self._input.write(packed(*request))
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None  # noqa: S101
-        unpacker = msgpack.Unpacker(use_list=False, max_buffer_size=0)
+        stream = unpacker()
         with process.stdout as output:
             while data := os.read(output.fileno(), CHUNK):
-                unpacker.feed(data)
-                self._replies.extend(unpacker)
+                stream.feed(data)
+                self._replies.extend(stream)

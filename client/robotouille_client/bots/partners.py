@@ -1,5 +1,4 @@
-"""The bots of a game in this process: they are told what happens, and decide when they have
-thought."""
+"""Bots that play in a game of this process, next to a person."""
 
 from __future__ import annotations
 
@@ -13,12 +12,12 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, policy_maker
 
-__all__ = ["Decision", "MakePartners", "Partners", "PromptPartners", "prompt_partners"]
-
 
 class Decision(NamedTuple):
-    """What a player's bot does in the state that it was asked about: an action, or nothing. Who
-    does nothing may be one who `waits` for a place or for somebody."""
+    """A bot's decision: an action, or None to do nothing.
+
+    `waits` declares that doing nothing means waiting for a place or a teammate.
+    """
 
     player: str
     action: GroundAction | None
@@ -26,40 +25,43 @@ class Decision(NamedTuple):
 
 
 class Partners(Protocol):
-    """What decides for all seats that are not a person's."""
+    """The bots of all seats that no person has.
+
+    Decisions may take time, so they are requested with `ask` and collected with `answers`.
+    """
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        """Who moves each player now; and the clock."""
+        """Tell the bots who controls each player, and the clock."""
 
     def observe(self, did: Did) -> None:
-        """What everybody did in a step; called once for each step, before the next `ask`."""
+        """Tell the bots the actions of a step; called once for each step, before `ask`."""
 
     def hear(self, player: str, text: str) -> None:
-        """Something that a player says."""
+        """Tell the bots a chat message of a player."""
 
     def ask(self, player: str, state: State) -> None:
-        """Have a player's bot decide in a state; not before it has answered the last time."""
+        """Request a decision of a player's bot, which must have answered the last request."""
 
     def answers(self) -> list[Decision]:
-        """What was decided since this was last called."""
+        """Return the decisions since the last call."""
 
     def spoken(self) -> list[tuple[str, str]]:
-        """What was said since this was last called: players and words."""
+        """Return the chat messages since the last call, as players and texts."""
 
     def news(self) -> list[str]:
-        """What has become of them since this was last called, for people to read."""
+        """Return messages about failed or restarted bots since the last call, for people."""
 
     def close(self) -> None:
-        """The game is over for them."""
+        """Stop the bots."""
 
 
 MakePartners = Callable[[State, BotKind, int, Sequence[str], Language], Partners]
-"""Makes the bots of some players: the state at which they begin, their kind, the seed, the players,
-and the words that are laid over those of the domain when they talk."""
+"""Makes bots from the initial state, their kind, the seed, their players and the language of
+their chat messages."""
 
 
 class PromptPartners:
-    """Bots that decide as soon as they are asked: the same questions have the same course."""
+    """Bots that decide at once in the calling thread, so that a game can be repeated exactly."""
 
     def __init__(self, policies: Mapping[str, Policy]) -> None:
         self._policies = policies
@@ -101,19 +103,18 @@ class PromptPartners:
 def prompt_partners(
     start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language = NO_WORDS
 ) -> PromptPartners:
-    """Bots in this process and thread; planners share what they find out about the task."""
+    """Make bots that decide in the calling thread. Planners share one search of the task."""
     if kind is not BotKind.PLANNER:
         make = policy_maker(kind, seed)
         return PromptPartners({player: make(start, player) for player in players})
     from robotouille.planning.anytime import AnytimePlanner
-    from robotouille.planning.policies.planner_policy import PlannerPolicy
+    from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
 
     known = AnytimePlanner(World(start.world.task))
+    options = PlannerOptions(seed=seed, words=words)
     return PromptPartners(
         {
-            player: PlannerPolicy(
-                start.world, player, seed=seed, start=start, anytime=known, words=words
-            )
+            player: PlannerPolicy(start.world, player, options, start=start, anytime=known)
             for player in players
         }
     )

@@ -1,35 +1,40 @@
-"""A policy in a seat of a game on a server: it hears what happens, says what it has to say, and
-decides, in a thread or at once."""
+"""Playing a seat on a server with a policy."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from robotouille.planning.policies.policy import Policy, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.game import Game
-from robotouille_client.sansio.game_events import Changed, GameEvent, Heard, RosterChanged
-
-__all__ = ["MakePolicy", "SeatPolicy"]
+from robotouille_client.sansio.game_events import (
+    ChatReceived,
+    GameEvent,
+    RosterChanged,
+    StateChanged,
+)
 
 MakePolicy = Callable[[State, str], Policy]
-"""Makes the policy of a seat, given the state at which it begins."""
+"""Makes the policy of a seat from the initial state and the player."""
 
 
 class SeatPolicy:
-    """The policy of a seat, with a copy of the world that nothing else uses.
+    """The policy of a seat, with its own copy of the world.
 
-    The policy is never in two threads: what happens while it decides is told to it afterwards. And
-    it decides in the state of which it has been told, though the game may be a step further.
-    `waiting` says that its last decision was to wait for a place or for somebody.
+    The policy runs in one thread at a time. Events that arrive while it decides are passed to it
+    afterwards, so it decides on the state that it has seen, even if the game is a step further.
 
     Args:
-        game: Joined with its state.
-        make_policy: Makes the policy, once the state is known.
-        threaded: Decide in a thread, so that the connection stays alive while a policy searches.
-            Otherwise each decision is made at once, and the same messages lead to the same course.
+        game: A game joined with a view that includes the state.
+        make_policy: Called once the state is known.
+        threaded: True to decide in a thread, so that the connection stays alive during a
+            search. Without it, decisions are made at once and games can be repeated exactly.
+
+    Attributes:
+        waiting: True if the last decision was to wait for a place or a teammate.
     """
 
     def __init__(self, game: Game, make_policy: MakePolicy, *, threaded: bool = True) -> None:
@@ -45,12 +50,11 @@ class SeatPolicy:
 
     @property
     def anticipating(self) -> bool:
-        """Whether another's action in the same step is to make the last decision possible."""
+        """True if the last decision needs another action of the same step to become valid."""
         return isinstance(self._policy, TeamPolicy) and self._policy.anticipating
 
     def begin(self) -> None:
-        """Make the policy, if that is not done and the state is known. It hears what happens from
-        now on."""
+        """Make the policy once the state is known. It observes all events from then on."""
         if self._policy is None and self._game.has_state:
             self._state = self._game.state
             self._policy = self._make_policy(self._copy(self._state), self._game.seat or "")
@@ -58,7 +62,7 @@ class SeatPolicy:
             self._say()
 
     def heed(self, event: GameEvent) -> None:
-        """Something has happened in the game."""
+        """Pass an event of the game to the policy."""
         if self._policy is None:
             return
         self._unheard.append(event)
@@ -66,10 +70,11 @@ class SeatPolicy:
             self._catch_up(self._policy)
 
     async def decide(self) -> GroundAction | None:
-        """What to do now; None to do nothing. It may not be valid any more once it is found.
+        """Return the policy's action, or None to do nothing.
 
-        A decision that is given up (cancelled) does not end its thread: what that finds is not
-        used, and the next decision waits for it, and is then made in the state of that moment.
+        The action may no longer be valid when it is returned. If the call is cancelled, the thread
+        goes on and its result is dropped. The next call waits for the thread and then decides on
+        the state of that moment.
         """
         if self._deciding is not None:
             if not self._deciding.done():
@@ -83,7 +88,8 @@ class SeatPolicy:
         action = await self._ask(self._policy)
         self.waiting = action is None and waits(self._policy)
         if not (self._game.ended or self._unheard):
-            self._say()  # Else once it has heard all: of the state in which that is read.
+            # With unheard events, the policy speaks after it has seen them, about that state.
+            self._say()
         return action and self._game.world.action(action.name, *action.arguments)
 
     async def _ask(self, policy: Policy) -> GroundAction | None:
@@ -91,20 +97,19 @@ class SeatPolicy:
         if not self._threaded:
             return policy.act(state)
         self._deciding = asyncio.create_task(asyncio.to_thread(policy.act, state))
-        await asyncio.wait([self._deciding])  # Which leaves it alone where this is cancelled.
+        await asyncio.wait([self._deciding])  # Unlike `await`, this survives cancellation.
         return self._deciding.result()
 
     def _catch_up(self, policy: Policy) -> None:
-        """Tell the policy what it has not heard yet."""
         unheard, self._unheard = self._unheard, []
         for event in unheard:
-            if isinstance(event, Changed):
+            if isinstance(event, StateChanged):
                 self._state = event.state
                 if event.previous is not None:
                     policy.observe(event.did)
             if not isinstance(policy, TeamPolicy):
                 continue
-            if isinstance(event, Heard) and event.seat:
+            if isinstance(event, ChatReceived) and event.seat:
                 policy.hear(event.seat, event.text)
             if isinstance(event, RosterChanged):
                 self._meet()
@@ -112,7 +117,6 @@ class SeatPolicy:
             self._say()
 
     def _meet(self) -> None:
-        """Tell the policy who plays."""
         if isinstance(self._policy, TeamPolicy) and self._game.seats:
             kinds = {seat.player: str(seat.controller) for seat in self._game.seats}
             self._policy.meet(kinds, str(self._game.clock["clock"]))
@@ -126,3 +130,66 @@ class SeatPolicy:
         if self._world is None or self._world.task != state.world.task:
             self._world = World(state.world.task)
         return self._world.restore(state.facts, state.timer_rows(), state.timers.busy)
+
+
+MAX_TRIES = 5
+"""Number of decisions in one step before the seat does nothing."""
+
+
+async def play(game: Game, make_policy: MakePolicy, *, threaded: bool = True) -> Mapping[str, Any]:
+    """Play a game to its end and return the outcome, which is empty if the connection was lost.
+
+    Args:
+        game: A game joined with a view that includes the state.
+        make_policy: Makes the policy from the initial state and the player.
+        threaded: True to decide in a thread, so that the connection stays alive during a
+            search. Without it, decisions are made at once and games can be repeated exactly.
+    """
+    await _Player(game, SeatPolicy(game, make_policy, threaded=threaded)).run()
+    return game.outcome or {}
+
+
+class _Player:
+    def __init__(self, game: Game, policy: SeatPolicy) -> None:
+        self._game = game
+        self._policy = policy
+        self._decided = -1
+        self._tries = 0
+
+    async def run(self) -> None:
+        game = self._game
+        while not game.ended:
+            self._policy.begin()
+            for event in game.poll():
+                self._policy.heed(event)
+            if game.has_state and game.my_move and self._decided < game.step:
+                await self._move()
+            elif not game.ended:
+                self._policy.heed(await game.next_event())
+
+    async def _move(self) -> None:
+        game, step = self._game, self._game.step
+        action = await self._policy.decide() if self._tries < MAX_TRIES else None
+        if game.ended or not game.my_move:
+            return
+        anticipates = self._policy.anticipating
+        if anticipates and game.step != step:
+            action, anticipates = None, False
+        if action is not None and not anticipates and not game.world.applicable(game.state, action):
+            self._tries += 1
+            return
+        # In real time a step passes by itself, so there is no need to send "do nothing".
+        if (
+            action is None
+            and not self._policy.waiting
+            and game.clock["clock"] == "realtime"
+            and game.clock["thinking"] == "wall"
+        ):
+            self._decided, self._tries = step, 0
+            return
+        waits = action is None and self._policy.waiting
+        result = await game.act(action, basis=step, anticipates=anticipates, waits=waits)
+        if result.applied:
+            self._decided, self._tries = step, 0
+        else:
+            self._tries += 1

@@ -1,1 +1,1 @@
-"""The commands that need no server, and what all commands share."""
+"""The subcommands of `robotouille`."""

@@ -1,4 +1,4 @@
-"""`robotouille certify DATASET`: certificates for a folder of problems, and their check."""
+"""Command `robotouille certify`: certificates for a folder of problems, and their check."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
@@ -17,68 +18,73 @@ from rich.table import Table
 from rich.text import Text
 
 from robotouille.certification.certificate import ExpansionBudget
-from robotouille.certification.certifying import BUDGET, certify_dataset
-from robotouille.certification.checking import check_dataset
+from robotouille.certification.certifying import BUDGET, certify_dataset, check_dataset
 from robotouille.certification.dataset import CertifyingOutcome, DatasetReport, Running, Tell
 from robotouille.errors import RobotouilleError, did_you_mean
+from robotouille.installation import data_folder
 from robotouille.planning import solvers as optimal
-from robotouille.program import printable, tell
-from robotouille.resources import data_folder
-from robotouille_client.console import explain, fail
+from robotouille.terminal import options_from, printable, tell
+from robotouille_client.console import JsonOption, explain, fail
 from robotouille_client.console.progress import progress_columns
-
-__all__ = ["certify"]
 
 COLUMNS = ("instances", "proven", "gaps", "unsolved", "failed")
 
 
-def certify(
-    dataset: Annotated[str, typer.Argument(help="Folder of problem files, or a shipped one.")],
-    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 1,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Keep no certificate.")] = False,
+@dataclass(frozen=True, kw_only=True)
+class CertifyOptions:
+    """Options of `robotouille certify`."""
+
+    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 1
+    ignore_existing: Annotated[
+        bool, typer.Option("--ignore-existing", help="Certify every instance again.")
+    ] = False
     check: Annotated[
-        bool, typer.Option("--check", help="Only check what lies there: hashes and plans.")
-    ] = False,
+        bool, typer.Option("--check", help="Only check existing certificates: hashes and plans.")
+    ] = False
     sample: Annotated[
-        int, typer.Option(min=0, help="With --check: prove so many bounds again.")
-    ] = 0,
-    seed: Annotated[int, typer.Option(help="Which ones --sample takes.")] = 0,
+        int, typer.Option(min=0, help="With --check: number of lower bounds to prove again.")
+    ] = 0
+    seed: Annotated[int, typer.Option(help="Seed for choosing the instances of --sample.")] = 0
     expansions: Annotated[
-        int, typer.Option(min=0, help="Expansions an instance may cost.")
-    ] = BUDGET.expansions or 0,
+        int, typer.Option(min=0, help="Search budget for each instance, in expansions.")
+    ] = BUDGET.expansions or 0
     states: Annotated[
-        int, typer.Option(min=0, help="States a process may keep: limits its memory.")
-    ] = BUDGET.states or 0,
+        int,
+        typer.Option(min=0, help="Maximum number of states in a process, which limits its memory."),
+    ] = BUDGET.states or 0
     timeout: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Seconds for an instance; what it gives up depends on speed."),
-    ] = None,
-    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+        typer.Option(
+            min=0.1,
+            help="Time limit for each instance in seconds. Results then depend on the machine.",
+        ),
+    ] = None
+    json_output: JsonOption = False
+
+
+@options_from(CertifyOptions)
+def certify(
+    dataset: Annotated[
+        str, typer.Argument(help="Folder of problem files, or name of a shipped one.")
+    ],
+    options: CertifyOptions,
 ) -> None:
     """Certify the shortest plans of all problems in a folder, and write a manifest of them.
 
-    Run it again after an interruption: what is certified already is kept. Exit status 1 if
+    After an interruption, run it again: existing certificates are kept. The exit status is 1 if
     anything failed, or with --check if anything is invalid.
     """
     try:
-        if sample and not check:
+        if options.sample and not options.check:
             raise RobotouilleError("--sample needs --check")
         folder = _folder(dataset)
-        with _shown("checking" if check else "certifying") as progress:
-            if check:
-                report = check_dataset(
-                    folder, optimal.solve, sample=sample, seed=seed, seconds=timeout, tell=progress
-                )
-            else:
-                budget = ExpansionBudget(expansions=expansions, states=states, seconds=timeout)
-                report = certify_dataset(
-                    folder, optimal.solve, budget=budget, jobs=jobs, fresh=fresh, tell=progress
-                )
+        with _progress("checking" if options.check else "certifying") as progress:
+            report = _report(folder, options, progress)
     except (RobotouilleError, OSError) as error:
         fail(explain(error))
     except KeyboardInterrupt:
-        fail("interrupted; finished certificates are kept, and the next run goes on", 130)
-    if json_output:
+        fail("interrupted; finished certificates are kept, and the next run continues", 130)
+    if options.json_output:
         typer.echo(json.dumps(_json(report), indent=2))
     else:
         Console(highlight=False).print(_table(report))
@@ -87,8 +93,29 @@ def certify(
         raise typer.Exit(1)
 
 
+def _report(folder: Path, options: CertifyOptions, progress: Tell | None) -> DatasetReport:
+    if options.check:
+        return check_dataset(
+            folder,
+            optimal.solve,
+            sample=options.sample,
+            seed=options.seed,
+            seconds=options.timeout,
+            tell=progress,
+        )
+    return certify_dataset(
+        folder,
+        optimal.solve,
+        budget=ExpansionBudget(
+            expansions=options.expansions, states=options.states, seconds=options.timeout
+        ),
+        jobs=options.jobs,
+        ignore_existing=options.ignore_existing,
+        tell=progress,
+    )
+
+
 def _folder(name: str) -> Path:
-    """The folder of a path, or a shipped one by its name, e.g. `synchronous`."""
     if Path(name).is_dir():
         return Path(name)
     shipped = {path.name: path for path in data_folder("problems").iterdir() if path.is_dir()}
@@ -97,7 +124,7 @@ def _folder(name: str) -> Path:
     raise RobotouilleError(f"{name}: is not a folder{did_you_mean(name, shipped)}")
 
 
-# The end
+# Results
 
 
 def _class(outcome: CertifyingOutcome) -> str:
@@ -120,7 +147,6 @@ def _json(report: DatasetReport) -> dict[str, Any]:
 
 
 def _table(report: DatasetReport) -> Table:
-    """A row for each folder, and one for all."""
     folders: dict[str, list[CertifyingOutcome]] = {}
     for outcome in report.outcomes:
         folder = str(PurePosixPath(outcome.instance.file).parent)
@@ -135,12 +161,12 @@ def _table(report: DatasetReport) -> Table:
     return table
 
 
-# Meanwhile
+# Progress
 
 
 @contextmanager
-def _shown(doing: str) -> Iterator[Tell | None]:
-    """A bar, and a line for each instance in work, on stderr where that is a terminal."""
+def _progress(doing: str) -> Iterator[Tell | None]:
+    """Show a bar and a line for each running instance on stderr, if it is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield None
@@ -158,9 +184,8 @@ def _shown(doing: str) -> Iterator[Tell | None]:
 
 def _line(running: Running) -> Text:
     instance = printable(str(running.instance))
-    words = f"  {instance}: {running.expansions:,} expansions, bound {running.bound}"
-    if running.length is None:
-        return Text(words, overflow="ellipsis", no_wrap=True)
-    gap = max(0, running.length - running.bound)
-    plan = f", plan {running.length}, gap {gap}"
-    return Text(words + plan, overflow="ellipsis", no_wrap=True)
+    words = f"  {instance}: {running.expansions:,} expansions, lower bound {running.bound}"
+    if running.length is not None:
+        gap = max(0, running.length - running.bound)
+        words += f", plan {running.length}, gap {gap}"
+    return Text(words, overflow="ellipsis", no_wrap=True)

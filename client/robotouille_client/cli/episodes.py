@@ -1,37 +1,229 @@
-"""`robotouille episodes`: the episodes of a study on a server, opened, listed and closed."""
+"""Commands `robotouille episodes …`: open, list and close the episodes of a study, with CSV."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
-from datetime import UTC, datetime
+import csv
+import os
+import re
+import sys
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import IO, Annotated, Any, TypeVar
 
 import typer
+from pydantic import ValidationError
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.program import printable, tell
 from robotouille.protocol import messages
-from robotouille_client.cli.episode_table import (
-    TableError,
-    closed_codes,
-    listed_row,
-    read_requests,
-    seconds,
-    write_table,
-)
+from robotouille.replay.file_names import iso_time
+from robotouille.terminal import printable, tell
 from robotouille_client.client import DEFAULT_URL, Client, connect
 from robotouille_client.console import TokenOption, explain, fail, failing, name_and_value
 
-__all__ = ["episodes"]
+MAX_ROWS = 10_000
+UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86_400}
+NUMBERS = {
+    "seats": int, "max_steps": int, "seed": int, "step_rate": float, "move_budget": float,
+    "grace": float,
+}  # fmt: skip
+WORDS = ("task", "clock", "timing", "thinking", "absence", "substitute", "chat")
+COLUMNS = (*WORDS, *NUMBERS, "open_for", "phrases")
+GROUPS = ("label", "shown_as", "delay_ms", "participant")
+"""Prefixes of columns `GROUP.NAME`, where NAME is a label or a player."""
+
+
+class TableError(RobotouilleError):
+    """An invalid CSV table."""
+
+
+def seconds(text: str) -> float:
+    """Return a duration in seconds, from a number with an optional unit: `90m`, `12h`, `30d`.
+
+    Raises:
+        TableError: The text is not a duration.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([smhd]?)", text.strip())
+    if found is None:
+        raise TableError(f"{text!r} is not a duration; expected one like 90, 15m, 12h or 30d")
+    return float(found[1]) * UNITS[found[2]]
+
+
+def read_requests(
+    path: Path, **defaults: Any
+) -> tuple[list[dict[str, str]], list[messages.Create]]:
+    """Return the rows of a table and the request that each row describes.
+
+    Args:
+        defaults: Fields of requests whose cell is empty.
+
+    Raises:
+        TableError: The file cannot be read, a column is missing or unknown, or a value is invalid.
+    """
+    rows = _read(path)
+    if not rows:
+        raise TableError(f"{path}: no rows below the heading")
+    requests = []
+    for number, row in enumerate(rows, 2):
+        try:
+            requests.append(messages.Create(**{**defaults, **_fields(row)}))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            field = ".".join(str(part) for part in first["loc"])
+            raise TableError(f"{path}: line {number}: {field}: {first['msg']}") from None
+        except (TableError, ValueError) as error:
+            raise TableError(f"{path}: line {number}: {error}") from None
+    return rows, requests
+
+
+def closed_codes(path: Path) -> list[str]:
+    """Return the column `code` of a table.
+
+    Raises:
+        TableError: The table has no such column.
+    """
+    rows = _read(path, columns=None)
+    if not rows or "code" not in rows[0]:
+        raise TableError(f"{path}: no column 'code'")
+    return [row["code"] for row in rows if row["code"]]
+
+
+def _read(path: Path, columns: Sequence[str] | None = COLUMNS) -> list[dict[str, str]]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file, strict=True)
+            if columns is not None:
+                _check_columns(path, reader.fieldnames or [])
+            return list(_rows(path, reader))
+    except OSError as error:
+        raise TableError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise TableError(f"{path}: is not UTF-8 text") from None
+    except csv.Error as error:
+        raise TableError(f"{path}: is not valid CSV: {error}") from None
+
+
+def _check_columns(path: Path, names: Sequence[str]) -> None:
+    if "task" not in names:
+        semicolons = "; use commas, not semicolons" if any(";" in name for name in names) else ""
+        raise TableError(f"{path}: no column 'task'{semicolons}")
+    for name in names:
+        group, dot, of = name.partition(".")
+        if name not in COLUMNS and not (dot and of and group in GROUPS):
+            known = ", ".join((*COLUMNS, *(f"{group}.NAME" for group in GROUPS)))
+            raise TableError(f"{path}: unknown column {name!r}; expected {known}")
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise TableError(f"{path}: duplicate column {twice!r}")
+
+
+def _rows(path: Path, reader: csv.DictReader[str]) -> Iterator[dict[str, str]]:
+    for number, row in enumerate(reader, 1):
+        if number > MAX_ROWS:
+            raise TableError(f"{path}: has more than {MAX_ROWS:,} rows")
+        if None in row or None in row.values():
+            found = "more" if None in row else "fewer"
+            raise TableError(f"{path}: line {reader.line_num}: {found} values than columns")
+        yield {name: value.strip() for name, value in row.items()}
+
+
+def _fields(row: Mapping[str, str]) -> dict[str, Any]:
+    """Return the fields of a `create` message for the cells of a row that are not empty."""
+    fields: dict[str, Any] = {}
+    treatments: dict[str, dict[str, Any]] = {}
+    for name, value in row.items():
+        group, _, of = name.partition(".")
+        if not value:
+            continue
+        if group == "label":
+            fields.setdefault("labels", {})[of] = value
+        elif group == "participant":
+            fields.setdefault("participants", {})[of] = value
+        elif group == "shown_as":
+            treatments.setdefault(of, {})["shown_as"] = value
+        elif group == "delay_ms":
+            treatments.setdefault(of, {})["delay_ms"] = _number(int, name, value)
+        elif name == "open_for":
+            fields[name] = seconds(value)
+        elif name == "phrases":
+            fields[name] = [phrase.strip() for phrase in value.split("|")]
+        else:
+            fields[name] = _number(NUMBERS[name], name, value) if name in NUMBERS else value
+    return {**fields, **({"treatments": treatments} if treatments else {})}
+
+
+def _number(kind: type[int] | type[float], name: str, value: str) -> float:
+    try:
+        return kind(value)
+    except ValueError:
+        raise TableError(f"{name}: {value!r} is not a number") from None
+
+
+def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
+    """Return the row of an episode in a list that was received at `now`."""
+    closes = ""
+    if info.closes is not None:
+        closes = (now + timedelta(seconds=info.closes)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    seats = (f"{seat.player}: {seat.name}" for seat in info.seats if seat.name)
+    return {
+        "code": info.code,
+        "episode": info.episode,
+        "task": info.task,
+        "clock": str(info.clock),
+        "phase": str(info.phase),
+        "step": info.step,
+        "max_steps": info.max_steps,
+        "seats": "; ".join(seats),
+        "spectators": info.spectators,
+        "created": iso_time(info.created),
+        "closes": closes,
+        "reason": info.reason,
+        "detail": info.detail,
+        **{f"label.{name}": value for name, value in info.labels.items()},
+    }
+
+
+def write_table(rows: Iterable[Mapping[str, Any]], path: Path | None, *, secret: bool) -> None:
+    """Write rows as CSV to a file or to standard output.
+
+    Args:
+        secret: Make the file readable by its owner only, because codes and tokens grant access.
+
+    Raises:
+        TableError: The file cannot be written.
+    """
+    rows = list(rows)
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    try:
+        with _opened(path, secret=secret) as file:
+            writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        raise TableError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@contextmanager
+def _opened(path: Path | None, *, secret: bool) -> Iterator[IO[str]]:
+    if path is None:
+        yield sys.stdout
+        return
+    mode = 0o600 if secret else 0o666
+    number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode)
+    with os.fdopen(number, "w", encoding="utf-8", newline="") as file:
+        if secret:
+            path.chmod(mode)
+        yield file
+
 
 T = TypeVar("T")
 U = TypeVar("U")
 
 AT_ONCE = 32
-"""Requests that are sent before the first is answered."""
-TELL_EVERY = 100
+"""Number of requests that wait for an answer at a time."""
+REPORT_EVERY = 100
+"""Number of episodes between two lines of progress."""
 NAME = "episodes"
 
 episodes = typer.Typer(
@@ -39,40 +231,43 @@ episodes = typer.Typer(
     add_completion=False,
     help="Open, list and close the episodes of a study on a server, from and to CSV.",
 )
-UrlOption = Annotated[str, typer.Option(help="The server.")]
+UrlOption = Annotated[str, typer.Option(help="URL of the server.")]
 LabelOption = Annotated[
-    list[str] | None, typer.Option("--label", help="Only those with this label: NAME=VALUE.")
+    list[str] | None, typer.Option("--label", help="Only episodes with this label: NAME=VALUE.")
 ]
 OutOption = Annotated[
-    Path | None, typer.Option("--out", help="File to write; standard output if left out.")
+    Path | None, typer.Option("--out", help="File to write. Default: standard output.")
 ]
 
 
 @episodes.command("open")
 @failing
 def open_(
-    table: Annotated[Path, typer.Argument(help="CSV: a row an episode; the column task at least.")],
+    table: Annotated[
+        Path,
+        typer.Argument(help="CSV with one row for each episode, and at least the column task."),
+    ],
     out: OutOption = None,
     open_for: Annotated[
-        str, typer.Option(help="How long a code is good that nobody uses: 12h, 30d.")
+        str, typer.Option(help="Time after which an unused episode closes: 12h, 30d.")
     ] = "7d",
     tokens: Annotated[
-        bool, typer.Option("--tokens", help="A signed role token for each seat, too.")
+        bool, typer.Option("--tokens", help="Add a signed role token for each seat.")
     ] = False,
     url: UrlOption = DEFAULT_URL,
     token: TokenOption = None,
 ) -> None:
-    """Open an episode for each row of a CSV file; write the rows with their codes."""
+    """Open an episode for each row of a CSV file, and write the rows with their codes."""
     if out is not None and out.exists():
-        fail(printable(f"{out}: there is such a file, with codes perhaps: name another one"), 2)
+        fail(printable(f"{out} exists and may contain codes; name another file"), 2)
     rows, requests = read_requests(table, open_for=seconds(open_for), tokens=tokens)
     opened: list[dict[str, Any]] = []
 
     async def open_all(client: Client) -> None:
-        def noted(at: int, created: messages.Created) -> None:
+        def record(at: int, created: messages.Created) -> None:
             signed = {f"token.{player}": each for player, each in created.tokens.items()}
-            told = {"code": created.code, "episode": created.episode, **signed}
-            opened.append({**rows[at], **told})
+            names = {"code": created.code, "episode": created.episode}
+            opened.append({**rows[at], **names, **signed})
 
         async def create(line: int, request: messages.Create) -> messages.Created:
             try:
@@ -81,13 +276,13 @@ def open_(
                 raise TableError(f"{table}: line {line}: {explain(error)}") from None
 
         lines = list(enumerate(requests, 2))
-        await _each(lines, lambda row: create(*row), noted, "opened")
+        await _each(lines, lambda row: create(*row), record, "opened")
 
     try:
         _with_client(url, token, open_all)
     except RobotouilleError as error:
         if opened:
-            tell(f"{len(opened)} of {len(rows)} are open, and written", err=True)
+            tell(f"{len(opened)} of {len(rows)} episodes are open and were written", err=True)
         raise RobotouilleError(explain(error)) from None
     finally:
         if opened:
@@ -100,13 +295,13 @@ def open_(
 def list_(
     label: LabelOption = None,
     closed: Annotated[
-        bool, typer.Option("--closed", help="Those that were closed because nobody came.")
+        bool, typer.Option("--closed", help="List episodes that closed because nobody came.")
     ] = False,
     out: OutOption = None,
     url: UrlOption = DEFAULT_URL,
     token: TokenOption = None,
 ) -> None:
-    """Write the episodes of a server as CSV."""
+    """List the episodes of a server as CSV."""
     labels = _labels(label)
     found = _with_client(url, token, lambda client: client.episodes(labels, closed=closed))
     if found:
@@ -120,28 +315,31 @@ def list_(
 def close(
     codes: Annotated[list[str] | None, typer.Argument(help="Codes or ids.")] = None,
     table: Annotated[
-        Path | None, typer.Option("--from", help="CSV with a column code, as `open` writes it.")
+        Path | None, typer.Option("--from", help="CSV with a column code, such as `open` writes.")
     ] = None,
     label: LabelOption = None,
     playing: Annotated[
-        bool, typer.Option("--playing", help="With --label or --from: those that are played, too.")
+        bool,
+        typer.Option(
+            "--playing", help="With --label or --from: also close episodes that have begun."
+        ),
     ] = False,
-    reason: Annotated[str | None, typer.Option(help="What those in them are told.")] = None,
+    reason: Annotated[str | None, typer.Option(help="Text for their participants.")] = None,
     url: UrlOption = DEFAULT_URL,
     token: TokenOption = None,
 ) -> None:
-    """Close episodes that one has opened; an operator closes any."""
+    """Close episodes that you have opened. Operators can close any."""
     named, labels = list(codes or ()), _labels(label)
     listed = set(closed_codes(table)) if table is not None else set()
     if not (named or labels or listed):
-        fail("say which: by codes, --from FILE or --label NAME=VALUE", 2)
+        fail("name the episodes: codes, --from FILE or --label NAME=VALUE", 2)
 
     async def close_all(client: Client) -> int:
         wanted = list(named)
         if labels or listed:
             for one in await client.episodes(labels):
                 chosen = not listed or one.code in listed or one.episode in listed
-                if chosen and (one.phase == "waiting" or (playing and one.phase != "over")):
+                if chosen and (one.phase == "waiting" or (playing and one.phase != "ended")):
                     wanted.append(one.episode)
         await _each(
             wanted, lambda code: client.close_episode(code, reason), lambda *_: None, "closed"
@@ -159,11 +357,13 @@ async def _create(client: Client, request: messages.Create) -> messages.Created:
 async def _each(
     items: list[T],
     ask: Callable[[T], Awaitable[U]],
-    noted: Callable[[int, U], None],
+    record: Callable[[int, U], None],
     done: str,
 ) -> None:
-    """Ask for each item, some at a time, and take the answers in order; nothing new is asked for
-    once one was refused."""
+    """Send a request for each item, a batch at a time, and record the answers in order.
+
+    After a refused request the current batch is completed, because its episodes may be open.
+    """
     for first in range(0, len(items), AT_ONCE):
         batch = items[first : first + AT_ONCE]
         answers = await asyncio.gather(*map(ask, batch), return_exceptions=True)
@@ -172,11 +372,11 @@ async def _each(
             if isinstance(answer, BaseException):
                 refused = refused or answer
             else:
-                noted(at, answer)
+                record(at, answer)
         if refused is not None:
             raise refused
         last = first + len(batch)
-        if last // TELL_EVERY > first // TELL_EVERY:
+        if last // REPORT_EVERY > first // REPORT_EVERY:
             tell(f"{last} of {len(items)} {done}", err=True)
 
 

@@ -1,4 +1,4 @@
-"""`robotouille generate TASK`: new instances of a task, each proven solvable."""
+"""Command `robotouille generate`: new instances of a task, each proven to have a solution."""
 
 from __future__ import annotations
 
@@ -6,91 +6,114 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from robotouille.generation.generator import ATTEMPTS, Generator
+from robotouille.generation.generator import ATTEMPTS, Generator, seeds_from
 from robotouille.generation.instance import Instance
-from robotouille.generation.paper_instances import seeds_from
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
-from robotouille.program import printable_json, tell
+from robotouille.terminal import options_from, printable_json, tell
 from robotouille_client.console import fail, failing, interruptible
-
-__all__ = ["generate"]
 
 STDOUT = "-"
 
 FLAGS = {"width": "size", "height": "size", "min_steps": "min-steps", "max_steps": "max-steps"}
-"""The options that are not called like their parameters."""
+"""Options whose names differ from those of the parameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerateOptions:
+    """Options of `robotouille generate`."""
+
+    seed: Annotated[int, typer.Option(help="Seed of all random choices.")] = 42
+    kind: Annotated[
+        Kind,
+        typer.Option(help="free: place everything anywhere. noisy: keep the task's plans valid."),
+    ] = Kind.FREE
+    count: Annotated[
+        int,
+        typer.Option(
+            help="Number of instances, with the seeds SEED, 2 SEED, 3 SEED, …", min=1, max=10_000
+        ),
+    ] = 1
+    stations: Annotated[
+        int | None, typer.Option(help="Number of irrelevant stations to add. Default: 2 to 4.")
+    ] = None
+    items: Annotated[
+        int | None, typer.Option(help="Number of irrelevant items to add. Default: 2 to 4.")
+    ] = None
+    stacking: Annotated[
+        bool | None,
+        typer.Option(help="Let items lie on other items. Default: only with --kind free."),
+    ] = None
+    held: Annotated[bool, typer.Option("--held", help="Let players hold items at the start.")] = (
+        False
+    )
+    size: Annotated[
+        str | None,
+        typer.Option(help="WIDTHxHEIGHT in tiles. Default: the task's, or more if needed."),
+    ] = None
+    min_steps: Annotated[int | None, typer.Option(help="Minimum length of the shortest plan.")] = (
+        None
+    )
+    max_steps: Annotated[int | None, typer.Option(help="Maximum length of the shortest plan.")] = (
+        None
+    )
+    attempts: Annotated[
+        int, typer.Option(help="Maximum number of kitchens to draw for one seed.")
+    ] = ATTEMPTS
+    out: Annotated[str, typer.Option(help="Folder for the files; - for standard output.")] = "."
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print one line of JSON for each file.")
+    ] = False
 
 
 @interruptible
 @failing
+@options_from(GenerateOptions)
 def generate(
     task: Annotated[str, typer.Argument(help="Task name or problem file.")],
-    seed: Annotated[int, typer.Option(help="Decides everything that is drawn.")] = 42,
-    kind: Annotated[
-        Kind, typer.Option(help="free: everything anywhere; noisy: the task's plans still work.")
-    ] = Kind.FREE,
-    count: Annotated[
-        int,
-        typer.Option(help="How many, with the seeds SEED, 2 SEED, 3 SEED, …", min=1, max=10_000),
-    ] = 1,
-    stations: Annotated[
-        int | None, typer.Option(help="Irrelevant stations to add; 2 to 4 if not given.")
-    ] = None,
-    items: Annotated[
-        int | None, typer.Option(help="Irrelevant items to add; 2 to 4 if not given.")
-    ] = None,
-    stacking: Annotated[
-        bool | None,
-        typer.Option(help="Whether items may lie on one another; only in free ones if not given."),
-    ] = None,
-    held: Annotated[
-        bool, typer.Option("--held", help="Players may hold something at the start.")
-    ] = False,
-    size: Annotated[
-        str | None, typer.Option(help="WIDTHxHEIGHT in tiles; the task's, or more if needed.")
-    ] = None,
-    min_steps: Annotated[
-        int | None, typer.Option(help="The least number of steps of a shortest plan.")
-    ] = None,
-    max_steps: Annotated[
-        int | None, typer.Option(help="The greatest number of steps of a shortest plan.")
-    ] = None,
-    attempts: Annotated[int, typer.Option(help="How often to draw for one seed.")] = ATTEMPTS,
-    out: Annotated[str, typer.Option(help="Folder of the files; - for standard output.")] = ".",
-    json_output: Annotated[
-        bool, typer.Option("--json", help="Print a JSON line for each file.")
-    ] = False,
+    options: GenerateOptions,
 ) -> None:
-    """Make new instances of a task from a seed, each proven solvable.
+    """Make new instances of a task from a seed, and prove that each can be solved.
 
     The same seed and options give the same file on every machine.
     """
     from robotouille import load_task
     from robotouille.world.lint import sound_task
 
-    if out == STDOUT and (count > 1 or json_output):
+    out = options.out
+    if out == STDOUT and (options.count > 1 or options.json_output):
         fail("--out - is for one instance without --json")
-    if seed == 0 and count > 1:
-        fail("--seed: several instances have multiples of a seed, which has to be 1 or more")
-    with _told_by_option():
-        parameters = Parameters(*_size(size), stations, items, stacking, held, min_steps, max_steps)
-        generator = Generator(sound_task(load_task(task)), kind, parameters, attempts=attempts)
-        for instance in _progress(generator, seeds_from(seed, count), task):
+    if options.seed == 0 and options.count > 1:
+        fail("--seed must be 1 or more for several instances, which use multiples of it")
+    with _errors_by_option():
+        parameters = Parameters(
+            *_size(options.size),
+            options.stations,
+            options.items,
+            options.stacking,
+            options.held,
+            options.min_steps,
+            options.max_steps,
+        )
+        generator = Generator(
+            sound_task(load_task(task)), options.kind, parameters, attempts=options.attempts
+        )
+        for instance in _progress(generator, seeds_from(options.seed, options.count), task):
             if out == STDOUT:
                 typer.echo(printable_json(instance.text), nl=False)
             else:
                 row = _row(instance, _write(instance, Path(out)))
-                typer.echo(json.dumps(row)) if json_output else tell(_words(row))
+                typer.echo(json.dumps(row)) if options.json_output else tell(_words(row))
 
 
 @contextmanager
-def _told_by_option() -> Iterator[None]:
-    """Errors in a line: the option that cannot be met comes first."""
+def _errors_by_option() -> Iterator[None]:
+    """Print errors on one line that begins with the option at fault."""
     try:
         yield
     except GenerationError as error:
@@ -109,7 +132,6 @@ def _size(text: str | None) -> tuple[int | None, int | None]:
 
 
 def _progress(generator: Generator, seeds: tuple[int, ...], what: str) -> Iterator[Instance]:
-    """The instances of some seeds, with a progress bar on a terminal."""
     from robotouille_client.console.progress import tracked
 
     for seed in tracked(seeds, what):
@@ -120,7 +142,7 @@ def _write(instance: Instance, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{instance.name}.json"
     if path.exists() and path.read_text(encoding="utf-8") != instance.text:
-        raise GenerationError("out", f"{path} is another instance; choose another folder")
+        raise GenerationError("out", f"{path} contains another instance; choose another folder")
     path.write_text(instance.text, encoding="utf-8", newline="\n")
     return path
 

@@ -1,19 +1,68 @@
-"""The `robotouille` command."""
+"""The command `robotouille`, whose subcommands are imported when they are used."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.program import VersionOption, tell
-from robotouille_client.cli.lazy_group import LazyCommand, LazyGroup
-from robotouille_client.console import explain, fail
+from robotouille.terminal import tell
+from robotouille_client.console import JsonOption, VersionOption, explain, fail
 
-__all__ = ["app", "main"]
+
+@dataclass(frozen=True, slots=True)
+class LazyCommand:
+    """A command that is not imported yet.
+
+    Attributes:
+        place: `module:name` of a function or a Typer application.
+        help: The first paragraph of its help.
+    """
+
+    place: str
+    help: str
+
+    def load(self, called: str) -> Any:
+        """Import and return the command."""
+        module, _, name = self.place.partition(":")
+        found = getattr(import_module(module), name)
+        app = found if isinstance(found, typer.Typer) else typer.Typer(add_completion=False)
+        if app is not found:
+            app.command()(found)
+        command = typer.main.get_command(app)
+        command.name = called
+        return command
+
+
+class LazyGroup(TyperGroup):
+    """Command group that lists the commands in `lazy` without importing them.
+
+    Importing all of them would take seconds, and `--help` needs their first lines only.
+    """
+
+    lazy: ClassVar[Mapping[str, LazyCommand]] = {}
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        listed = {name: TyperCommand(name, help=c.help) for name, c in self.lazy.items()}
+        self.commands = {**listed, **self.commands}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        self.load(args[0])
+        return super().resolve_command(ctx, args)
+
+    def load(self, *names: str) -> None:
+        """Import the named commands, or all of them."""
+        for name in names or self.lazy:
+            if name in self.lazy:
+                self.commands[name] = self.lazy[name].load(name)
 
 
 class _Commands(LazyGroup):
@@ -23,12 +72,12 @@ class _Commands(LazyGroup):
             "Play a task in a window, without a server. Bots play the other seats.",
         ),
         "pddl": LazyCommand(
-            "robotouille_client.cli.pddl_export:pddl",
-            "Write a task in PDDL, for planners of other people.",
+            "robotouille_client.cli.plan:pddl",
+            "Write a task in PDDL for other planners.",
         ),
         "plan": LazyCommand(
             "robotouille_client.cli.plan:plan",
-            "Find the shortest plan of a task, and prove that it is.",
+            "Find the shortest plan of a task, and prove that no plan is shorter.",
         ),
         "certify": LazyCommand(
             "robotouille_client.cli.certify:certify",
@@ -36,7 +85,7 @@ class _Commands(LazyGroup):
         ),
         "generate": LazyCommand(
             "robotouille_client.cli.generate:generate",
-            "Make new instances of a task from a seed, each proven solvable.",
+            "Make new instances of a task from a seed, and prove that each can be solved.",
         ),
         "episodes": LazyCommand(
             "robotouille_client.cli.episodes:episodes",
@@ -44,11 +93,11 @@ class _Commands(LazyGroup):
         ),
         "replay": LazyCommand(
             "robotouille_client.cli.replay:replay",
-            "Look at, verify, measure, watch and export recordings.",
+            "Show, verify, measure, watch and export recordings.",
         ),
         "data": LazyCommand(
-            "robotouille_data.cli.data:data",
-            "A catalogue of recordings: index, watch, query, report, export.",
+            "robotouille_data.cli:data",
+            "Index recordings in a catalogue, query it, and export from it.",
         ),
         "benchmark": LazyCommand(
             "robotouille_evaluation.cli.benchmark:benchmark",
@@ -56,7 +105,7 @@ class _Commands(LazyGroup):
         ),
         "pack": LazyCommand(
             "robotouille_evaluation.cli.pack:pack",
-            "Packs of tasks to evaluate on: import the published one, build ours, compare them.",
+            "Import, build, check, prove and compare packs of tasks for the benchmark.",
         ),
     }
 
@@ -75,7 +124,7 @@ def _options(version: VersionOption = False) -> None: ...
 
 @app.command()
 def tasks(
-    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json_output: JsonOption = False,
 ) -> None:
     """List the shipped tasks with their seats and goals."""
     from robotouille import load_task, task_names
@@ -97,13 +146,13 @@ def tasks(
 def lint(
     files: Annotated[list[str], typer.Argument(help="Problem or domain files, or task names.")],
     domain: Annotated[
-        str | None, typer.Option(help="Domain file for problems that name none.")
+        str | None, typer.Option(help="Domain file for problems that do not name one.")
     ] = None,
-    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json_output: JsonOption = False,
 ) -> None:
-    """Report every fault of domains, problems, renderings and input files.
+    """Report all faults of domains, problems, renderings and input files.
 
-    Exit status 1 if there is any error.
+    The exit status is 1 if there is an error.
     """
     found = {name: lint_file(name, domain) for name in files}
     errors = sum(f.severity == "error" for faults in found.values() for f in faults)
@@ -115,12 +164,13 @@ def lint(
         ]
         typer.echo(json.dumps(rows, indent=2))
     else:
-        told: set[Fault] = set()
+        reported: set[Fault] = set()
         for name, faults in found.items():
             for fault in faults:
-                if fault.severity != "note" or fault not in told:
+                # Notes on a domain would come again for each of its problems.
+                if fault.severity != "note" or fault not in reported:
                     tell(f"{name}: {fault.severity}: {fault}")
-            told.update(faults)  # What a problem has from its domain is told of the domain.
+            reported.update(faults)
             if not faults:
                 tell(f"{name}: no faults")
     if errors:
@@ -128,7 +178,7 @@ def lint(
 
 
 def lint_file(name: str, domain: str | None = None) -> list[Fault]:
-    """All faults of one file, whichever of the four kinds it is."""
+    """Return all faults of a task, domain, rendering or input file."""
     from robotouille import load_task
     from robotouille.domain.files import read_json
     from robotouille.domain.rendering import RenderingFile
@@ -154,7 +204,7 @@ def lint_file(name: str, domain: str | None = None) -> list[Fault]:
 
 
 def _lint_domain(path: Path) -> list[Fault]:
-    from robotouille.domain.checks.domain_checks import check_domain
+    from robotouille.domain.domain_checks import check_domain
     from robotouille.domain.task import complete_domain, read_domain
     from robotouille.world.lint import lint_domain_file
 
@@ -163,15 +213,15 @@ def _lint_domain(path: Path) -> list[Fault]:
 
 
 def _lint_input(path: Path, domain: str | None) -> list[Fault]:
-    from robotouille.domain.extends import read_extending
     from robotouille.domain.input_bindings import INPUT_FILES
+    from robotouille.domain.related_files import read_extending
     from robotouille.domain.task import read_domain
     from robotouille.world.lint import lint_input
 
     own = path.with_name(path.name.replace(".input.json", ".json"))
-    beside = str(own) if own.is_file() and own != path else "robotouille"
+    domain_file = str(own) if own.is_file() and own != path else "robotouille"
     inputs = read_extending(path, INPUT_FILES)
-    return lint_input(inputs, read_domain(domain or beside), path.name)
+    return lint_input(inputs, read_domain(domain or domain_file), path.name)
 
 
 def _lint_rendering(path: Path) -> list[Fault]:
@@ -186,9 +236,11 @@ def _lint_rendering(path: Path) -> list[Fault]:
 @app.command()
 def text(
     task: Annotated[str, typer.Argument(help="Task name or problem file.")],
-    player: Annotated[str | None, typer.Option(help="Whose valid actions to list.")] = None,
+    player: Annotated[
+        str | None, typer.Option(help="Player whose valid actions are listed.")
+    ] = None,
 ) -> None:
-    """Print a task's first observation in words."""
+    """Print the first observation of a task in words."""
     from pydantic import ValidationError
 
     from robotouille import World, load_task
@@ -201,7 +253,7 @@ def text(
 
 
 def main() -> None:
-    """The entry point of `robotouille`."""
+    """Run `robotouille`."""
     app()
 
 

@@ -1,4 +1,4 @@
-"""`robotouille plan TASK`: the shortest plan, and what is proven about it."""
+"""Commands `robotouille plan` and `robotouille pddl`: plan a task, or export it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from types import FrameType
@@ -32,65 +32,65 @@ from robotouille.certification.certificate import (
 from robotouille.certification.certifying import BUDGET
 from robotouille.errors import FileError, RecordingError, RobotouilleError
 from robotouille.planning import solvers as optimal
-from robotouille.planning.plan import read_plan, write_plan
+from robotouille.planning.pddl import EncodingStyle, encode
+from robotouille.planning.plan import Limits, read_plan, write_plan
 from robotouille.planning.plugins import domain_planner
 from robotouille.planning.search.unsolvable import unreachable_goal
-from robotouille.planning.search_result import Limits
-from robotouille.program import printable_json, tell
 from robotouille.replay.recording import read_recording
+from robotouille.terminal import options_from, printable_json, tell
 from robotouille.world.lint import sound_task
 from robotouille_client.console import explain, fail
 
-__all__ = ["plan"]
-
 PATIENCE = 2.0
-"""Seconds before progress is shown."""
+"""Seconds before progress is shown on a terminal."""
 FIRST_LINE = 10.0
-"""Seconds before progress is told in a line, where there is no terminal; the next lines come after
-twice as long each."""
+"""Seconds before the first line of progress without a terminal. Each next line takes twice as
+long, so that logs of long searches stay short."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions:
+    """Options of `robotouille plan`."""
+
+    recording: Annotated[
+        str | None,
+        typer.Option("--from", help="RECORDING@STEP: plan from a state of a recorded game."),
+    ] = None
+    seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None
+    timing: Annotated[Timing | None, typer.Option(help="Timing profile. Default: benchmark.")] = (
+        None
+    )
+    expansions: Annotated[int | None, typer.Option(min=0, help="Search budget in expansions.")] = (
+        None
+    )
+    timeout: Annotated[float | None, typer.Option(min=0.1, help="Time limit in seconds.")] = None
+    out: Annotated[Path | None, typer.Option(help="File for the plan.")] = None
+    json_output: Annotated[bool, typer.Option("--json", help="Print a certificate.")] = False
+    certificate: Annotated[
+        bool,
+        typer.Option("--certificate", help="Write a certificate next to the plan or problem file."),
+    ] = False
+
+
+@options_from(PlanOptions)
 def plan(
+    options: PlanOptions,
     task: Annotated[
         str | None, typer.Argument(help="Task name or problem file; @N for N seats.")
     ] = None,
-    recording: Annotated[
-        str | None,
-        typer.Option("--from", help="RECORDING@STEP: plan from where a recorded game stood."),
-    ] = None,
-    seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None,
-    timing: Annotated[Timing | None, typer.Option(help="Timing; benchmark by default.")] = None,
-    expansions: Annotated[
-        int | None, typer.Option(min=0, help="Give up after so many expansions.")
-    ] = None,
-    timeout: Annotated[
-        float | None, typer.Option(min=0.1, help="Give up after so many seconds.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="File for the plan.")] = None,
-    json_output: Annotated[bool, typer.Option("--json", help="Print a certificate.")] = False,
-    certificate: Annotated[
-        bool,
-        typer.Option("--certificate", help="Write a certificate beside the plan or problem file."),
-    ] = False,
 ) -> None:
-    """Find the shortest plan of a task, and prove that it is.
+    """Find the shortest plan of a task, and prove that no plan is shorter.
 
-    Ctrl-C or a limit ends the search with the best plan so far, and the gap to what is proven.
-    Exit status 1 if there is no plan, or none was found.
+    Ctrl+C or a limit ends the search with the best plan so far, and its gap to the lower bound.
+    The exit status is 1 if the command finds no plan.
     """
     try:
-        found, start = _beginning(task, recording, seats, timing)
-        place = _certificate_place(task, found, out) if certificate else None
-        if certificate and start is not None:
-            raise RobotouilleError("--certificate is for the start of a task: leave out --from")
-        if out is not None and (not out.name or _is_folder(out)):
-            raise RobotouilleError(f"--out: {str(out)!r} is a folder; expected a file")
-        if out is not None and not out.parent.is_dir():
-            raise RobotouilleError(f"there is no folder {out.parent}")
-        answer = _search(found, start, expansions, Deadline(timeout or math.inf))
-        notes = [] if recording is None else [f"from: {recording}"]
-        text = _text(answer, World(found) if start is None else start.world, notes)
-        _publish(answer, text, out, json_output)
+        found, start = _beginning(task, options)
+        place = _checked_output(task, found, start, options)
+        answer = _search(found, start, options.expansions, Deadline(options.timeout or math.inf))
+        world = World(found) if start is None else start.world
+        notes = [] if options.recording is None else [f"from: {options.recording}"]
+        _publish(answer, _text(answer, world, notes), options.out, options.json_output)
         if place is not None:
             write_certificate(answer, place)
     except (RobotouilleError, ValidationError, KeyError) as error:
@@ -98,7 +98,22 @@ def plan(
     except KeyboardInterrupt:
         fail("interrupted", 130)
     if answer.plan is None:
-        fail(_despair(answer) + _why(answer, World(found) if start is None else start.world, start))
+        fail(_failure(answer) + _impossible_parts(answer, world, start))
+
+
+def _checked_output(
+    name: str | None, task: Task, start: State | None, options: PlanOptions
+) -> Path | None:
+    """Check the output options before the search; return the certificate's path, if any."""
+    out = options.out
+    place = _certificate_path(name, task, out) if options.certificate else None
+    if options.certificate and start is not None:
+        raise RobotouilleError("--certificate needs the start of a task: leave out --from")
+    if out is not None and (not out.name or _is_folder(out)):
+        raise RobotouilleError(f"--out: {str(out)!r} is a folder; expected a file")
+    if out is not None and not out.parent.is_dir():
+        raise RobotouilleError(f"--out: no folder {out.parent}")
+    return place
 
 
 def _is_folder(path: Path) -> bool:
@@ -108,67 +123,66 @@ def _is_folder(path: Path) -> bool:
         return False
 
 
-# Where the plan begins
+# Start
 
 
-def _beginning(
-    name: str | None, recording: str | None, seats: int | None, timing: Timing | None
-) -> tuple[Task, State | None]:
+def _beginning(name: str | None, options: PlanOptions) -> tuple[Task, State | None]:
+    seats, timing, recording = options.seats, options.timing, options.recording
     if recording is None:
         if name is None:
             raise RobotouilleError("expected a task, a problem file or --from RECORDING@STEP")
         return sound_task(load_task(name, seats=seats, timing=timing or Timing.BENCHMARK)), None
     if seats is not None or timing is not None:
-        raise RobotouilleError("a recording has its own seats and timing: leave out yours")
+        raise RobotouilleError("leave out --seats and --timing: the recording has its own")
     start = _recorded_state(recording)
     task = start.world.task
     if name is not None:
+        # Plans are for the task as it was recorded, even if its file has changed since.
         given = load_task(name, seats=task.seats, timing=task.timing)
         if replace(given, name=task.name).digest != task.digest:
             raise RobotouilleError(
-                f"{recording}: is of {task.name}@{task.seats} as it was recorded, not of {name}"
+                f"{recording} has {task.name}@{task.seats} as it was recorded, which is not {name}"
             )
     return task, start
 
 
 def _recorded_state(reference: str) -> State:
-    """The state of a recorded game after a step, for RECORDING@STEP."""
     file, _, number = reference.rpartition("@")
     if not file or not re.fullmatch("[0-9]{1,9}", number):
         raise RobotouilleError(f"expected RECORDING@STEP like game.rbt@12, found {reference!r}")
     recording, step = read_recording(Path(file)), int(number)
     last = recording.length
     if step > last:
-        raise RecordingError(f"{file}: there is no step {step}; it has the steps 0 to {last}")
+        raise RecordingError(f"{file}: no step {step}; the steps are 0 to {last}")
     return next(islice(recording.states(), step, None))[1]
 
 
-# The search
+# Search
 
 
 def _search(
     task: Task, start: State | None, expansions: int | None, deadline: Deadline
 ) -> Certificate:
-    _tell_of_compiling(World(task))
+    _announce_compiling(World(task))
     progress = _Progress()
     limits = Limits(expansions, BUDGET.states, deadline)
     with _interruptible(deadline), progress.shown():
         return certify(task, optimal.solve, limits, progress, start)
 
 
-def _tell_of_compiling(world: World) -> None:
-    """Say why the first search of a kitchen takes so long, where its planner is compiled."""
-    from robotouille.planners.kitchen.kernels import to_be_compiled
-    from robotouille.planners.kitchen.plugin import KITCHEN
+def _announce_compiling(world: World) -> None:
+    """Announce that the planner is about to be compiled, which delays the first search."""
+    from robotouille.planning.kitchen.kernels import to_be_compiled
+    from robotouille.planning.kitchen.plugin import KITCHEN
 
     if domain_planner(world) is KITCHEN and to_be_compiled():
-        words = "compiling the planner, once for this machine: half a minute or a whole one"
-        tell(f"{words} (ROBOTOUILLE_COMPILE=0 does without)", err=True)
+        words = "compiling the planner, which takes up to a minute, once for this machine"
+        tell(f"{words} (ROBOTOUILLE_COMPILE=0 turns this off)", err=True)
 
 
 @contextmanager
 def _interruptible(deadline: Deadline) -> Iterator[None]:
-    """The first Ctrl-C ends the search, a second one the program."""
+    """Make the first Ctrl-C end the search, and a second one the program."""
 
     def strike(number: int, frame: FrameType | None) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -182,7 +196,7 @@ def _interruptible(deadline: Deadline) -> Iterator[None]:
 
 
 class _Progress:
-    """A `Watch` that shows a long search on stderr: on a terminal always, else in a few lines."""
+    """`Watch` that shows the progress of a long search on stderr."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True)
@@ -195,8 +209,8 @@ class _Progress:
         if seconds < (PATIENCE if self._console.is_terminal else self._next_line):
             return
         best = "no plan yet" if length is None else f"plan {length}, gap {max(0, length - bound)}"
-        words = f"{seconds:.0f} s, {expansions:,} expansions, bound {bound}, {best}"
-        words += " (Ctrl-C takes what there is)"
+        words = f"{seconds:.0f} s, {expansions:,} expansions, lower bound {bound}, {best}"
+        words += " (Ctrl-C takes the best plan so far)"
         if not self._console.is_terminal:
             tell(words, err=True)
             self._next_line *= 2
@@ -215,11 +229,11 @@ class _Progress:
                 self._status.stop()
 
 
-# What is said
+# Results
 
 
 def _text(certificate: Certificate, world: World, notes: list[str]) -> str:
-    """The plan with what is known about it as comments; empty without a plan."""
+    """Return the plan with comments about its proof, or an empty text without a plan."""
     if certificate.plan is None:
         return ""
     notes += [
@@ -252,28 +266,58 @@ def _publish(certificate: Certificate, text: str, out: Path | None, json_output:
 def _claim(certificate: Certificate) -> str:
     if certificate.optimal:
         return f"optimal ({certificate.proof.value})"
-    return f"bound {certificate.bound} ({certificate.proof.value}), gap {certificate.gap}"
+    bound = f"lower bound {certificate.bound} ({certificate.proof.value})"
+    return f"{bound}, gap {certificate.gap}"
 
 
-def _despair(certificate: Certificate) -> str:
+def _failure(certificate: Certificate) -> str:
     name = f"{certificate.task}@{certificate.seats}"
     if certificate.unsolvable:
         return f"{name} is unsolvable: no plan reaches the goal ({certificate.proof.value})"
-    proven = f"bound {certificate.bound} ({certificate.proof.value})"
-    return f"{name}: no plan was found in {certificate.expansions:,} expansions; {proven}"
+    proven = f"lower bound {certificate.bound} ({certificate.proof.value})"
+    return f"{name}: no plan found in {certificate.expansions:,} expansions; {proven}"
 
 
-def _why(certificate: Certificate, world: World, start: State | None) -> str:
-    """The parts of the goal that cannot come true, where they are known."""
+def _impossible_parts(certificate: Certificate, world: World, start: State | None) -> str:
     if not certificate.unsolvable:
         return ""
     parts = unreachable_goal(world, start, limits=Limits(expansions=20_000, states=100_000))
-    return "".join(f"\n  this can never be so: {part}" for part in parts)
+    return "".join(f"\n  impossible: {part}" for part in parts)
 
 
-def _certificate_place(name: str | None, task: Task, out: Path | None) -> Path:
+def _certificate_path(name: str | None, task: Task, out: Path | None) -> Path:
     if out is not None:
         return out.with_name(f"{out.stem}.certificate.json")
     if re.search(r"\.json(@[0-9]{1,3})?$", name or ""):
         return certificate_path(Path(task.source), task)
-    raise RobotouilleError("--certificate needs a problem file or --out FILE to lie beside")
+    raise RobotouilleError(
+        "--certificate needs a problem file or --out FILE, next to which it is written"
+    )
+
+
+# Export
+
+
+def pddl(
+    task: Annotated[str, typer.Argument(help="Task name or problem file.")],
+    out: Annotated[Path, typer.Option(help="Folder for domain.pddl and problem.pddl.")],
+    encoding: Annotated[
+        EncodingStyle,
+        typer.Option(help="steps: exact. durative: PDDL 2.1, an approximation."),
+    ] = EncodingStyle.STEPS,
+    seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None,
+    created: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of objects of each kind that actions can create."),
+    ] = None,
+) -> None:
+    """Write a task in PDDL for other planners."""
+    try:
+        if out.exists() and not out.is_dir():
+            raise RobotouilleError(f"--out: {out} is a file; expected a folder")
+        written = encode(World(load_task(task, seats=seats)), encoding, created=created)
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "domain.pddl").write_text(written.domain, encoding="utf-8")
+        (out / "problem.pddl").write_text(written.problem, encoding="utf-8")
+    except (RobotouilleError, ValidationError, KeyError, OSError) as error:
+        fail(explain(error))

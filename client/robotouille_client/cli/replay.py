@@ -1,4 +1,4 @@
-"""`robotouille replay …`: look at, verify, measure, watch and export recordings."""
+"""Commands `robotouille replay …`: show, verify, measure, watch and export recordings."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,14 +17,15 @@ from robotouille.certification.certificate import Deadline
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
 from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
-from robotouille.program import printable, printable_json, tell
-from robotouille.replay.analysis.distances import distances
-from robotouille.replay.export import json_lines
+from robotouille.replay.controllers import json_lines
+from robotouille.replay.distances import distances
 from robotouille.replay.model_calls import call_texts
 from robotouille.replay.notes import rejections
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import course, course_text, note_lines
+from robotouille.terminal import options_from, printable, printable_json, tell
 from robotouille_client.console import (
+    JsonOption,
     LenientOption,
     RenderingOption,
     check_look,
@@ -34,25 +35,49 @@ from robotouille_client.console import (
     terminable,
 )
 
-__all__ = ["replay"]
-
 replay = typer.Typer(
-    no_args_is_help=True, help="Look at, verify, measure, watch and export recordings."
+    no_args_is_help=True, help="Show, verify, measure, watch and export recordings."
 )
 
 PATIENCE = 2.0
 """Seconds before progress is shown."""
 
-FileArgument = Annotated[Path, typer.Argument(help="A recording (.rbt, or .rbt.part while open).")]
-TasksOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--tasks", help="The folder of the kitchen's files, for its pictures; else the current one."
-    ),
+FileArgument = Annotated[
+    Path, typer.Argument(help="Recording (.rbt, or .rbt.part while it is being written).")
 ]
 DamagedOption = Annotated[
-    bool, typer.Option("--damaged", help="Of a damaged file, read what stands before the damage.")
+    bool, typer.Option("--damaged", help="Read a damaged file up to the damage.")
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawingOptions:
+    """Options of commands that draw recordings."""
+
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720"
+    rendering: RenderingOption = ""
+    lenient: LenientOption = False
+    tasks: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the task's files, with its pictures. Default: the current folder."
+        ),
+    ] = None
+
+    def open(self, file: Path) -> Recording:
+        """Open a recording, damaged or not, and check its pictures."""
+        from robotouille_client.window.replay.recorded_history import open_shown
+
+        tasks = self.tasks
+        if tasks is not None and not tasks.is_dir():
+            raise RobotouilleError(f"--tasks {tasks}: no such folder")
+        recording = open_shown(file, tasks, damaged=True)
+        if tasks is not None and recording.task.folder != tasks:
+            name = recording.task.domain.name
+            tell(f"--tasks {tasks}: no rendering of the domain {name!r}", err=True)
+        _report_damage(file, recording)
+        check_look(recording.task, self.rendering, self.lenient)
+        return recording
 
 
 def _open(file: Path, *, damaged: bool = False) -> Recording:
@@ -60,45 +85,43 @@ def _open(file: Path, *, damaged: bool = False) -> Recording:
         recording = read_recording(file, damaged=damaged)
     except RobotouilleError as error:
         fail(explain(error))
-    _tell_damage(file, recording)
+    _report_damage(file, recording)
     return recording
 
 
-def _open_shown(file: Path, tasks: Path | None) -> Recording:
-    """A recording that is to be drawn, damaged or not."""
-    from robotouille_client.window.replay.history.recorded_look import open_shown
-
-    if tasks is not None and not tasks.is_dir():
-        raise RobotouilleError(f"--tasks {tasks}: there is no such folder")
-    recording = open_shown(file, tasks, damaged=True)
-    if tasks is not None and recording.task.folder != tasks:
-        name = recording.task.domain.name
-        tell(f"--tasks {tasks}: has no rendering of the domain {name!r}", err=True)
-    _tell_damage(file, recording)
-    return recording
-
-
-def _tell_damage(file: Path, recording: Recording) -> None:
+def _report_damage(file: Path, recording: Recording) -> None:
     if recording.damage:
-        read = f"the {recording.length} steps before it are read"
-        tell(printable(f"{file}: {recording.damage}; {read}"), err=True)
+        kept = f"only the {recording.length} steps before the damage were read"
+        tell(printable(f"{file}: {recording.damage}; {kept}"), err=True)
 
 
 @replay.command()
 @failing
 def info(
     file: FileArgument,
-    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json_output: JsonOption = False,
     damaged: DamagedOption = False,
 ) -> None:
-    """Say what was played, by whom in which steps, when it stood still, and how it ended."""
+    """Show the task, the participants and their steps, pauses, and the outcome."""
     recording = _open(file, damaged=damaged)
+    rows = _info(recording)
+    if json_output:
+        head = recording.header
+        names = {key: head.get(key, "") for key in ("episode", "code", "owner")}
+        typer.echo(json.dumps({**rows, **names, **course(recording)}))
+        return
+    for key, value in [*_info_texts(file, rows).items(), *course_text(recording)]:
+        tell(printable(f"{key:10} {value}"))
+
+
+def _info(recording: Recording) -> dict[str, Any]:
     head, seats = recording.header, recording.measures().seats
-    rows = {
-        "task": head["task"]["name"],
-        "goal": head["task"]["problem"].get("goal_description", ""),
+    task = head["task"]
+    return {
+        "task": task["name"],
+        "goal": task["problem"].get("goal_description", ""),
         "clock": head["rules"]["clock"],
-        "timing": head["task"]["timing"],
+        "timing": task["timing"],
         "seed": head["seed"],
         "created": head["created"],
         "software": head["software"],
@@ -111,58 +134,42 @@ def info(
         "staleness": {player: seat.staleness for player, seat in seats.items()},
         "outcome": recording.outcome,
     }
-    if json_output:
-        names = {key: head.get(key, "") for key in ("episode", "code", "owner")}
-        typer.echo(json.dumps({**rows, **names, **course(recording)}))
-        return
-    end = recording.outcome
-    rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
-    rows["labels"] = ", ".join(f"{k}={v}" for k, v in rows["labels"].items()) or "-"
-    rows["treated"] = _treated(rows["treated"])
-    rows["rejected"] = _counts(rows["rejected"])
-    rows["activities"] = _counts(rows["activities"])
-    rows["staleness"] = _staleness(rows["staleness"])
-    rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else _no_end(file)
-    for key, value in [*rows.items(), *course_text(recording)]:
-        tell(printable(f"{key:10} {value}"))
 
 
-def _treated(treatments: dict[str, dict[str, Any]]) -> str:
-    """What a study did to seats; a dash for nothing."""
-    told = [
-        f"{player}: {', '.join(f'{name} {value}' for name, value in treatment.items())}"
-        for player, treatment in treatments.items()
-    ]
-    return "; ".join(told) or "-"
+def _info_texts(file: Path, rows: dict[str, Any]) -> dict[str, Any]:
+    end = rows["outcome"]
+    staleness = [f"{p}: {age:.1f} steps" for p, age in rows["staleness"].items() if age is not None]
+    return {
+        **rows,
+        "seats": ", ".join(f"{player}: {who}" for player, who in rows["seats"].items()),
+        "labels": ", ".join(f"{k}={v}" for k, v in rows["labels"].items()) or "-",
+        "treated": _by_player(rows["treated"], "{0} {1}"),
+        "rejected": _by_player(rows["rejected"], "{1} {0}"),
+        "activities": _by_player(rows["activities"], "{1} {0}"),
+        "staleness": ", ".join(staleness) or "-",
+        "outcome": f"{end['reason']} after {end['seconds']} s" if end else _no_outcome(file),
+    }
 
 
-def _counts(of_each: dict[str, dict[str, int]]) -> str:
-    """What of each player was how often; a dash for nothing of anybody."""
-    told = []
-    for player, counts in of_each.items():
-        if words := ", ".join(f"{number} {what}" for what, number in counts.items() if number):
-            told.append(f"{player}: {words}")
-    return "; ".join(told) or "-"
+def _by_player(rows: dict[str, dict[str, Any]], form: str) -> str:
+    texts = {
+        player: ", ".join(form.format(name, value) for name, value in row.items() if value)
+        for player, row in rows.items()
+    }
+    return "; ".join(f"{player}: {text}" for player, text in texts.items() if text) or "-"
 
 
-def _staleness(of_each: dict[str, float | None]) -> str:
-    """How many steps old the picture was on which each player's actions were based."""
-    told = [f"{p}: {steps:.1f} steps" for p, steps in of_each.items() if steps is not None]
-    return ", ".join(told) or "-"
-
-
-def _no_end(file: Path) -> str:
-    """Why a recording has no outcome."""
-    open_still = file.suffix == ".part"
-    return "no end: it is being played, or was left" if open_still else "no end: it was cut off"
+def _no_outcome(file: Path) -> str:
+    unfinished = file.suffix == ".part"
+    return "no outcome: it is being played, or was left" if unfinished else "no outcome: cut off"
 
 
 @replay.command()
 @failing
 def notes(file: FileArgument, damaged: DamagedOption = False) -> None:
-    """List what happened between the steps: who came, went and returned, chat, pauses, rejections.
+    """List the events between steps: arrivals, absences, returns, chat, pauses, rejections.
 
-    Each line begins with the step it came after and the seconds since the game began.
+    Each line begins with the step before the event and the seconds since the game began.
     """
     for line in note_lines(_open(file, damaged=damaged)):
         tell(printable(line))
@@ -173,16 +180,17 @@ def notes(file: FileArgument, damaged: DamagedOption = False) -> None:
 def said(
     file: FileArgument,
     player: Annotated[
-        str | None, typer.Option(help="Whose model; those of all if left out.")
+        str | None, typer.Option(help="Player of the language model. Default: all.")
     ] = None,
     json_output: Annotated[
-        bool, typer.Option("--json", help="Print a line of JSON a call, with all that was sent.")
+        bool,
+        typer.Option("--json", help="Print one line of JSON for each call, with all messages."),
     ] = False,
     damaged: DamagedOption = False,
 ) -> None:
-    """Show what language models were sent and what they said, call by call.
+    """Show the transcript of the language models, call by call.
 
-    Messages that were sent in the call before as well are only counted.
+    Messages repeated from the previous call are counted, not shown.
     """
     recording = _open(file, damaged=damaged)
     for text in call_texts(recording, player, as_json=json_output):
@@ -191,10 +199,10 @@ def said(
 
 @replay.command()
 def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> None:
-    """Re-simulate recordings and compare every fact, timer and hash.
+    """Simulate recordings again and compare every fact, timer and hash.
 
-    Exit status 1 if any differs, is damaged, or is closed without an end; says the first step and
-    the first fact that differ, or the byte.
+    The exit status is 1 if a recording differs, is damaged, or was closed without an outcome. The
+    error names the first different step and fact, or the damaged byte.
     """
     failed = False
     for file in files:
@@ -204,12 +212,12 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
             tell(explain(error), err=True)
             failed = True
             continue
-        cut = "" if result.complete else f" ({_no_end(file)})"
+        cut = "" if result.complete else f" ({_no_outcome(file)})"
         if result.ok:
             tell(f"{file}: verified, {result.steps} steps{cut}")
         else:
             failed = True
-            reason = result.fault or "the frames differ when written anew"
+            reason = result.fault or "the frames differ when they are written again"
             tell(f"{file}: does NOT verify: {reason}{cut}", err=True)
     if failed:
         raise typer.Exit(1)
@@ -218,18 +226,18 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
 @replay.command()
 def steps(
     file: FileArgument,
-    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json_output: JsonOption = False,
     expansions: Annotated[
-        int, typer.Option(min=1, help="Expansions that the search from one state may cost.")
+        int, typer.Option(min=1, help="Search budget for each state, in expansions.")
     ] = 2_000,
     seconds: Annotated[
-        float, typer.Option(min=0.1, help="Seconds after which nothing more is searched.")
+        float, typer.Option(min=0.1, help="Time limit in seconds for all searches.")
     ] = 300.0,
 ) -> None:
-    """Say how many steps the goal was away at each step, and how good the play was.
+    """Show the steps to go at each step, and the optimality rate.
 
-    A range where the search gave up: more expansions make it narrower. Exit status 1 if the file
-    cannot be read.
+    A range means that the search gave up; more expansions make it narrower. The exit status is 1
+    if the file cannot be read.
     """
     recording, deadline = _open(file), Deadline(seconds)
     silent = json_output or not sys.stdout.isatty()
@@ -250,14 +258,12 @@ def steps(
     else:
         tell("\n".join(_summary(recording, rows)))
     if deadline.struck:
-        late = f"{seconds:g} seconds were over: of the rest only bounds are given (--seconds)"
-        tell(late, err=True)
+        tell(f"stopped after {seconds:g} s: later steps show bounds only (see --seconds)", err=True)
 
 
 def _with_progress(
     found: Iterator[StepsLeft], length: int, show_progress: bool
 ) -> Iterator[StepsLeft]:
-    """The same, with a line that says how far it is, once it has taken a while."""
     began, status = time.monotonic(), Console(stderr=True).status("")
     try:
         for step in range(length + 1):
@@ -270,7 +276,7 @@ def _with_progress(
 
 
 def _rate(recording: Recording, rows: Sequence[StepsLeft]) -> Range | None:
-    """Steps taken by the fewest possible; None without success, or where steps are not alike."""
+    """Return the optimality rate, or None without success or with timing `people`."""
     if rows[-1].steps != 0 or recording.task.timing is not Timing.BENCHMARK:
         return None
     taken = len(rows) - 1
@@ -290,7 +296,6 @@ def _steps_json(recording: Recording, rows: Sequence[StepsLeft]) -> dict[str, An
 
 
 def _step_text(recording: Recording, frame: dict[str, Any] | None, row: StepsLeft) -> str:
-    """The line of the state after a step; with the heading, that of the state before the first."""
     if frame is None:
         return f" step  to go\n{0:5}  {_left(row):>5}"
     actions = "; ".join(map(str, recording.actions(frame))) or "-"
@@ -300,7 +305,7 @@ def _step_text(recording: Recording, frame: dict[str, Any] | None, row: StepsLef
 def _summary(recording: Recording, rows: Sequence[StepsLeft]) -> Iterator[str]:
     yield ""
     if recording.task.timing is not Timing.BENCHMARK:
-        yield "Steps to go are counted without the longer delays of this recording's timing."
+        yield "Steps to go ignore the longer delays of this recording's timing."
     yield f"steps taken             {len(rows) - 1}"
     yield f"fewest possible         {_left(rows[0])}"
     yield f"optimality rate         {_range(_rate(recording, rows))}"
@@ -328,9 +333,9 @@ def _range(found: Range | None) -> str:
 def export(
     file: FileArgument,
     output: Annotated[
-        Path | None, typer.Option(help="File to write; standard output else.")
+        Path | None, typer.Option(help="File to write. Default: standard output.")
     ] = None,
-    texts: Annotated[bool, typer.Option(help="Add each seat's observation in words.")] = False,
+    texts: Annotated[bool, typer.Option(help="Add the observation of each seat in words.")] = False,
     damaged: DamagedOption = False,
 ) -> None:
     """Write a recording as JSON lines: header, steps, outcome."""
@@ -346,28 +351,26 @@ def export(
 
 
 @replay.command()
+@options_from(DrawingOptions)
 def play(
     files: Annotated[
-        list[Path], typer.Argument(help="A recording; two of the same task are shown side by side.")
+        list[Path], typer.Argument(help="Recording, or two of the same task side by side.")
     ],
+    options: DrawingOptions,
     speed: Annotated[
         float | None,
         typer.Option(
-            help="Steps a second; as recorded in real time, else 5, if left out.", min=0.1, max=60
+            help="Steps per second. Default: as recorded in real time, else 5.", min=0.1, max=60
         ),
     ] = None,
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
-    at: Annotated[int, typer.Option(help="The step to begin at.", min=0)] = 0,
+    at: Annotated[int, typer.Option(help="First step to show.", min=0)] = 0,
     screenshot: Annotated[
         Path | None, typer.Option(help="Only save a picture of that step; needs no screen.")
     ] = None,
-    rendering: RenderingOption = "",
-    lenient: LenientOption = False,
-    tasks: TasksOption = None,
 ) -> None:
-    """Watch a recording in a window, or two side by side: H shows the keys.
+    """Watch a recording in a window, or two side by side. H shows the keys.
 
-    Of a damaged or unfinished file what there is is shown.
+    A damaged or unfinished file is shown up to its last valid step.
     """
     from robotouille_client.window import require_pygame
 
@@ -375,30 +378,32 @@ def play(
         require_pygame()
         from robotouille_client.window.replay.viewer import watch
 
-        recordings = [_open_shown(file, tasks) for file in files]
-        for recording in recordings:
-            check_look(recording.task, rendering, lenient)
-        opened = list(zip(files, recordings, strict=True))
-        watch(opened, speed, size, at=at, screenshot=screenshot, rendering=rendering)
+        opened = [(file, options.open(file)) for file in files]
+        watch(
+            opened,
+            speed,
+            options.size,
+            at=at,
+            screenshot=screenshot,
+            rendering=options.rendering,
+        )
     except RobotouilleError as error:
         fail(explain(error))
 
 
 @replay.command()
+@options_from(DrawingOptions)
 def video(
     file: FileArgument,
-    output: Annotated[Path, typer.Argument(help="A file to write: .mp4 or .gif.")],
-    speed: Annotated[float, typer.Option(help="Steps a second.", min=0.1, max=60)] = 4.0,
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
+    output: Annotated[Path, typer.Argument(help="File to write: .mp4 or .gif.")],
+    options: DrawingOptions,
+    speed: Annotated[float, typer.Option(help="Steps per second.", min=0.1, max=60)] = 4.0,
     first: Annotated[
-        int | None, typer.Option("--from", help="The first step; else the beginning.", min=0)
+        int | None, typer.Option("--from", help="First step. Default: the beginning.", min=0)
     ] = None,
     last: Annotated[
-        int | None, typer.Option("--to", help="The last step; else the end.", min=0)
+        int | None, typer.Option("--to", help="Last step. Default: the end.", min=0)
     ] = None,
-    rendering: RenderingOption = "",
-    lenient: LenientOption = False,
-    tasks: TasksOption = None,
 ) -> None:
     """Write a recording, or a span of it, as a video."""
     from robotouille_client.window import require_pygame
@@ -406,13 +411,11 @@ def video(
     try:
         require_pygame()
         from robotouille_client.window.replay.film import film
-        from robotouille_client.window.replay.history.recorded import RecordedHistory
+        from robotouille_client.window.replay.recorded_history import RecordedHistory
 
-        recording = _open_shown(file, tasks)
-        check_look(recording.task, rendering, lenient)
-        history = RecordedHistory(recording)
+        history = RecordedHistory(options.open(file))
         with terminable():
-            frames = film(history, output, speed, size, (first, last), rendering)
+            frames = film(history, output, speed, options.size, (first, last), options.rendering)
     except RobotouilleError as error:
         fail(explain(error))
     tell(f"{output}: {frames} frames")

@@ -1,5 +1,7 @@
-"""What all commands share: how they fail, how a server is named, and what NAME=VALUE is; progress
-on the terminal, and a seat that outlives them, are modules beside this."""
+"""Options, errors and signals that all commands share.
+
+Progress bars and the seats that outlive a process are in the submodules.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +10,14 @@ import math
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, NoReturn, ParamSpec
 
 import typer
 
 from robotouille.errors import FileError, ProtocolError, RobotouilleError
-from robotouille.program import printable, quoted, tell
+from robotouille.terminal import printable, quoted, tell
 
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
@@ -23,11 +26,14 @@ __all__ = [
     "SERVER_HOST",
     "SERVER_PORT",
     "HostOption",
+    "JsonOption",
     "LenientOption",
     "PortOption",
     "RenderingOption",
+    "ServerOptions",
     "TokenOption",
     "UrlOption",
+    "VersionOption",
     "check_look",
     "explain",
     "fail",
@@ -40,57 +46,85 @@ __all__ = [
     "unicode",
 ]
 
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from robotouille.installation import RELEASE
+
+        typer.echo(RELEASE)
+        raise typer.Exit
+
+
+VersionOption = Annotated[
+    bool,
+    typer.Option(
+        "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+    ),
+]
+
 P = ParamSpec("P")
 
 SERVER_HOST, SERVER_PORT = "127.0.0.1", 8765
-"""Where a server is that nobody has told to be anywhere else."""
+"""The default address of a server."""
 INTERRUPTED = 130
-"""The exit status after Ctrl+C, as shells have it."""
+"""Exit status after Ctrl+C, as in shells."""
 
 UrlOption = Annotated[
-    str | None, typer.Option(help="The server's URL, instead of its host and port.")
+    str | None, typer.Option(help="URL of the server. Replaces --host and --port.")
 ]
-HostOption = Annotated[str, typer.Option(help="The server's host.")]
-PortOption = Annotated[int, typer.Option(help="The server's port.")]
+HostOption = Annotated[str, typer.Option(help="Host of the server.")]
+PortOption = Annotated[int, typer.Option(help="Port of the server.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 TokenOption = Annotated[
     str | None,
     typer.Option(
         "--token",
         envvar="ROBOTOUILLE_TOKEN",
-        help="A signed role token, where the server asks for one.",
+        help="Signed role token, if the server requires one.",
     ),
 ]
 
 RenderingOption = Annotated[
-    str,
-    typer.Option(help="What the kitchen looks like, by the name of a rendering, e.g. chalk."),
+    str, typer.Option(help="Name of the rendering that draws the kitchen, such as chalk.")
 ]
 
 LenientOption = Annotated[
-    bool,
-    typer.Option(help="Draw tiles with names in place of the pictures that are missing."),
+    bool, typer.Option(help="Draw tiles with names in place of missing pictures.")
 ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class ServerOptions:
+    """The address of a server and the token for it, as command-line options."""
+
+    url: UrlOption = None
+    host: HostOption = SERVER_HOST
+    port: PortOption = SERVER_PORT
+    token: TokenOption = None
+
+    @property
+    def address(self) -> str:
+        """The checked URL of the server."""
+        return server_url(self.url, self.host, self.port)
+
+
 def check_look(task: Task | None, rendering: str, lenient: bool) -> None:
-    """Print all that is wrong with how things are going to look, and exit; what is only missing
-    is for `lenient` to be drawn otherwise.
+    """Print all faults of a task's pictures and exit, or ignore missing pictures if `lenient`.
 
     Raises:
-        RobotouilleError: There is no such rendering, or one cannot be used at all.
+        RobotouilleError: The rendering is unknown or unusable.
     """
     from robotouille.world.lint import lint_look
 
     errors = lint_look(task, rendering)
     if errors and not lenient:
         lines = "\n".join(map(str, errors))
-        fail(f"{lines}\n--lenient draws tiles with names in place of what is missing")
+        fail(f"{lines}\nUse --lenient to draw tiles with names in place of missing pictures")
 
 
 def explain(error: Exception) -> str:
-    """An error in words, on one line (those of a file: a line for each); of a value that a schema
-    refuses, what it was for."""
+    """Return an error's message on one line; faults of a file have one line each."""
     if isinstance(error, ProtocolError):
         return printable(error.message)
     if isinstance(error, FileError):
@@ -105,18 +139,18 @@ def explain(error: Exception) -> str:
 
 
 def finite(value: float | None) -> float | None:
-    """An option's number, which is no infinity and no NaN: bounds do not keep out the latter."""
-    if value is not None and not math.isfinite(value):
-        raise typer.BadParameter(f"{value} is no finite number")
+    """Reject infinity and NaN as the value of an option."""
+    if value is not None and not math.isfinite(value):  # `min` and `max` let NaN through.
+        raise typer.BadParameter(f"{value} is not a finite number")
     return value
 
 
 def unicode(value: str | None) -> str | None:
-    """An option's words, which can be sent: bytes of a command line need not be UTF-8."""
+    """Reject text that cannot be sent: the bytes of a command line need not be UTF-8."""
     try:
         (value or "").encode()
     except UnicodeEncodeError:
-        raise typer.BadParameter(f"{value!r} is no UTF-8") from None
+        raise typer.BadParameter(f"{value!r} is not valid UTF-8") from None
     return value
 
 
@@ -127,28 +161,26 @@ def fail(message: str, status: int = 1) -> NoReturn:
 
 
 def failing(command: Callable[P, None]) -> Callable[P, None]:
-    """A command whose errors, and values that a schema refuses, are told in a line; the exit status
-    is 1."""
+    """Return the command, which now prints its errors on one line and exits with status 1."""
 
     @functools.wraps(command)
     def guarded(*arguments: P.args, **options: P.kwargs) -> None:
         try:
             command(*arguments, **options)
-        except _told() as error:
+        except _expected_errors() as error:
             fail(explain(error))
 
     return guarded
 
 
-def _told() -> tuple[type[Exception], ...]:
-    """The errors that are told in a line; the schemas' library is slow to load."""
-    from pydantic import ValidationError
+def _expected_errors() -> tuple[type[Exception], ...]:
+    from pydantic import ValidationError  # Imported late: pydantic is slow to load.
 
     return RobotouilleError, ValidationError
 
 
 def interruptible(command: Callable[P, None]) -> Callable[P, None]:
-    """A command that Ctrl+C ends without a word."""
+    """Return the command, which Ctrl+C now ends without a traceback."""
 
     @functools.wraps(command)
     def guarded(*arguments: P.args, **options: P.kwargs) -> None:
@@ -162,7 +194,7 @@ def interruptible(command: Callable[P, None]) -> Callable[P, None]:
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """SIGTERM interrupts as Ctrl+C does, so that what has been begun is brought to an end."""
+    """Make SIGTERM interrupt like Ctrl+C, so that files are closed properly."""
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         raise KeyboardInterrupt
@@ -175,22 +207,22 @@ def terminable() -> Iterator[None]:
 
 
 def name_and_value(text: str, option: str) -> tuple[str, str]:
-    """What an option says of a name, as `condition=a`.
+    """Split the NAME=VALUE of an option.
 
     Raises:
-        RobotouilleError: It is no NAME=VALUE.
+        RobotouilleError: The text is not NAME=VALUE.
     """
     name, _, value = text.partition("=")
     if not (name and value):
-        raise RobotouilleError(f"{option} {quoted(text)}: write it as NAME=VALUE")
+        raise RobotouilleError(f"{option} {quoted(text)}: expected NAME=VALUE")
     return name, value
 
 
 def server_url(url: str | None, host: str, port: int) -> str:
-    """The URL of a server: as given, or made of host and port.
+    """Return the URL of a server: the given one, or one made of host and port.
 
     Raises:
-        ConnectionFailedError: It is none.
+        ConnectionFailedError: The URL is invalid.
     """
     from robotouille_client.sockets import server_uri
 

@@ -1,4 +1,4 @@
-"""The seat of a window or bot whose process stopped: who starts it again here gets it back."""
+"""Files that let a window or bot return to its seat after its process was killed."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from robotouille_client.game import Game
 
 try:
     import fcntl
-except ImportError:  # Windows: seats are not kept there
+except ImportError:  # Windows has no fcntl, so seats are not kept there.
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["KeptSeat", "came_back", "keep_seat", "kept_seat", "kept_seat_of", "state_folder"]
-
 KEEP_SECONDS = 0.2
+"""Interval between checks for a new resume token."""
 
 
 class KeptSeat:
-    """A file with the resume token of one player and the seats that it brings back, readable by its
-    owner alone.
+    """A file with one participant's resume token and seats, readable by its owner only.
 
-    The process that plays holds a lock on it: another one of the same name is another player.
+    The process holds a lock on the file, so a second process with the same name does not take
+    over the seat of the first.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -38,21 +37,21 @@ class KeptSeat:
 
     @property
     def token(self) -> str | None:
+        """The resume token, if one was written."""
         return self._written.partition("\n")[0] or None
 
     @property
     def seats(self) -> tuple[str, ...]:
-        """Which the token brings back; none where an earlier version did not write them down."""
+        """The seats that the token restores; empty if an earlier version wrote the file."""
         return tuple(self._written.splitlines()[1:])
 
     def token_for(self, asked: Literal["all"] | Sequence[str]) -> str | None:
-        """The token, where it brings back the seats that are asked for: any if none are named, or
-        all that are free. Others are forgotten as soon as there is a seat to keep instead."""
+        """Return the token if it restores the requested seats, or if any seats will do."""
         anything = not asked or asked == "all"
         return self.token if anything or set(asked) == set(self.seats) else None
 
     def keep(self, token: str | None, seats: Sequence[str]) -> None:
-        """Write down the newest token; one that cannot be written is no reason to stop."""
+        """Write the newest token. A failure to write is ignored, since the game goes on."""
         if token is None:
             return
         written = "\n".join((token, *seats))
@@ -64,14 +63,17 @@ class KeptSeat:
             self._written = written
 
     def forget(self) -> None:
-        """The game is over: there is nothing to come back to."""
+        """Delete the file, once there is no seat to return to."""
         with contextlib.suppress(OSError):
             self._path.unlink(missing_ok=True)
 
 
 @contextmanager
 def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat | None]:
-    """The kept seat of a name in an episode; None where another process has it, or none can be."""
+    """Open the kept seat of a name in an episode.
+
+    Yields None if another process holds it, or if the folder cannot be written.
+    """
     key = "\n".join((url, code.strip().replace("-", "").upper(), name))
     path = folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.seat"
     descriptor = _locked(path)
@@ -89,8 +91,10 @@ def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat
 def kept_seat_of(
     folder: Path, url: str, code: str, names: Sequence[str]
 ) -> Iterator[tuple[str, KeptSeat | None]]:
-    """The first of some names under which no other process here plays, and its kept seat; the
-    first of all, without one, where each of them is taken."""
+    """Open the kept seat of the first name that no other process here uses.
+
+    If every name is in use, yields the first one without a kept seat.
+    """
     with contextlib.ExitStack() as stack:
         for name in names:
             kept = stack.enter_context(kept_seat(folder, url, code, name))
@@ -101,7 +105,7 @@ def kept_seat_of(
 
 
 async def keep_seat(client: Client, game: Game, kept: KeptSeat | None) -> None:
-    """Write down what brings this player back into its seat, each time that it is another."""
+    """Keep the newest resume token of a client until its game ends."""
     while kept is not None:
         if game.ended:
             kept.forget()
@@ -111,7 +115,7 @@ async def keep_seat(client: Client, game: Game, kept: KeptSeat | None) -> None:
 
 
 def came_back(client: Client, game: Game, kept: KeptSeat | None) -> str:
-    """The seats of the process before, if the kept token has brought them back; else nothing."""
+    """Return the names of the seats if the kept token restored them, else an empty text."""
     back = kept is not None and client.resumed and set(kept.seats) == set(game.own_seats)
     return ", ".join(game.own_seats) if back else ""
 
@@ -133,6 +137,6 @@ def _locked(path: Path) -> int | None:
 
 
 def state_folder() -> Path:
-    """Where the seats of this user are kept."""
+    """Return the folder of this user's kept seats."""
     home = os.environ.get("XDG_STATE_HOME")
     return (Path(home) if home else Path.home() / ".local" / "state") / "robotouille" / "seats"

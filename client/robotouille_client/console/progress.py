@@ -1,4 +1,4 @@
-"""Progress bars on stderr, where that is a terminal; nothing where it is none."""
+"""Progress bars on stderr, shown only if stderr is a terminal."""
 
 from __future__ import annotations
 
@@ -17,29 +17,27 @@ from rich.progress import (
     track,
 )
 
-__all__ = ["ProgressBar", "progress_bar", "progress_columns", "tracked"]
-
 T = TypeVar("T")
 
 
 class ProgressBar:
-    """How many of how many are done."""
+    """A bar with a description and a count of done items."""
 
     def __init__(self, progress: Progress, what: str) -> None:
         self._progress = progress
         self._task = progress.add_task(what, total=None)
 
     def __call__(self, done: int, total: int) -> None:
-        """Show it."""
+        """Show the count."""
         self._progress.update(self._task, completed=done, total=total)
 
     def stage(self, what: str, done: int, total: int) -> None:
-        """Show it, of one thing after the other."""
+        """Show another description and its count."""
         self._progress.update(self._task, description=what, completed=done, total=total)
 
 
 def progress_columns() -> tuple[ProgressColumn, ...]:
-    """What a bar consists of: what it is about, how much is done, and for how long it has gone."""
+    """Return the columns of all progress bars: description, bar, count and elapsed time."""
     return (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -50,7 +48,7 @@ def progress_columns() -> tuple[ProgressColumn, ...]:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[ProgressBar]:
-    """A bar that counts something, and is gone in the end."""
+    """Show a progress bar within the context."""
     console = Console(stderr=True)
     quiet = not console.is_terminal
     columns = progress_columns()
@@ -59,10 +57,10 @@ def progress_bar(what: str) -> Iterator[ProgressBar]:
 
 
 def tracked(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """The same items, with a bar that counts them.
+    """Yield the items while a progress bar counts them.
 
     Args:
-        total: How many there are, where the items do not say so themselves.
+        total: The number of items, if `items` has no length.
     """
     console = Console(stderr=True)
     quiet = not console.is_terminal

@@ -1,1 +1,1 @@
-"""The load tester: bots by the thousand, and a report of what they and the server went through."""
+"""The load tester: thousands of bots, and a report of how the server performed."""

@@ -1,23 +1,26 @@
-"""Distributions of durations: constant memory, about one per cent of error, made to be added."""
+"""Distributions of durations with one per cent of error that can be added.
+
+The buckets are sparse, unlike those of HdrHistogram: the report keeps one distribution for each
+measurement and second, and most of them have few different durations. An hour would take about
+900 MB with 26 KiB for each.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from math import exp, log
 
-__all__ = ["Histogram", "Measurements"]
-
 SMALLEST = 1e-6
-"""Seconds; whatever is shorter counts as this long."""
+"""Shortest duration in seconds. Shorter ones count as this long."""
 GROWTH = 0.01
-"""Each bucket ends this fraction above the one before, give or take."""
-PER_DECADE = 1 / GROWTH
+"""Relative width of a bucket."""
+BUCKETS_PER_E = 1 / GROWTH
 
 
 class Histogram:
     """Durations in seconds, in buckets that grow by one per cent.
 
-    The largest is kept exactly; a percentile is right to within a bucket.
+    `largest` is exact. Percentiles are exact to within a bucket.
     """
 
     __slots__ = ("_counts", "count", "largest", "total")
@@ -28,12 +31,12 @@ class Histogram:
         self.total = 0.0
         self.largest = 0.0
 
-    def add(self, seconds: float, times: int = 1) -> None:
-        bucket = int(log(seconds / SMALLEST) * PER_DECADE) if seconds > SMALLEST else 0
+    def add(self, seconds: float) -> None:
+        bucket = int(log(seconds / SMALLEST) * BUCKETS_PER_E) if seconds > SMALLEST else 0
         counts = self._counts
-        counts[bucket] = counts.get(bucket, 0) + times
-        self.count += times
-        self.total += seconds * times
+        counts[bucket] = counts.get(bucket, 0) + 1
+        self.count += 1
+        self.total += seconds
         self.largest = max(self.largest, seconds)
 
     def merge(self, other: Histogram) -> None:
@@ -48,7 +51,7 @@ class Histogram:
         return self.total / self.count if self.count else 0.0
 
     def percentile(self, percent: float) -> float:
-        """The duration that `percent` of all do not exceed; 0.0 where there are none."""
+        """Return the duration that `percent` of all do not exceed; 0.0 without durations."""
         wanted = self.count * percent / 100
         for bucket, passed in self._passed():
             if passed >= wanted:
@@ -56,14 +59,14 @@ class Histogram:
         return self.largest
 
     def share_within(self, seconds: float) -> float:
-        """The share of durations that are at most so long; 1.0 where there are none."""
+        """Return the share of durations up to a limit; 1.0 without durations."""
         if not self.count:
             return 1.0
         within = sum(n for bucket, n in self._counts.items() if _middle(bucket) <= seconds)
         return within / self.count
 
     def spectrum(self) -> list[tuple[float, float]]:
-        """Rising pairs of a share (of 1) and the duration that this share does not exceed."""
+        """Return rising pairs of a share and the duration that this share does not exceed."""
         return [
             (passed / self.count, min(_middle(bucket), self.largest))
             for bucket, passed in self._passed()
@@ -76,7 +79,7 @@ class Histogram:
             yield bucket, passed
 
     def to_json(self) -> list[object]:
-        """Plain values that `from_json` reads: total, largest, buckets and counts by turns."""
+        """Return the total, the largest duration, and then each bucket and its count."""
         pairs: list[object] = [self.total, self.largest]
         for item in sorted(self._counts.items()):
             pairs += item
@@ -94,11 +97,11 @@ class Histogram:
 
 
 def _middle(bucket: int) -> float:
-    return SMALLEST * exp((bucket + 0.5) / PER_DECADE)
+    return SMALLEST * exp((bucket + 0.5) / BUCKETS_PER_E)
 
 
 class Measurements:
-    """Named distributions and counts of some stretch of time."""
+    """Named distributions and counts of a period of time."""
 
     def __init__(self) -> None:
         self.durations: dict[str, Histogram] = {}
@@ -120,7 +123,7 @@ class Measurements:
             self.count(name, amount)
 
     def duration(self, name: str) -> Histogram:
-        """The distribution of that name, empty where nothing was measured."""
+        """Return the distribution of that name, which is empty if nothing was measured."""
         return self.durations.get(name) or Histogram()
 
     def to_json(self) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""Runs a load test from its first connection to its report."""
+"""A load test from its first connection to the collected results."""
 
 from __future__ import annotations
 
@@ -6,56 +6,130 @@ import asyncio
 import contextlib
 import signal
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille_client.loadtest.open_files import allow_open_files
-from robotouille_client.loadtest.progress import ProgressDisplay
+from robotouille_client.loadtest.participant import Environment, Participant
 from robotouille_client.loadtest.server_monitor import (
-    Page,
+    MetricsPage,
     ServerProcess,
     ServerSample,
     fetch_page,
     is_here,
     listener,
 )
-from robotouille_client.loadtest.worker.participant import Environment, Participant
-from robotouille_client.loadtest.worker_pool import WorkerPool
+from robotouille_client.loadtest.worker_pool import WorkerPool, allow_open_files
 from robotouille_client.loadtest.workload import LoadPlan
 from robotouille_client.sockets import server_uri
 
-__all__ = ["LoadObservation", "LoadTest", "NothingBegunError", "refusals"]
+LINE_SECONDS = 5.0
+"""Seconds between two lines of progress without a terminal."""
+
+
+class ProgressDisplay:
+    """Progress of a load test: a bar on a terminal, lines of text elsewhere."""
+
+    def __init__(self, quiet: bool = False) -> None:
+        self._console = Console(stderr=True, quiet=quiet)
+        self._live = Live(console=self._console, refresh_per_second=4, transient=True)
+        self._name = "connecting"
+        self._seconds: float | None = None
+        self._since = self._shown_at = time.monotonic()
+        self._news = ""
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._live.stop()
+
+    def phase(self, name: str, seconds: float | None) -> None:
+        """Begin a phase that takes about so many seconds."""
+        self._name, self._seconds = name, seconds
+        self._since = self._shown_at = time.monotonic()
+        if not self._console.is_terminal:
+            about = f" ({seconds:g} s)" if seconds else ""
+            self._console.print(f"{name}{about}", highlight=False)
+        self._show()
+
+    def update(self, pool: WorkerPool, samples: Sequence[ServerSample]) -> None:
+        """Show the current figures."""
+        parts = [f"{sum(pool.connected):,} connected, {sum(pool.playing):,} rooms play"]
+        if pool.seconds:
+            last = pool.seconds[max(pool.seconds)].all
+            parts.append(f"{last.counts.get('steps', 0):,.0f} steps/s")
+            age = last.duration("delta age")
+            if age.count:
+                parts.append(f"delta age {age.percentile(99) * 1000:.1f} ms (p99)")
+        if len(samples) > 1:
+            before, now = samples[-2], samples[-1]
+            share = (now.cpu - before.cpu) / max(now.at - before.at, 1e-3)
+            parts.append(f"server {share:.0%} of a core, {now.memory / 2**20:,.0f} MiB")
+        self._news = "; ".join(parts)
+        self._show()
+
+    def _show(self) -> None:
+        now = time.monotonic()
+        if not self._console.is_terminal:
+            if now > self._shown_at + LINE_SECONDS:
+                self._shown_at = now
+                self._console.print(f"  {self._news}", highlight=False, soft_wrap=True)
+            return
+        passed = now - self._since
+        table = Table.grid(padding=(0, 1))
+        bar = ProgressBar(total=self._seconds, completed=passed, width=24)
+        if self._seconds is None:
+            bar = ProgressBar(total=None, pulse=True, width=24)
+        table.add_row(bar, f"[bold]{self._name}[/] [dim]{self._news}[/]")
+        self._live.update(table)
+
 
 SETTLE_SECONDS = 3.0
+"""Seconds to wait after opening rooms, so that memory and lag settle."""
 RETURN_SECONDS = 60.0
+"""Minimum number of seconds to wait for the returns after a storm."""
 SAMPLE_SECONDS = 1.0
+"""Seconds between two samples of the server's process."""
 
 
-class NothingBegunError(RobotouilleError):
-    """Not one of the bots could begin; the message says why."""
+class NothingStartedError(RobotouilleError):
+    """No room could start. The message explains why."""
 
 
 @dataclass
 class LoadObservation:
-    """What a load test has seen of the server and of itself."""
+    """Observations of the server and of the course of a load test."""
 
     server: str = ""
     begun: float = 0.0
     ended: float = 0.0
     interrupted: bool = False
-    before: Page | None = None
-    after: Page | None = None
+    before: MetricsPage | None = None
+    after: MetricsPage | None = None
     samples: list[ServerSample] = field(default_factory=list)
     memory: dict[str, int] = field(default_factory=dict)
-    """Bytes of the server's memory at named moments."""
+    """Memory of the server in bytes after each phase."""
     storm_at: float | None = None
-    storm_over: float | None = None
 
 
 class LoadTest:
-    """One load test. `observed` and `pool.totals` hold what there is at any time."""
+    """One load test. `observed` and `pool.totals` have the results so far."""
 
     def __init__(
         self,
@@ -80,9 +154,10 @@ class LoadTest:
         self._progress = progress or ProgressDisplay(quiet=True)
 
     async def run(self) -> None:
-        """All phases; an interrupt ends them early and keeps what was measured.
+        """Run all phases. An interrupt ends them early and keeps the results so far.
 
-        RobotouilleError if there is no server, or none of the bots could begin.
+        Raises:
+            RobotouilleError: No server answers, or no room could start.
         """
         self._find_process()
         players_a_process = -(-self.plan.rooms // self.plan.processes) * 4
@@ -106,12 +181,12 @@ class LoadTest:
         self.process = ServerProcess(pid) if pid is not None else None
 
     async def _try(self) -> None:
-        """One connection, so that a wrong address is told at once."""
+        # One connection first: a wrong address must not show as thousands of failures.
         one = Participant(Environment(self._uri, token=self._token), "load-test")
         try:
             welcome = await one.introduce()
         except ProtocolError as error:
-            raise RobotouilleError(f"{self.plan.url} refuses: {error}") from None
+            raise RobotouilleError(f"{self.plan.url} refuses the load test: {error}") from None
         finally:
             one.close()
         self.observed.server = str(welcome.get("server", ""))
@@ -125,10 +200,10 @@ class LoadTest:
         self._progress.phase(f"opening {plan.rooms:,} rooms", plan.ramp)
         await self.pool.do("open")
         await asyncio.sleep(SETTLE_SECONDS)
-        self._check_begun()
+        self._check_started()
         self._remember_memory("rooms")
         if plan.spectators:
-            self._progress.phase(f"letting {plan.spectators:,} spectators in", plan.ramp)
+            self._progress.phase(f"joining with {plan.spectators:,} spectators", plan.ramp)
             await self.pool.do("spectate")
             await asyncio.sleep(SETTLE_SECONDS)
             self._remember_memory("spectators")
@@ -141,11 +216,10 @@ class LoadTest:
             await self._storm()
         await self._sleep_until(observed.begun + plan.duration)
 
-    def _check_begun(self) -> None:
-        """Whether any room plays, if any was to."""
+    def _check_started(self) -> None:
         if self.plan.rooms and not any(self.pool.playing):
             reasons = refusals(self.pool.ramp.counts)
-            raise NothingBegunError(f"no room could begin: {'; '.join(reasons) or 'no answer'}")
+            raise NothingStartedError(f"no room could start: {'; '.join(reasons) or 'no answer'}")
 
     async def _storm(self) -> None:
         observed = self.observed
@@ -157,7 +231,6 @@ class LoadTest:
             back = self.pool.totals.duration("return").count
             lost = self.pool.totals.counts.get("lost in the storm", 0)
             if back + lost >= self.pool.storm_cut:
-                observed.storm_over = time.monotonic()
                 return
 
     async def _sleep_until(self, at: float) -> None:
@@ -198,7 +271,7 @@ class LoadTest:
 
 @contextlib.contextmanager
 def _interruptible(task: asyncio.Task[None]) -> Iterator[None]:
-    """SIGINT and SIGTERM cancel the task; the second one does what it does by default."""
+    """Let the first SIGINT or SIGTERM cancel the task. A second one ends the program."""
     loop = asyncio.get_running_loop()
     signals = (signal.SIGINT, signal.SIGTERM)
 
@@ -221,7 +294,7 @@ def _interruptible(task: asyncio.Task[None]) -> Iterator[None]:
 
 
 def refusals(counts: dict[str, float]) -> list[str]:
-    """Why bots could not begin, the most frequent first."""
+    """Return the reasons why bots could not start, most frequent first."""
     prefix = "not begun: "
     found = sorted((-n, name) for name, n in counts.items() if name.startswith(prefix))
     return [f"{name.removeprefix(prefix)} ({-n:,.0f} times)" for n, name in found[:5]]

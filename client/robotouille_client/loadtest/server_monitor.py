@@ -1,4 +1,4 @@
-"""The server under load as the machine and its own metrics show it."""
+"""The server's process and its own metrics during a load test."""
 
 from __future__ import annotations
 
@@ -14,41 +14,32 @@ from urllib.request import urlopen
 
 from robotouille.errors import MissingExtraError, RobotouilleError
 
-__all__ = [
-    "DELTA_AGE",
-    "LATENESS",
-    "Buckets",
-    "Page",
-    "ServerProcess",
-    "ServerSample",
-    "fetch_page",
-    "is_here",
-    "listener",
-    "parse_page",
-]
-
 LATENESS = "robotouille_step_lateness_seconds"
-"""How late scheduled steps are taken."""
+"""Histogram of the lateness of scheduled steps."""
 DELTA_AGE = "robotouille_delta_age_seconds"
-"""How old deltas are when they are handed to the network."""
+"""Histogram of the age of deltas when they are passed to the network."""
 FETCH_SECONDS = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class ServerSample:
-    """The server's use of the machine at a time (monotonic seconds)."""
+    """The server's use of the machine at a time, in monotonic seconds."""
 
     at: float
     cpu: float
-    """Seconds of processor time so far, children included."""
+    """Seconds of processor time so far, including child processes."""
     memory: int
-    """Bytes resident, children included."""
+    """Bytes of resident memory, including child processes."""
     busy: float
-    """Seconds of processor time that everything on the machine has used so far."""
+    """Seconds of processor time that all programs on the machine have used so far."""
 
 
 class ServerProcess:
-    """A local process and its children; RobotouilleError if it is not there."""
+    """A local process and its children.
+
+    Raises:
+        RobotouilleError: The process does not exist.
+    """
 
     def __init__(self, pid: int) -> None:
         try:
@@ -61,10 +52,10 @@ class ServerProcess:
             self._process = psutil.Process(pid)
             self._process.cpu_times()
         except psutil.Error as error:
-            raise RobotouilleError(f"process {pid}: {_psutil_said(error)}") from None
+            raise RobotouilleError(f"process {pid}: {_psutil_message(error)}") from None
 
     def sample(self) -> ServerSample | None:
-        """How it is now; None if it is gone."""
+        """Return the current usage, or None if the process has ended."""
         psutil = self._psutil
         cpu, memory = 0.0, 0
         try:
@@ -85,7 +76,7 @@ class ServerProcess:
 
 
 def listener(port: int) -> int | None:
-    """The process that listens on a local port; None if that cannot be seen."""
+    """Return the process that listens on a local port, or None if it cannot be found."""
     try:
         import psutil
     except ImportError:
@@ -103,7 +94,7 @@ def listener(port: int) -> int | None:
 
 
 def _eldest(pids: list[int]) -> int:
-    """Of the processes that share a port, the parent of the others."""
+    # Workers share the port of their supervisor, whose children are measured with it.
     import psutil
 
     for pid in sorted(pids):
@@ -117,7 +108,7 @@ def _eldest(pids: list[int]) -> int:
 
 
 def is_here(host: str) -> bool:
-    """Whether a host is this machine, as far as its addresses tell."""
+    """Return whether all addresses of a host are loopback addresses."""
     try:
         addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
     except OSError:
@@ -127,7 +118,7 @@ def is_here(host: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Buckets:
-    """A histogram of Prometheus: how many observations were at most so many seconds."""
+    """A Prometheus histogram: the number of observations up to each limit in seconds."""
 
     within: dict[float, float] = field(default_factory=dict)
 
@@ -139,12 +130,12 @@ class Buckets:
         return Buckets({le: n - before.within.get(le, 0.0) for le, n in self.within.items()})
 
     def share_within(self, seconds: float) -> float | None:
-        """The share of at most so many seconds, for a bucket's limit; None where nothing says."""
+        """Return the share of observations up to a bucket's limit, or None if it is unknown."""
         within = self.within.get(seconds)
         return within / self.count if within is not None and self.count else None
 
     def percentile(self, percent: float) -> float | None:
-        """Seconds that `percent` do not exceed, interpolated in its bucket; None if unknown."""
+        """Return the seconds that `percent` do not exceed, interpolated, or None if unknown."""
         wanted = self.count * percent / 100
         low, before = 0.0, 0.0
         for limit, within in sorted(self.within.items()):
@@ -157,24 +148,24 @@ class Buckets:
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
-    """The server's metrics at a time; counters that differ in labels only are added up."""
+class MetricsPage:
+    """The server's metrics at a time. Counters that differ only in their labels are added."""
 
     values: dict[str, float] = field(default_factory=dict)
     histograms: dict[str, Buckets] = field(default_factory=dict)
 
-    def since(self, before: Page) -> Page:
-        """What was added after an earlier page."""
+    def since(self, before: MetricsPage) -> MetricsPage:
+        """Return the increase since an earlier page."""
         values = {name: value - before.values.get(name, 0.0) for name, value in self.values.items()}
         histograms = {
             name: buckets.since(before.histograms.get(name, Buckets()))
             for name, buckets in self.histograms.items()
         }
-        return Page(values, histograms)
+        return MetricsPage(values, histograms)
 
 
-async def fetch_page(url: str) -> Page | None:
-    """The metrics at a URL; None where there are none."""
+async def fetch_page(url: str) -> MetricsPage | None:
+    """Return the metrics at a URL, or None if they cannot be read."""
     try:
         text = await asyncio.to_thread(_read, url)
     except (URLError, OSError, ValueError):
@@ -184,15 +175,15 @@ async def fetch_page(url: str) -> Page | None:
 
 def _read(url: str) -> str:
     if not url.startswith(("http://", "https://")):
-        raise ValueError("only http and https are read")
+        raise ValueError("only http and https URLs can be read")
     with urlopen(url, timeout=FETCH_SECONDS) as answer:  # noqa: S310
         content: bytes = answer.read()
     return content.decode(errors="replace")
 
 
-def parse_page(text: str) -> Page:
-    """The exposition format of Prometheus, as far as it is needed here."""
-    page = Page()
+def parse_page(text: str) -> MetricsPage:
+    """Parse the part of the Prometheus exposition format that the server uses."""
+    page = MetricsPage()
     for line in text.splitlines():
         match = re.fullmatch(r"(\w+)(?:\{(.*)\})? (\S+)(?: \d+)?", line)
         if match is None:
@@ -208,5 +199,5 @@ def parse_page(text: str) -> Page:
     return page
 
 
-def _psutil_said(error: Exception) -> str:
+def _psutil_message(error: Exception) -> str:
     return str(getattr(error, "msg", "") or error)

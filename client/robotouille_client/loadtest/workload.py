@@ -1,4 +1,4 @@
-"""What is asked of the load tester, and the part of it that one process plays."""
+"""The plan of a load test, and the share of each process."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from robotouille.episode.rules import Clock, StepRate
 from robotouille.errors import RobotouilleError
 
-__all__ = ["LoadPlan", "WorkerShare", "parse_mix"]
-
 Count = Annotated[int, Field(ge=0, le=1_000_000)]
 Seconds = Annotated[float, Field(ge=0, le=30 * 86_400)]
 
@@ -21,7 +19,7 @@ class FrozenModel(BaseModel):
 
 
 class LoadPlan(FrozenModel):
-    """A load test: how many of whom, for how long. `mix` are the weights of the clocks."""
+    """A load test. `mix` has the weights of the clocks; the other fields are command options."""
 
     url: str
     rooms: Count = 100
@@ -38,7 +36,7 @@ class LoadPlan(FrozenModel):
     seed: Annotated[int, Field(ge=0)] = 0
 
     def rooms_by_clock(self) -> dict[Clock, int]:
-        """Rooms of each clock, in proportion to the weights; they add up to `rooms`."""
+        """Return the number of rooms with each clock, in proportion to the weights."""
         total = sum(self.mix.values())
         exact = {clock: self.rooms * weight / total for clock, weight in self.mix.items()}
         rooms = {clock: int(share) for clock, share in exact.items()}
@@ -48,7 +46,7 @@ class LoadPlan(FrozenModel):
         return rooms
 
     def shares(self) -> list[WorkerShare]:
-        """The parts of the processes, as equal as can be."""
+        """Return the share of each process, as equal as possible."""
         clocks = [clock for clock, count in self.rooms_by_clock().items() for _ in range(count)]
         return [
             WorkerShare(
@@ -70,7 +68,7 @@ class LoadPlan(FrozenModel):
 
 
 class WorkerShare(FrozenModel):
-    """The part of one process; `rooms` are the clocks of its rooms."""
+    """The share of one process. `rooms` has the clock of each of its rooms."""
 
     url: str
     index: int
@@ -87,16 +85,20 @@ class WorkerShare(FrozenModel):
 
 
 def parse_mix(text: str) -> dict[Clock, int]:
-    """`realtime:8,lockstep:1` as weights; RobotouilleError says what is wrong with it."""
+    """Return the weights of a text like `realtime:8,lockstep:1`.
+
+    Raises:
+        RobotouilleError: The text is invalid.
+    """
     weights: dict[Clock, int] = {}
     for part in text.split(","):
         name, _, weight = part.strip().partition(":")
         if name not in list(Clock):
             known = ", ".join(Clock)
-            raise RobotouilleError(f"--mix: no clock is called {name[:40]!r}; there are {known}")
+            raise RobotouilleError(f"--mix: unknown clock {name[:40]!r}; expected {known}")
         if not re.fullmatch("[0-9]{0,9}", weight):
             raise RobotouilleError(
-                f"--mix: the weight of {name} is a whole number, not {weight[:40]!r}"
+                f"--mix: the weight of {name} must be a whole number, found {weight[:40]!r}"
             )
         weights[Clock(name)] = weights.get(Clock(name), 0) + int(weight or "1")
     if not sum(weights.values()):

@@ -1,1 +1,1 @@
-"""`robotouille-lsl`: an episode's steps and actions in the Lab Streaming Layer. Needs `lsl`."""
+"""Streaming of episodes to the Lab Streaming Layer. Needs the extra `lsl`."""

@@ -1,36 +1,187 @@
-"""A place in one episode, with a connection of its own to the game server."""
+"""An open game of an MCP client, and the log of what its player has not read yet."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Literal
 
 from robotouille.errors import RobotouilleError
-from robotouille.program import quoted
+from robotouille.protocol import messages
+from robotouille.terminal import quoted
 from robotouille_client.client import Client
 from robotouille_client.game import Game
-from robotouille_client.mcp_server.journal import Journal
-from robotouille_client.mcp_server.results import ActionOutcome, Chat, EpisodeOutcome, GameView
-from robotouille_client.sansio.game_events import ActResult
+from robotouille_client.mcp_server.results import (
+    ActionOutcome,
+    ChatMessage,
+    EpisodeOutcome,
+    GameView,
+)
+from robotouille_client.sansio.game_events import (
+    ActResult,
+    Announced,
+    ChatReceived,
+    ChatRejected,
+    GameEnded,
+    GameEvent,
+    RosterChanged,
+    StateChanged,
+)
 
-__all__ = ["OpenGame", "Until"]
+MAX_LINES = 40
+MAX_CHAT = 40
+"""Unread lines and chat messages that are kept: a model's context is limited."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeardChat:
+    """A chat message. `seat` is empty for a spectator; `own` marks the player's own messages."""
+
+    name: str
+    seat: str
+    text: str
+    own: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class NewEvents:
+    """Unread lines and chat messages, and the number that was dropped."""
+
+    happened: tuple[str, ...] = ()
+    chat: tuple[HeardChat, ...] = ()
+    left_out: int = 0
+
+
+class GameLog:
+    """Unread events of a game, as lines.
+
+    Attributes:
+        unread: True if the player has not read something that it may wait for: actions and
+            messages of others, or changes of the kitchen.
+        own_messages: Number of own chat messages that came back from the server.
+    """
+
+    def __init__(self, game: Game) -> None:
+        self.unread = False
+        self.own_messages = 0
+        self._game = game
+        self._phase = game.phase
+        self._seats = game.seats
+        self._step = game.step
+        self._lines: deque[str] = deque(maxlen=MAX_LINES)
+        self._chat: deque[HeardChat] = deque(maxlen=MAX_CHAT)
+        self._taken = 0
+
+    def take(self, event: GameEvent) -> None:
+        """Add an event."""
+        match event:
+            case StateChanged():
+                self._changed(event)
+            case ChatReceived():
+                self._heard(event)
+            case RosterChanged():
+                for line in (*self._phase_lines(event), *self._seat_lines(event.seats)):
+                    self._write(line)
+            case Announced():
+                self._write(f"The server's operator announces {quoted(event.text)}")
+            case ChatRejected():
+                self._write(f"Your chat message was rejected: {quoted(event.reason)}")
+            case GameEnded():
+                why = f" ({quoted(event.reason)})" if event.reason else ""
+                self._write(f"The episode has ended for you{why}.")
+            case _:
+                pass
+
+    def read(self) -> NewEvents:
+        """Return the unread events and mark them as read."""
+        lines, chat = tuple(self._lines), tuple(self._chat)
+        news = NewEvents(lines, chat, self._taken - len(lines) - len(chat))
+        self._lines.clear()
+        self._chat.clear()
+        self._taken, self.unread = 0, False
+        return news
+
+    def _write(self, line: str) -> None:
+        self.unread = True
+        self._taken += 1
+        self._lines.append(line)
+
+    def _changed(self, event: StateChanged) -> None:
+        step, self._step = self._step, event.step
+        if event.previous is None:
+            if event.step > step + 1:
+                self._write(
+                    f"Steps {step + 1} to {event.step} passed while the connection was lost."
+                )
+            return
+        if event.state.facts != event.previous.facts:
+            self.unread = True
+        for player, action, applied in event.did:
+            if player != self._game.seat:
+                failed = "" if applied else " (rejected)"
+                self._write(f"Step {event.step}: {player}: {action.sentence}{failed}")
+
+    def _heard(self, event: ChatReceived) -> None:
+        own = event.name == self._game.name and event.seat == (self._game.seat or "")
+        self._taken += 1
+        self._chat.append(HeardChat(event.name, event.seat, event.text, own))
+        if own:
+            self.own_messages += 1
+        else:
+            self.unread = True
+
+    def _phase_lines(self, event: RosterChanged) -> Iterator[str]:
+        before, self._phase = self._phase, event.phase
+        if before == event.phase:
+            return
+        if event.phase == "running":
+            yield "The game has begun." if before == "waiting" else "The game continues."
+        elif event.phase == "paused":
+            why = f" ({event.pause.reason})" if event.pause is not None else ""
+            yield f"The game is paused{why}."
+
+    def _seat_lines(self, seats: tuple[messages.SeatInfo, ...]) -> Iterator[str]:
+        known = {seat.player: seat for seat in self._seats}
+        self._seats = seats
+        for seat in seats:
+            before = known.get(seat.player)
+            if before is None or seat.player == self._game.seat:
+                continue
+            if (before.name, before.controller) != (seat.name, seat.controller):
+                yield _who_plays(seat)
+
+
+def _who_plays(seat: messages.SeatInfo) -> str:
+    if not seat.name:
+        return f"{seat.player} is free."
+    match seat.controller:
+        case "absent":
+            return f"{seat.player} is idle: {quoted(seat.name)} is away."
+        case "substitute":
+            return f"A substitute plays {seat.player}: {quoted(seat.name)} is away."
+        case _:
+            return f"{seat.player} is played by {quoted(seat.name)} ({seat.kind})."
+
 
 Until = Literal["change", "my_move"]
 
 LEAVE_SECONDS = 2.0
 ECHO_SECONDS = 3.0
-"""Within which one hears one's own words."""
+"""Time within which an own chat message comes back."""
 END_SECONDS = 2.0
-"""What the outcome may take after the last step."""
+"""Time within which the outcome follows the last step."""
 
 
 class OpenGame:
-    """A seat, or a spectator's place, and what its player was told of the game.
+    """A game that an MCP client has joined, as player or spectator.
 
-    `handle` names it in tool calls; only `owner` may use it. `mcp_session` is the session of the
-    Model Context Protocol in which it was joined, where there is one.
+    Attributes:
+        handle: Name of the game in tool calls.
+        owner: The only caller who may use the handle.
+        mcp_session: The MCP session in which the game was joined, if there is one.
     """
 
     def __init__(
@@ -43,18 +194,18 @@ class OpenGame:
         self.calls = 0
         self.last_used = 0.0
         self._client = client
-        self._journal = Journal(game)
+        self._log = GameLog(game)
         self._shown = ""
         self._asked: tuple[str, asyncio.Future[ActResult]] | None = None
 
-    # What tools do
+    # Calls
 
     async def act(self, action: str, reasoning: str | None, timeout: float) -> GameView:
-        """Ask for an action, and wait until its fate is decided, but not for ever.
+        """Send an action, and wait for its result, but at most `timeout` seconds.
 
         Raises:
-            ProtocolError: `seat/none`: spectators do not act.
-            ValueError: The message cannot have such an argument.
+            ProtocolError: `seat/none`: spectators cannot act.
+            ValueError: The message does not allow one of the arguments.
         """
         future = self.game.submit(action, reasoning=reasoning)
         self._asked = (action, future)
@@ -64,22 +215,22 @@ class OpenGame:
         return self.view()
 
     async def wait(self, until: Until, timeout: float) -> GameView:
-        """Wait until something changes, or until it is one's move, but not for ever."""
+        """Wait for a change or for the player's move, but at most `timeout` seconds."""
         self._listen()
         done = self._something_new if until == "change" else lambda: self.your_move
         await self._wait_for(done, timeout)
         return self.view()
 
     async def say(self, text: str) -> bool:
-        """Say something to everybody; whether it was heard.
+        """Send a chat message, and return whether the server delivered it.
 
         Raises:
-            ValueError: The text has not 1 to 500 characters.
+            ValueError: The text does not have 1 to 500 characters.
         """
-        before = self._journal.own_words
+        before = self._log.own_messages
         self.game.say(text)
-        await self._wait_for(lambda: self._journal.own_words > before, ECHO_SECONDS)
-        return self._journal.own_words > before
+        await self._wait_for(lambda: self._log.own_messages > before, ECHO_SECONDS)
+        return self._log.own_messages > before
 
     async def close(self) -> None:
         """Leave the episode, so that the seat is free at once, and close the connection."""
@@ -90,23 +241,26 @@ class OpenGame:
         finally:
             await self._client.close()
 
-    # What its player sees
+    # View
 
     @property
     def your_move(self) -> bool:
-        """Whether an action of this seat is waited for."""
+        """True if the seat may act and has no undecided action."""
         return self.game.my_move and not self._undecided
 
     @property
     def actions(self) -> list[str]:
-        """The sentences of the seat's valid actions; none where it cannot act at all."""
+        """The sentences of the seat's valid actions."""
         return [] if self.game.ended else [action.sentence for action in self.game.actions]
 
     def view(self, *, whole: bool = False) -> GameView:
-        """The game now, and what its player was not told before; with `whole` also a kitchen
-        that is as it was, or in which the player cannot act yet."""
+        """Return the current view with all unread events.
+
+        Args:
+            whole: Include the kitchen even if it has not changed or the player is busy.
+        """
         self._listen()
-        news = self._journal.read()
+        news = self._log.read()
         game = self.game
         return GameView(
             game=self.handle,
@@ -120,7 +274,7 @@ class OpenGame:
             action=self._action(),
             happened=list(news.happened),
             left_out=news.left_out,
-            chat=[Chat(name=c.name, seat=c.seat, text=c.text, own=c.own) for c in news.chat],
+            chat=[ChatMessage(name=c.name, seat=c.seat, text=c.text, own=c.own) for c in news.chat],
             observation=self._observation(whole),
             actions=self.actions,
             connected=self._client.connected.is_set(),
@@ -148,7 +302,7 @@ class OpenGame:
         )
 
     def _action(self) -> ActionOutcome | None:
-        """What became of the last action; told once, when it is decided."""
+        # A decided action is reported once.
         if self._asked is None:
             return None
         action, future = self._asked
@@ -167,31 +321,32 @@ class OpenGame:
         )
 
     def _next(self) -> str:
-        """What its player does best now."""
         game = self.game
         if game.outcome is not None:
-            return "The episode is over. Call leave."
+            return "The episode has ended. Call leave."
         if game.ended:
             why = self._client.farewell or game.farewell
-            said = f" ({quoted(why)})" if why else ""
-            return f"You are out of the episode{said}. Call leave, then join if you want back."
+            reason = f" ({quoted(why)})" if why else ""
+            return f"You are out of the episode{reason}. Call leave, then join to return."
         if not self._client.connected.is_set():
-            return "The game server does not answer; we try to get back into your seat. Call wait."
+            return "The game server does not answer. Reconnecting to your seat. Call wait."
         if game.phase == "waiting":
             if game.starts_at is not None:
                 return "The game begins in a moment. Call wait."
             if away := ", ".join(s.player for s in game.seats if s.name and not s.present):
-                return f"The game begins when everybody is there; away: {away}. Call wait."
+                return f"The game begins when all players are there; away: {away}. Call wait."
             free = ", ".join(seat.player for seat in game.seats if not seat.name)
             unready = ", ".join(s.player for s in game.seats if not s.ready)
             if unready and not free:
-                return f"The game begins when everybody is ready; not yet: {unready}. Call wait."
+                return (
+                    f"The game begins when all players are ready; not ready: {unready}. Call wait."
+                )
             return f"The game begins when all seats are taken; free: {free or 'none'}. Call wait."
         if game.paused:
             why = game.pause.reason if game.pause is not None else "unknown"
-            return f"The game stands still ({why}). Call wait."
+            return f"The game is paused ({why}). Call wait."
         if game.seat is None:
-            return "You watch. Call wait to see what happens."
+            return "You are a spectator. Call wait to see what happens."
         if self._undecided:
             return f"Your action waits for {self._waited_for()}. Call wait, or act to replace it."
         if game.turn not in (None, game.seat):
@@ -206,7 +361,7 @@ class OpenGame:
         others = [player for player in self.game.waits_for if player != self.game.seat]
         return ", ".join(others) or "its step"
 
-    # What comes
+    # Events
 
     @property
     def _undecided(self) -> bool:
@@ -214,21 +369,20 @@ class OpenGame:
 
     def _something_new(self) -> bool:
         decided = self._asked is not None and self._asked[1].done()
-        return self._journal.unread or decided
+        return self._log.unread or decided
 
     def _listen(self) -> None:
         for event in self.game.poll():
-            self._journal.take(event)
+            self._log.take(event)
 
     @property
     def _at_its_end(self) -> bool:
-        """Whether the step was the last: the outcome is on its way."""
+        """True after the last step, when the outcome is about to arrive."""
         game = self.game
         return game.state.goal_reached or game.step >= game.clock["max_steps"]
 
     async def _wait_for(self, done: Callable[[], bool], timeout: float) -> None:
-        """Take in what comes until something is so, the game is over, or time is up."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not (done() or self.game.ended):
-                    self._journal.take(await self.game.next_event())
+                    self._log.take(await self.game.next_event())

@@ -1,4 +1,4 @@
-"""All games that the clients of this process play, and who may use which."""
+"""The open games of all MCP clients of this process, and access to them."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
+
+from mcp.server.mcpserver import Context
 
 from robotouille.errors import RobotouilleError
 from robotouille_client.client import Client, connect
 from robotouille_client.mcp_server.open_game import OpenGame
 
-__all__ = ["MAX_GAMES_OF_ONE", "Caller", "OpenGames"]
-
 MAX_GAMES_OF_ONE = 16
-"""Games that one token may have open."""
+"""Maximum number of open games for one token."""
 
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who calls a tool.
+    """The caller of a tool.
 
-    `alone`: this process serves nobody else. `mcp_session` is the caller's session of the Model
-    Context Protocol, in those of its versions that have any.
+    Attributes:
+        alone: True if this process serves no other client.
+        mcp_session: The caller's MCP session, in protocol versions that have sessions.
     """
 
     token: str | None = field(default=None, repr=False)
@@ -37,15 +38,19 @@ class Caller:
 
     @property
     def owner(self) -> str:
-        """Callers with the same token are one; so are all without."""
+        """Key of the token. Callers with the same token, or without one, are the same owner."""
         return hashlib.sha256(self.token.encode()).hexdigest() if self.token else ""
 
 
 class OpenGames:
-    """The open games by their handles; kept while `running`.
+    """The open games by their handles.
 
-    A handle is a secret of whoever joined, and good with the same token only. `token` and `name`
-    are for callers that bring none of their own.
+    A handle is a secret that works only with the token of its owner. Use the games within
+    `running`, which leaves idle games, and all of them at the end.
+
+    Args:
+        token: Token of callers without their own.
+        name: Name of callers without their own.
     """
 
     def __init__(
@@ -70,7 +75,7 @@ class OpenGames:
 
     @asynccontextmanager
     async def visit(self, caller: Caller) -> AsyncIterator[Client]:
-        """A connection to the game server for as long as a request takes."""
+        """Connect to the game server for one request."""
         async with connect(
             self.url, name=caller.name, kind="model", token=caller.token, reconnect=False
         ) as client:
@@ -79,11 +84,11 @@ class OpenGames:
     async def join(
         self, caller: Caller, episode: str, seat: str | None, role: Literal["player", "spectator"]
     ) -> OpenGame:
-        """Enter an episode over a new connection.
+        """Join an episode over a new connection.
 
         Raises:
-            RobotouilleError: There are too many games, or the game server refuses.
-            ValueError: An argument is none that a message can have.
+            RobotouilleError: Too many games are open, or the game server refuses.
+            ValueError: The message does not allow one of the arguments.
         """
         with self._place(caller):
             client = await Client(
@@ -102,11 +107,11 @@ class OpenGames:
 
     @contextmanager
     def _place(self, caller: Caller) -> Iterator[None]:
-        """A place for one more game; it is kept if that is opened."""
+        # Reserved before the join, so that parallel joins cannot exceed the limits.
         if self._places.total() >= self._max_games:
-            raise RobotouilleError(f"this program plays {self._max_games} games already")
+            raise RobotouilleError(f"this program already plays {self._max_games} games")
         if caller.token and self._places[caller.owner] >= MAX_GAMES_OF_ONE:
-            raise RobotouilleError(f"you have {MAX_GAMES_OF_ONE} open games already; leave one")
+            raise RobotouilleError(f"you already have {MAX_GAMES_OF_ONE} open games; leave one")
         self._places[caller.owner] += 1
         try:
             yield
@@ -115,17 +120,17 @@ class OpenGames:
             raise
 
     def _free_place(self, owner: str) -> None:
-        """One game less; an owner without any is forgotten, since anybody can make up tokens."""
         self._places[owner] -= 1
+        # Anybody can make up tokens, so owners without games must not accumulate.
         if not self._places[owner]:
             del self._places[owner]
 
     @contextmanager
     def using(self, caller: Caller, handle: str | None) -> Iterator[OpenGame]:
-        """A caller's game, which does not count as idle meanwhile.
+        """Open a caller's game for one call. It does not count as idle during the call.
 
         Raises:
-            RobotouilleError: It has no such game.
+            RobotouilleError: The caller has no such game.
         """
         opened = self._find(caller, handle)
         opened.calls += 1
@@ -141,31 +146,29 @@ class OpenGames:
         opened = self._games.get(handle)
         if opened is None or not secrets.compare_digest(opened.owner, caller.owner):
             raise RobotouilleError(
-                "you have no game with this handle: it was left, it was closed after "
-                f"{self._idle_seconds:g} s without a call, or it was joined with another token; "
-                "call join"
+                "you have no game with this handle: it was left, was closed after "
+                f"{self._idle_seconds:g} s without a call, or belongs to another token; call join"
             )
         return opened
 
     def _only(self, caller: Caller) -> OpenGame:
-        """The game of the only client, if it has one only."""
         if not caller.alone:
-            raise RobotouilleError("say which game: give the handle that join returned as `game`")
+            raise RobotouilleError("name the game: pass the handle that join returned as `game`")
         if not self._games:
             raise RobotouilleError("you are in no game; call join")
         if len(self._games) > 1:
             handles = ", ".join(f"{g.handle} ({g.game.seat})" for g in self._games.values())
-            raise RobotouilleError(f"say which game, as `game`: {handles}")
+            raise RobotouilleError(f"name the game with `game`: {handles}")
         return next(iter(self._games.values()))
 
     async def close(self, opened: OpenGame) -> None:
-        """Leave a game; its handle is worth nothing from now on."""
+        """Leave a game and forget its handle."""
         if self._games.pop(opened.handle, None) is not None:
             self._free_place(opened.owner)
             await opened.close()
 
     async def end_session(self, mcp_session: str) -> None:
-        """Leave what was joined in a session of the Model Context Protocol that has ended."""
+        """Leave the games of an MCP session that has ended."""
         await self._close(g for g in self._games.values() if g.mcp_session == mcp_session)
 
     async def close_all(self) -> None:
@@ -176,7 +179,6 @@ class OpenGames:
         await asyncio.gather(*map(self.close, list(games)))
 
     async def _close_idle(self) -> None:
-        """Leave what nobody has used for a while, for as long as this process runs."""
         loop = asyncio.get_running_loop()
         while True:
             unused = [g.last_used for g in self._games.values() if not g.calls]
@@ -189,7 +191,7 @@ class OpenGames:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[OpenGames]:
-        """Look after the games; all are left at the end."""
+        """Leave idle games within the context, and all games at its end."""
         keeper = asyncio.create_task(self._close_idle(), name="robotouille-mcp idle games")
         try:
             yield self
@@ -198,3 +200,28 @@ class OpenGames:
             with contextlib.suppress(asyncio.CancelledError):
                 await keeper
             await self.close_all()
+
+
+MAX_NAME = 40
+SESSION_HEADER = "mcp-session-id"
+
+
+def bearer(authorization: str | None) -> str | None:
+    """Return the bearer token of an `Authorization` header."""
+    scheme, _, token = (authorization or "").partition(" ")
+    return token.strip() or None if scheme.lower() == "bearer" else None
+
+
+def caller_of(ctx: Context[OpenGames, Any], name: str | None = None) -> Caller:
+    """Return the caller. Over HTTP it has its own token, otherwise that of this process."""
+    games = ctx.request_context.lifespan_context
+    called = (name or games.name or _client_name(ctx))[:MAX_NAME]
+    if ctx.headers is None:
+        return Caller(games.token, called)
+    token = bearer(ctx.headers.get("authorization"))
+    return Caller(token, called, alone=False, mcp_session=ctx.headers.get(SESSION_HEADER))
+
+
+def _client_name(ctx: Context[OpenGames, Any]) -> str:
+    params = ctx.session.client_params
+    return (params.client_info.name if params is not None else "") or "mcp-agent"

@@ -1,4 +1,4 @@
-"""The tools: what a client of the Model Context Protocol can do on a game server."""
+"""The MCP tools for playing on a game server."""
 
 from __future__ import annotations
 
@@ -10,40 +10,39 @@ from mcp.server.mcpserver.exceptions import ToolError
 from mcp.types import CallToolResult, TextContent
 from pydantic import BaseModel, Field
 
-from robotouille.world.sentences import MAX_SENTENCE
-from robotouille_client.mcp_server.advice import explained
-from robotouille_client.mcp_server.callers import caller_of
+from robotouille.world.text import MAX_SENTENCE
 from robotouille_client.mcp_server.open_game import Until
-from robotouille_client.mcp_server.open_games import OpenGames
+from robotouille_client.mcp_server.open_games import OpenGames, caller_of
 from robotouille_client.mcp_server.results import (
-    Created,
     EpisodeList,
-    EpisodeRow,
+    EpisodeSummary,
     GameView,
-    Left,
-    SeatRow,
-    Spoken,
+    LeftEpisode,
+    NewEpisode,
+    SeatSummary,
+    SentChat,
     ValidActions,
+    chat_words,
+    episode_words,
+    explained,
+    view_words,
 )
-from robotouille_client.mcp_server.wording import chat_words, episode_words, view_words
-
-__all__ = ["TOOLS"]
 
 MAX_WAIT_SECONDS = 60.0
-"""What tools wait at most: clients give a call up after a minute or so."""
+"""Maximum waiting time of a tool. MCP clients abandon calls after about a minute."""
 
 Ctx: TypeAlias = Context[OpenGames, Any]
 Handle = Annotated[
     str | None,
     Field(
-        description="The handle that join returned. It may be left out where this server runs for "
-        "you alone (stdio) and you are in one game.",
+        description="The handle that join returned. Optional if this server runs for you alone "
+        "(stdio) and you are in one game.",
         max_length=64,
     ),
 ]
 Seconds = Annotated[
     float,
-    Field(description="How long to wait at most.", ge=0, le=MAX_WAIT_SECONDS, allow_inf_nan=False),
+    Field(description="Maximum waiting time.", ge=0, le=MAX_WAIT_SECONDS, allow_inf_nan=False),
 ]
 Code = Annotated[
     str,
@@ -52,26 +51,30 @@ Code = Annotated[
 
 
 async def list_episodes(ctx: Ctx) -> Annotated[CallToolResult, EpisodeList]:
-    """List the episodes on the server that can be joined or watched. Takes the role of a host; \
-with a lesser one, ask the user for a code."""
+    """List the episodes on the server that can be joined or watched.
+
+    This needs the role host; without it, ask the user for a code.
+    """
     with explained():
         async with _games(ctx).visit(caller_of(ctx)) as client:
             episodes = await client.episodes()
     rows = [
-        EpisodeRow(
+        EpisodeSummary(
             code=episode.code,
             task=episode.task,
             clock=episode.clock,
             phase=episode.phase,
             step=episode.step,
             max_steps=episode.max_steps,
-            seats=[SeatRow(player=s.player, name=s.name, kind=s.kind) for s in episode.seats],
+            seats=[SeatSummary(player=s.player, name=s.name, kind=s.kind) for s in episode.seats],
             free_seats=[s.player for s in episode.seats if not s.name],
         )
         for episode in episodes
     ]
     words = "\n".join(map(episode_words, rows))
-    return _result(EpisodeList(episodes=rows), words or "There is none; call create_episode.")
+    return _result(
+        EpisodeList(episodes=rows), words or "There are no episodes; call create_episode."
+    )
 
 
 async def create_episode(
@@ -79,31 +82,29 @@ async def create_episode(
     task: Annotated[
         str | None,
         Field(
-            description="A task's name or the start of it: synchronous/01 to 10, asynchronous/01 "
-            "to 10, multi_agent/01 to 10 (multi_agent/07@3 for three seats). The server's own if "
-            "left out.",
+            description="Name of a task, or its start: synchronous/01 to 10, asynchronous/01 "
+            "to 10, multi_agent/01 to 10 (multi_agent/07@3 for three seats). Default: the "
+            "server's own.",
             min_length=1,
             max_length=200,
         ),
     ] = None,
     clock: Annotated[
         Literal["turn", "lockstep", "realtime"] | None,
-        Field(description="When steps are taken; the server's own if left out."),
+        Field(description="When steps are taken. Default: the server's own."),
     ] = None,
-    seats: Annotated[int | None, Field(description="How many players.", ge=1, le=16)] = None,
+    seats: Annotated[int | None, Field(description="Number of players.", ge=1, le=16)] = None,
     step_rate: Annotated[
-        float | None, Field(description="Steps a second in real time.", gt=0, allow_inf_nan=False)
+        float | None, Field(description="Steps per second in real time.", gt=0, allow_inf_nan=False)
     ] = None,
-    max_steps: Annotated[
-        int | None, Field(description="The episode ends after so many steps.", ge=1)
-    ] = None,
-) -> Annotated[CallToolResult, Created]:
-    """Open a new episode, without entering it: call join next. Takes the role of a host."""
+    max_steps: Annotated[int | None, Field(description="Step limit of the episode.", ge=1)] = None,
+) -> Annotated[CallToolResult, NewEpisode]:
+    """Open a new episode. Call join next to enter it. This needs the role host."""
     options = {"clock": clock, "seats": seats, "step_rate": step_rate, "max_steps": max_steps}
     with explained():
         async with _games(ctx).visit(caller_of(ctx)) as client:
             created = await client.create(task, **options)
-    return _result(Created(code=created.code), f"The code is {created.code}. Call join with it.")
+    return _result(NewEpisode(code=created.code), f"The code is {created.code}. Call join with it.")
 
 
 async def join(
@@ -112,20 +113,20 @@ async def join(
     seat: Annotated[
         str | None,
         Field(
-            description="The player to be, such as robot2; any free one if left out.",
+            description="The player to control, such as robot2. Default: any free one.",
             min_length=1,
             max_length=64,
         ),
     ] = None,
     role: Annotated[
-        Literal["player", "spectator"], Field(description="Spectators only watch and talk.")
+        Literal["player", "spectator"], Field(description="Spectators only watch and chat.")
     ] = "player",
     name: Annotated[
         str | None,
-        Field(description="What the others call you.", min_length=1, max_length=40),
+        Field(description="Your name in the episode.", min_length=1, max_length=40),
     ] = None,
 ) -> Annotated[CallToolResult, GameView]:
-    """Enter an episode. Keep `game` of the answer: the other tools take it."""
+    """Join an episode. Keep `game` of the answer for the other tools."""
     with explained():
         games = _games(ctx)
         opened = await games.join(caller_of(ctx, name), episode, seat, role)
@@ -133,7 +134,7 @@ async def join(
 
 
 async def observe(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, GameView]:
-    """Look at the kitchen now, and at what has happened since you last looked."""
+    """Show the kitchen now, and the events since your last call."""
     with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
         return _seen(opened.view(whole=True))
 
@@ -144,7 +145,7 @@ async def list_actions(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResul
         row = ValidActions(
             step=opened.game.step, your_move=opened.your_move, actions=opened.actions
         )
-        return _result(row, "\n".join(row.actions) or "You cannot act at present; call wait.")
+        return _result(row, "\n".join(row.actions) or "You cannot act now; call wait.")
 
 
 async def act(
@@ -159,18 +160,20 @@ async def act(
     ],
     reasoning: Annotated[
         str | None,
-        Field(description="Why; it is recorded, and shown to no player.", max_length=8000),
+        Field(description="Your reasons, for the recording. No player sees them.", max_length=8000),
     ] = None,
     timeout_seconds: Seconds = 20,
     game: Handle = None,
 ) -> Annotated[CallToolResult, GameView]:
-    """Do one action. The answer says what became of it, and shows the kitchen after it. An action \
-that others have not let happen in time is `pending`: call wait to hear of it."""
+    """Do one action and return its result and the kitchen afterwards.
+
+    An action that still waits for other players is `pending`: call wait for its result.
+    """
     with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
         if opened.game.phase == "waiting" and opened.game.seat is not None:
             raise ToolError("The game has not begun: it waits for other players. Call wait.")
         if opened.game.ended:
-            raise ToolError("The episode is over. Call observe for its outcome, then leave.")
+            raise ToolError("The episode has ended. Call observe for its outcome, then leave.")
         return _seen(await opened.act(action, reasoning, timeout_seconds))
 
 
@@ -183,8 +186,7 @@ async def wait(
     timeout_seconds: Seconds = 20,
     game: Handle = None,
 ) -> Annotated[CallToolResult, GameView]:
-    """Wait until something happens, or until it is your move, and say what happened since you \
-last looked."""
+    """Wait for an event or for your move, and return the events since your last call."""
     with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
         return _seen(await opened.wait(until, timeout_seconds))
 
@@ -192,28 +194,28 @@ last looked."""
 async def say(
     ctx: Ctx,
     text: Annotated[
-        str, Field(description="Everybody in the episode reads it.", min_length=1, max_length=500)
+        str, Field(description="Text for all participants.", min_length=1, max_length=500)
     ],
     game: Handle = None,
-) -> Annotated[CallToolResult, Spoken]:
-    """Say something to everybody in the episode."""
+) -> Annotated[CallToolResult, SentChat]:
+    """Send a chat message to all participants."""
     with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
         if opened.game.ended:
-            raise ToolError("The episode is over: nobody would hear it. Call leave.")
+            raise ToolError("The episode has ended, so nobody would read it. Call leave.")
         if not await opened.say(text):
             raise ToolError(
-                "It was not heard: you may not talk here, or talk too much, or the game server "
-                "does not answer. Go on playing; observe tells whether it answers."
+                "The message was not delivered: you may not chat here, you chat too much, or the "
+                "game server does not answer. Continue to play; observe shows `connected`."
             )
-        return _result(Spoken(text=text), "Said.")
+        return _result(SentChat(text=text), "Sent.")
 
 
-async def leave(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, Left]:
-    """Leave the episode; your seat becomes free for others."""
+async def leave(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, LeftEpisode]:
+    """Leave the episode and free your seat."""
     games = _games(ctx)
     with explained(), games.using(caller_of(ctx), game) as opened:
         await games.close(opened)
-        return _result(Left(episode=opened.game.code), "You have left.")
+        return _result(LeftEpisode(episode=opened.game.code), "You have left.")
 
 
 TOOLS = (

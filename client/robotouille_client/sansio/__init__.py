@@ -1,1 +1,1 @@
-"""A client without I/O: its protocol, its copy of an episode, addresses and delays."""
+"""The client side of the protocol without I/O: state machine, copy of the episode, addresses."""

@@ -1,44 +1,73 @@
-"""Where a server may send us."""
+"""Checks of the addresses a server redirects to, and the delays between connection attempts."""
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable, Iterator
 from urllib.parse import SplitResult, urlsplit, urlunsplit
 
 from robotouille.protocol import messages
-from robotouille_client.errors import StrangerError
+from robotouille_client.errors import UntrustedRedirectError
 
-__all__ = ["check_host", "moved_url"]
+# The first attempt comes fast enough that a restarting process goes unnoticed. The limit keeps
+# a server that is down for hours from getting more than one attempt in 2.5 s from each client.
+FIRST_DELAY, MAX_DELAY = 0.1, 5.0
 
 
 def moved_url(url: str, moved: messages.Moved) -> str:
-    """The address of the process that a server sends us to.
+    """Return the address of the server process named by a `moved` message.
 
-    Raises StrangerError where that is another host, or one without TLS after one with: whoever
-    speaks for the server that we were told to trust could collect tokens there.
+    Raises:
+        UntrustedRedirectError: The address is on another host, or drops TLS.
     """
     parts = urlsplit(url)
     if moved.url:
-        check_host(parts, moved.url)
+        check_redirect(parts, moved.url)
         return moved.url
+    # Without a URL the process is on the same host, behind another port.
     if not 0 < moved.port < 2**16:
-        raise StrangerError(f"{url} sends us to port {moved.port}, which is none")
+        raise UntrustedRedirectError(f"{url} redirects to port {moved.port}, which is invalid")
     host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
     return urlunsplit(parts._replace(netloc=f"{host}:{moved.port}"))
 
 
-def check_host(here: SplitResult, url: str) -> None:
-    """Whether we may go to `url`: the same host, and TLS where there was TLS before."""
-    start = f"{here.scheme}://{here.netloc}"
+def check_redirect(current: SplitResult, url: str) -> None:
+    """Raise `UntrustedRedirectError` unless `url` keeps the host, and TLS if there was TLS."""
+    # A client sends its tokens to the address that it is redirected to. A faulty or hostile server
+    # could otherwise have the tokens sent to a host that the user never chose.
+    start = f"{current.scheme}://{current.netloc}"
     try:
-        there = urlsplit(url)
-        host, _ = there.hostname, there.port
+        target = urlsplit(url)
+        host, _ = target.hostname, target.port
     except ValueError:
-        raise StrangerError(f"{start} sends us to {url[:200]!r}, which is no address") from None
-    if there.scheme not in ("ws", "wss") or not host:
-        raise StrangerError(f"{start} sends us to {url[:200]!r}, which is no ws:// or wss://")
-    if host != here.hostname:
-        reason = "another host: tokens are not sent there. If that is right, connect to it"
-        raise StrangerError(f"{start} sends us to {host!r}, {reason}")
-    if (here.scheme, there.scheme) == ("wss", "ws"):
-        reason = "without TLS: tokens are not sent there"
-        raise StrangerError(f"{start} sends us to {there.netloc!r} {reason}")
+        raise UntrustedRedirectError(
+            f"{start} redirects to {url[:200]!r}, which is not an address"
+        ) from None
+    if target.scheme not in ("ws", "wss") or not host:
+        raise UntrustedRedirectError(
+            f"{start} redirects to {url[:200]!r}, which is not a ws:// or wss:// address"
+        )
+    if host != current.hostname:
+        raise UntrustedRedirectError(
+            f"{start} redirects to another host, {host!r}, and tokens are not sent there. "
+            "If you trust that host, connect to it directly"
+        )
+    if (current.scheme, target.scheme) == ("wss", "ws"):
+        raise UntrustedRedirectError(
+            f"{start} redirects to {target.netloc!r} without TLS, and tokens are not sent there"
+        )
+
+
+def reconnect_delays(
+    uniform: Callable[[float, float], float] = random.uniform,
+) -> Iterator[float]:
+    """Yield the seconds to wait before each connection attempt, without end.
+
+    The upper limit of the delay doubles from `FIRST_DELAY` to `MAX_DELAY`.
+    """
+    limit = FIRST_DELAY
+    while True:
+        limit = min(2 * limit, MAX_DELAY)
+        # Every delay is random, also the longest ones. Otherwise all clients of a restarted
+        # server would keep arriving in the same instant.
+        yield limit * uniform(0.5, 1.0)

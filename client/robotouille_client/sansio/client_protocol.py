@@ -1,17 +1,19 @@
-"""A client's side of the protocol without I/O: messages and the time in, messages and events out.
+"""The client's conversation with a server without I/O: a state machine over messages and time.
 
-Whoever owns the connection tells of it (`connection_made`, `connection_failed`,
-`connection_lost`), hands over what comes (`receive`), sends what `next_message` gives, calls
-`handle_timer` at the time of `get_timer`, and heeds `state`: in OFFLINE and MOVING it connects to
-`url` at `connect_at`, and otherwise it closes a connection that `state` says there is not.
+The owner of the connection
 
-A lost connection is sought again with growing pauses, and taken up where it was cut: requests and
-actions without an answer are sent again.
+- reports its events (`connection_made`, `connection_failed`, `connection_lost`),
+- passes received messages to `receive`, and calls `handle_timer` at the time of `get_timer`,
+- sends what `next_message` returns, and confirms it with `message_sent`,
+- follows `state`: in OFFLINE and MOVING it connects to `url` at `connect_at`; in any other state
+  without a connection (CLOSED) it closes the one it has.
+
+The client reconnects with growing delays and resumes where it was cut off: unanswered requests and
+actions are sent again.
 """
 
 from __future__ import annotations
 
-import random
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Generic, Literal, TypeVar
@@ -19,33 +21,40 @@ from typing import Generic, Literal, TypeVar
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
-from robotouille_client.sansio.addresses import moved_url
-from robotouille_client.sansio.backoff import pauses
-from robotouille_client.sansio.client_requests import (
+from robotouille_client.errors import (
+    ConnectionFailedError,
+    RetryLaterError,
+    UntrustedRedirectError,
+)
+from robotouille_client.sansio.addresses import moved_url, reconnect_delays
+from robotouille_client.sansio.client_state import (
     AGAIN_SECONDS,
     ANSWER_SECONDS,
+    ClientState,
     PendingRequest,
+    PendingRequests,
     Request,
     RequestDone,
     RequestFailed,
-    Requests,
-    seats_asked,
+    Trigger,
+    next_state,
+    seat_fields,
 )
-from robotouille_client.sansio.client_state import ClientState, Trigger, next_state
 from robotouille_client.sansio.game_replica import GameReplica
 
-__all__ = ["ClientProtocol"]
-
+# Number of redirects in a row after which the client gives up. Two processes that disagree about an
+# episode would otherwise send it back and forth.
 MAX_MOVES = 4
 
-LOST_TOKEN = (
+# Answers to `hello` that mean the resume token is of no use.
+TOKEN_ERRORS = (
     ErrorCode.AUTH_EXPIRED,
     ErrorCode.AUTH_INVALID,
     ErrorCode.AUTH_REQUIRED,
     ErrorCode.AUTH_REVOKED,
 )
-TEMPORARY = (ErrorCode.SERVER_HANDOVER, ErrorCode.SERVER_RECORDING, ErrorCode.RATE_LIMITED)
+# Answers to a rejoin after which the same rejoin may succeed.
+TEMPORARY_ERRORS = (ErrorCode.SERVER_HANDOVER, ErrorCode.SERVER_RECORDING, ErrorCode.RATE_LIMITED)
 CLOSED = "the connection was closed"
 
 G = TypeVar("G", bound=GameReplica)
@@ -54,8 +63,14 @@ G = TypeVar("G", bound=GameReplica)
 class ClientProtocol(Generic[G]):
     """A participant's conversation with a server, over any number of connections.
 
-    `make_game` makes the game of an episode that one has joined. `membership` is the join that
-    takes us back into it where the server has forgotten us.
+    Attributes:
+        game: The episode that the client is in, made by `make_game`.
+        membership: The join that brings the client back if the server has forgotten its session.
+        connect_at: The time of the next connection attempt, in OFFLINE and MOVING.
+        welcomed: True if a server has ever welcomed the client.
+        resumed: True if the last welcome continued the session of the connection before.
+        readiness: True if the server supports `ready`.
+        farewell: The reason why the client is CLOSED; empty if its owner closed it.
     """
 
     def __init__(
@@ -68,7 +83,6 @@ class ClientProtocol(Generic[G]):
         reconnect: bool = True,
         token: str | None = None,
         resume: str | None = None,
-        rng: random.Random,
     ) -> None:
         self.state = ClientState.OFFLINE
         self.url = url
@@ -83,102 +97,113 @@ class ClientProtocol(Generic[G]):
         self.connect_at = 0.0
         self.error: RobotouilleError | None = None
         self.farewell = ""
+        self.welcomed = self.resumed = False
         self._make_game = make_game
         self._token = token
-        self._rng = rng
-        self._pauses: Iterator[float] = pauses(rng)
-        self.welcomed = self.resumed = False
+        self._delays: Iterator[float] = reconnect_delays()
         self._moves = 0
         self._greeting_due = 0.0
-        self._up_since = 0.0
-        self._requests = Requests()
+        self._online_since = 0.0
+        self._requests = PendingRequests()
         self._rejoin: messages.Join | None = None
         self._rejoin_at: float | None = None
         self._joined: messages.Joined | None = None
+        # Messages that belong to one connection go first and are dropped with it. The others
+        # outlive it.
         self._first: deque[messages.Message] = deque()
         self._outbox: deque[messages.Message] = deque()
 
     def _enter(self, trigger: Trigger) -> None:
         self.state = next_state(self.state, trigger)
 
-    # The connection
+    # Connection
 
     def connection_made(self, now: float) -> None:
-        """There is a connection: say hello."""
+        """Start a conversation over a new connection."""
         self._enter(Trigger.CONNECTED)
         self._greeting_due = now + ANSWER_SECONDS
         self._first.clear()
         self._rejoin = self._rejoin_at = None
-        self._hello()
+        self._send_hello()
 
     def connection_failed(self, error: RobotouilleError, now: float) -> None:
-        """There is no connection, or no welcome on it: try again later, if that may help."""
-        hopeless = isinstance(error, StrangerError) or not isinstance(error, ConnectionFailedError)
-        if hopeless or not self.welcomed or not self.reconnect:
+        """Schedule the next attempt after a failed connection, or close if it cannot help."""
+        # Without a first welcome the address is more likely wrong than the server down, so the
+        # user learns about it at once.
+        final = isinstance(error, UntrustedRedirectError) or not isinstance(
+            error, ConnectionFailedError
+        )
+        if final or not self.welcomed or not self.reconnect:
             self.close(str(error), error)
         else:
             self._enter(Trigger.FAILED)
-            self.connect_at = now + next(self._pauses)
+            self.connect_at = now + next(self._delays)
 
     def connection_lost(self, now: float, reason: str = "") -> None:
-        """The connection is gone."""
+        """Schedule the next attempt after a lost connection."""
         if self.state is ClientState.GREETING:
             self._not_welcome(reason, now)
         elif self.reconnect:
             self._enter(Trigger.LOST)
-            self.connect_at = now + next(self._pauses)
+            self.connect_at = now + next(self._delays)
         else:
             self.close(CLOSED)
 
     def fail(self, error: RobotouilleError) -> None:
-        """What the server sends cannot be made sense of."""
+        """Close because a message of the server is invalid."""
         if self.state is not ClientState.GREETING:
-            self.close(f"the server's messages cannot be read: {error}", error)
+            self.close(f"invalid message from the server: {error}", error)
             return
-        if isinstance(error, ProtocolError) and self.game is None:  # A game is told the code.
-            words = f"{self.url} is of another version, or is not Robotouille's"
-            odd, error = error, ConnectionFailedError(words)
-            error.__cause__ = odd  # What is odd about it is for those who mend servers.
+        # With a game, `close` passes the original error code on to it.
+        if isinstance(error, ProtocolError) and self.game is None:
+            message = f"{self.url} is not a Robotouille server, or has an incompatible version"
+            cause, error = error, ConnectionFailedError(message)
+            error.__cause__ = cause
         self.close(str(error), error)
 
     def close(self, reason: str = "", error: RobotouilleError | None = None) -> None:
-        """The end, and why; without a reason we have had enough."""
+        """Close for good: fail all pending requests and end the game.
+
+        Args:
+            reason: The reason; empty if the client's owner closes it.
+        """
         if self.state is ClientState.CLOSED:
             return
         self._enter(Trigger.CLOSE)
         self.farewell, self.error = reason, error
         for ref, pending in list(self._requests.pending.items()):
-            self._requests.fail(ref, self._gone(pending))
-        if self.game is not None and not self.game.over:
+            self._requests.fail(ref, self._closed_error(pending))
+        # Programs that await events or results of the game must not wait for ever.
+        if self.game is not None and not self.game.finished:
             code = error.code if isinstance(error, ProtocolError) else ErrorCode.SERVER_BYE
             self.game.receive(messages.Bye(reason=reason or CLOSED, code=code), 0.0)
 
-    def _gone(self, pending: PendingRequest | None = None) -> ConnectionFailedError:
-        """Why a request is not answered."""
+    def _closed_error(self, pending: PendingRequest | None = None) -> ConnectionFailedError:
         reason = self.farewell or CLOSED
         if pending is not None and pending.moves:
-            return ConnectionFailedError(f"{self.url}, where the episode is: {reason}")
+            return ConnectionFailedError(f"{self.url}, which has the episode: {reason}")
         return ConnectionFailedError(f"{self.url}: {reason}")
 
     # Requests
 
     def request(self, request: Request, now: float) -> int:
-        """Ask the server; an event tells the answer by the number that is returned.
+        """Queue a request and return the `ref` under which `events` reports its answer.
 
-        Raises ConnectionFailedError where the connection is closed for good.
+        Raises:
+            ConnectionFailedError: The client is closed.
         """
         if self.state is ClientState.CLOSED:
-            raise self._gone()
+            raise self._closed_error()
         ref, numbered = self._requests.add(request, now)
         self._outbox.append(numbered)
         return ref
 
     def forget(self, ref: int) -> None:
-        """Nobody waits for this answer any more."""
+        """Ignore the answer to a request."""
         self._requests.pending.pop(ref, None)
 
     def events(self) -> list[RequestDone | RequestFailed]:
-        """What became of requests since this was last asked."""
+        """Return the requests that were answered or failed since the last call."""
         return self._requests.events()
 
     def _done(self, ref: int, answer: messages.ServerMessage) -> None:
@@ -191,41 +216,43 @@ class ClientProtocol(Generic[G]):
                 self._rejoin = self._rejoin_at = None
                 self._enter(Trigger.LEFT)
 
-    # What is sent
+    # Sending
 
     def next_message(self) -> messages.Message | None:
-        """What is to be sent next; `message_sent` says that it was."""
+        """Return the next message to send. Call `message_sent` once it is sent."""
         if self.state.connected and self._first:
-            return self._known(self._first[0])
+            return self._compatible(self._first[0])
         if not self.state.online:
             return None
         if self.game is not None:
             self._outbox.extend(self.game.messages_to_send())
-        while self._outbox and not self._wanted(self._outbox[0]):
+        while self._outbox and not self._still_wanted(self._outbox[0]):
             self._outbox.popleft()
-        return self._known(self._outbox[0]) if self._outbox else None
+        return self._compatible(self._outbox[0]) if self._outbox else None
 
-    def _known(self, message: messages.Message) -> messages.Message:
-        """A message without what only a later server knows."""
+    def _compatible(self, message: messages.Message) -> messages.Message:
+        # Servers before readiness existed reject the field; `ready=True` is not sent at all.
         if isinstance(message, messages.Join) and not (message.ready or self.readiness):
             return message.model_copy(update={"ready": True})
         return message
 
     def message_sent(self) -> None:
-        """The last message of `next_message` is on its way. Without this it is sent again, over
-        the next connection."""
+        """Confirm that the last `next_message` was sent.
+
+        A message without confirmation is sent again over the next connection.
+        """
         message = (self._first or self._outbox).popleft()
         pending = self._requests.find(message)
         if pending is not None:
             pending.sent = True
 
-    def _wanted(self, message: messages.Message) -> bool:
-        """Whether an action still is: its game, and our seat in it, may be lost; or whether the
-        server knows the message at all."""
+    def _still_wanted(self, message: messages.Message) -> bool:
         if isinstance(message, messages.Ready):
             return self.readiness and self.state is not ClientState.REJOINING
         if not isinstance(message, messages.Act):
             return True
+        # While rejoining the seat may be lost; and a newer action may have replaced this one.
+        # Identity is compared because a lost seat restarts the sequence numbers.
         game = self.game
         return (
             self.state is not ClientState.REJOINING
@@ -236,7 +263,7 @@ class ClientProtocol(Generic[G]):
     # Time
 
     def get_timer(self) -> float | None:
-        """When to call `handle_timer`; None while there is nothing to wait for."""
+        """Return when to call `handle_timer`, or None if there is nothing to wait for."""
         if self.state is ClientState.GREETING:
             return self._greeting_due
         if self.state is ClientState.CLOSED:
@@ -249,95 +276,94 @@ class ClientProtocol(Generic[G]):
         return min(times, default=None)
 
     def handle_timer(self, now: float) -> None:
-        """Send again what is due, and give up what has had no answer for too long."""
+        """Repeat what is due, and give up requests that are unanswered for too long."""
         if self.state is ClientState.GREETING and self._greeting_due <= now:
             self._not_welcome("", now)
         self._outbox.extend(self._requests.to_repeat(now))
         for ref, pending in self._requests.overdue(now):
             self._overdue(ref, pending, now)
-        if self.state is ClientState.REJOINING and self._rejoin is not None:
-            self._join_again(self._rejoin, now)
+        rejoin, due = self._rejoin, self._rejoin_at
+        if self.state is ClientState.REJOINING and rejoin and due is not None and due <= now:
+            self._rejoin_at = None
+            self._outbox.append(rejoin)
         game_timer = self._game_timer()
         if game_timer is not None and game_timer <= now and self.game is not None:
             self.game.handle_timer(now)
 
-    def _join_again(self, rejoin: messages.Join, now: float) -> None:
-        if self._rejoin_at is not None and self._rejoin_at <= now:
-            self._rejoin_at = None
-            self._outbox.append(rejoin)
-
     def _game_timer(self) -> float | None:
-        """Nothing is sent again before the server has told what we missed."""
-        here = self.state in (ClientState.SYNCING, ClientState.PLAYING)
-        return self.game.get_timer() if here and self.game is not None else None
+        # Actions are repeated only after the missed steps have arrived: those may answer them.
+        synced = self.state in (ClientState.SYNCING, ClientState.PLAYING)
+        return self.game.get_timer() if synced and self.game is not None else None
 
     def _overdue(self, ref: int, pending: PendingRequest, now: float) -> None:
-        if self.state.online and now - self._up_since >= ANSWER_SECONDS:
+        # Time without a connection does not count, so a request survives a server's restart.
+        if self.state.online and now - self._online_since >= ANSWER_SECONDS:
             self._requests.fail(ref, ConnectionFailedError(f"{self.url} does not answer"))
         else:
             pending.due = now + ANSWER_SECONDS
 
-    # Hello
+    # Greeting
 
-    def _hello(self) -> None:
-        """Say hello; with a resume token, also what we have seen."""
+    def _send_hello(self) -> None:
         resume, game = self.resume, self.game
         self._first.append(
             messages.Hello(
                 protocol=messages.PROTOCOL_VERSION,
                 name=self.name,
                 kind=self.kind,
+                # A resume token names the session, which already has a role.
                 token=None if resume else self._token,
                 resume=resume,
                 seen=game.seen if resume and game is not None else None,
-                view=self._view() if resume else None,
+                view=self._requested_view() if resume else None,
             )
         )
 
-    def _view(self) -> messages.View | None:
-        """The view that we have asked for, whether or not that was answered."""
+    def _requested_view(self) -> messages.View | None:
         ref = self._requests.join()
-        asked = self._requests.pending[ref].request if ref is not None else None
-        join = asked if isinstance(asked, messages.Join) else self.membership
+        request = self._requests.pending[ref].request if ref is not None else None
+        join = request if isinstance(request, messages.Join) else self.membership
         return join.view if join is not None else None
 
     def _not_welcome(self, reason: str, now: float) -> None:
-        error = ConnectionFailedError(f"{self.url} did not welcome us: {reason}")
+        why = reason or f"no answer within {ANSWER_SECONDS:g} s"
+        error = ConnectionFailedError(f"{self.url} did not welcome the client: {why}")
         self.connection_failed(error, now)
 
     def _greeted(self, answer: messages.ServerMessage, now: float) -> None:
-        """The answer to hello."""
         match answer:
             case messages.Welcome():
                 self._welcome(answer, now)
-            case messages.Error() if self.resume and answer.code in LOST_TOKEN:
+            case messages.Error() if self.resume and answer.code in TOKEN_ERRORS:
                 self._enter(Trigger.UNKNOWN)
                 self.resume = None
-                self._hello()
+                self._send_hello()
+            # Another process of the server has the session.
             case messages.Moved():
                 self._greeted_elsewhere(answer, now)
             case messages.Error(code=ErrorCode.SERVER_HANDOVER):
-                self.connection_failed(NotYetError(answer.message), now)
+                self.connection_failed(RetryLaterError(answer.message), now)
             case messages.Bye(retry=True):
-                self.connection_failed(NotYetError(answer.reason), now)
+                self.connection_failed(RetryLaterError(answer.reason), now)
             case messages.Error():
                 message = answer.message
                 if answer.code == ErrorCode.PROTOCOL_VERSION:
-                    message = f"{self.url} is of another version ({message}); update this program"
+                    message = (
+                        f"{self.url} has an incompatible version ({message}); update this program"
+                    )
                 error = ProtocolError(answer.code, message, answer.field)
                 self.connection_failed(error, now)
             case messages.Bye():
                 self.connection_failed(ProtocolError(answer.code, answer.reason), now)
             case _:
                 reason = f"{type(answer).__name__} in answer to hello"
-                self.connection_failed(NotYetError(reason), now)
+                self.connection_failed(RetryLaterError(reason), now)
 
     def _greeted_elsewhere(self, moved: messages.Moved, now: float) -> None:
-        """Go on at once, but not round and round."""
         self._moves += 1
         try:
             self.url = moved_url(self.url, moved)
-        except StrangerError as error:
+        except UntrustedRedirectError as error:
             self.connection_failed(error, now)
             return
         if self._moves < MAX_MOVES:
@@ -345,34 +371,35 @@ class ClientProtocol(Generic[G]):
             self.connect_at = now
         else:
             self._moves = 0
-            self.connection_failed(self._round_and_round(), now)
+            self.connection_failed(self._too_many_moves(), now)
 
-    def _round_and_round(self) -> ConnectionFailedError:
-        return ConnectionFailedError(f"{self.url} sends us from one process to the next")
+    def _too_many_moves(self) -> ConnectionFailedError:
+        return ConnectionFailedError(f"{self.url} redirects from one process to the next")
 
     def _welcome(self, welcome: messages.Welcome, now: float) -> None:
-        """Ask again what was not answered, and join again where the server has forgotten us."""
-        join = self.membership or self._joined_without_asking()
+        join = self.membership or self._implied_join()
         if welcome.resumed:
             self._enter(Trigger.RESUMED)
         elif join is None:
             self._enter(Trigger.WELCOMED)
         else:
             self._enter(Trigger.FORGOTTEN)
-            ours = seats_asked(self.game.own_seats) if self.game is not None else {}
+            ours = seat_fields(self.game.own_seats) if self.game is not None else {}
             self._rejoin = join.model_copy(update={"ref": self._requests.next_ref(), **ours})
             self._first.append(self._rejoin)
         for pending in self._requests.pending.values():
+            # A `create` is not repeated: if only its answer was lost, a second episode would open.
             if pending.sent and not isinstance(pending.request, messages.Create):
                 self._first.append(pending.request)
         self.resume, self.role = welcome.resume, welcome.role
         self.readiness = welcome.readiness
         self.resumed = welcome.resumed
-        self._up_since, self.welcomed, self._moves = now, True, 0
-        self._pauses = pauses(self._rng)
+        self._online_since, self.welcomed, self._moves = now, True, 0
+        # The connection works again, so the next loss starts with a short delay.
+        self._delays = reconnect_delays()
 
-    def _joined_without_asking(self) -> messages.Join | None:
-        """What would bring us into a game that a resume token alone has brought us into."""
+    def _implied_join(self) -> messages.Join | None:
+        """Return the join that matches an episode entered through a resume token alone."""
         game = self.game
         if game is None or game.ended:
             return None
@@ -381,26 +408,27 @@ class ClientProtocol(Generic[G]):
         if game.has_state:
             view = "state" if game.observation is None else "both"
         return messages.Join(
-            episode=game.episode, role=role, view=view, **seats_asked(game.own_seats)
+            episode=game.episode, role=role, view=view, **seat_fields(game.own_seats)
         )
 
     # Messages
 
     def receive(self, message: messages.ServerMessage, now: float) -> None:
-        """Take a message of the server into account.
+        """Process a message from the server.
 
-        Raises ProtocolError where it must not come now, or cannot be applied.
+        Raises:
+            ProtocolError: The message is not allowed in this state, or cannot be applied.
         """
         if self.state is ClientState.GREETING:
             self._greeted(message, now)
             return
         if not self.state.online or isinstance(message, messages.Welcome):
-            name = type(message).__name__
-            raise ProtocolError(ErrorCode.MESSAGE_UNEXPECTED, f"{name}, while {self.state.value}")
+            detail = f"{type(message).__name__}, in the state: {self.state.value}"
+            raise ProtocolError(ErrorCode.MESSAGE_UNEXPECTED, detail)
         if isinstance(message, messages.Bye) and message.retry:
-            return
+            return  # The server is restarting. It closes the connection, and the client returns.
         if isinstance(message, messages.Joined):
-            self._take_up(message, now)
+            self._enter_game(message, now)
         elif isinstance(message, messages.Left):
             self._enter(Trigger.LEFT)
             self.membership = None
@@ -408,27 +436,28 @@ class ClientProtocol(Generic[G]):
             self.game.receive(message, now)
         if isinstance(message, messages.Bye):
             self.close(message.reason)
+        # Snapshots and observations have no `ref`, but the first one completes a join.
         elif isinstance(message, messages.Snapshot | messages.Observation):
             self._synced()
         else:
             self._answered(message, now)
 
-    def _take_up(self, joined: messages.Joined, now: float) -> None:
-        """We are in an episode: in another, or again."""
+    def _enter_game(self, joined: messages.Joined, now: float) -> None:
         game, asked = self.game, joined.ref is not None
-        anew = joined.ref in self._requests.pending or (asked and game is not None and game.ended)
-        if game is None or game.episode != joined.episode or anew:
+        # A join by the user starts afresh, even in the same episode. Only a rejoin, or `joined`
+        # without a request after a resume, continues with the copy.
+        fresh = joined.ref in self._requests.pending or (asked and game is not None and game.ended)
+        if game is None or game.episode != joined.episode or fresh:
             self._enter(Trigger.ENTERED)
             self.game = self._make_game(joined)
         else:
             self._enter(Trigger.RETURNED if game.synced else Trigger.ENTERED)
-            game.rejoined(joined, now, anew=asked)
+            game.rejoined(joined, now, new_session=asked)
         self.resume = joined.resume or self.resume
         self._rejoin = self._rejoin_at = None
         self._joined = joined
 
     def _synced(self) -> None:
-        """A join is answered once its first snapshot, or an observation of each seat, is there."""
         if self.state is ClientState.SYNCING and self.game is not None and self.game.synced:
             self._enter(Trigger.SYNCED)
             for ref, pending in list(self._requests.pending.items()):
@@ -437,6 +466,7 @@ class ClientProtocol(Generic[G]):
 
     def _answered(self, message: messages.ServerMessage, now: float) -> None:
         ref = getattr(message, "ref", None)
+        # After a resume, `joined` has no `ref` but also answers a join from before.
         if isinstance(message, messages.Joined) and ref is None:
             ref = self._requests.join()
         if self._rejoin is not None and ref == self._rejoin.ref:
@@ -446,7 +476,7 @@ class ClientProtocol(Generic[G]):
         if ref is None or pending is None:
             return
         if isinstance(message, messages.Error):
-            message = self._done_before(pending.request, message)
+            message = self._answer_behind(pending.request, message)
         match message:
             case messages.Joined() if self.state is ClientState.SYNCING:
                 pending.joined = message
@@ -461,8 +491,9 @@ class ClientProtocol(Generic[G]):
             case _:
                 self._done(ref, message)
 
-    def _done_before(self, request: Request, error: messages.Error) -> messages.ServerMessage:
-        """A request that was sent twice since its first answer was lost: it has been done."""
+    def _answer_behind(self, request: Request, error: messages.Error) -> messages.ServerMessage:
+        """Return the lost answer if an error only says that the request was done before."""
+        # The answer was lost with the previous connection, and the request was sent again.
         if isinstance(request, messages.Leave) and error.code == ErrorCode.EPISODE_NONE:
             return messages.Left(ref=error.ref, episode=self.game.episode if self.game else "-")
         joined = self._joined
@@ -475,26 +506,25 @@ class ClientProtocol(Generic[G]):
     def _join_elsewhere(
         self, ref: int, pending: PendingRequest, moved: messages.Moved, now: float
     ) -> None:
-        """The episode is with another process: join there."""
         pending.moves += 1
         if pending.moves >= MAX_MOVES:
-            self._requests.fail(ref, self._round_and_round())
+            self._requests.fail(ref, self._too_many_moves())
             return
         try:
             self._move(moved, now)
-        except StrangerError as error:
+        except UntrustedRedirectError as error:
             self._requests.fail(ref, error)
 
     def _rejoin_refused(self, answer: messages.ServerMessage, now: float) -> None:
-        """Our place was lost, and it is not simply given back."""
         if isinstance(answer, messages.Moved):
             try:
                 self._move(answer, now)
-            except StrangerError as error:
+            except UntrustedRedirectError as error:
                 self.close(str(error), error)
-        elif isinstance(answer, messages.Error) and answer.code in TEMPORARY:
+        elif isinstance(answer, messages.Error) and answer.code in TEMPORARY_ERRORS:
             self._rejoin_at = now + AGAIN_SECONDS
         elif isinstance(answer, messages.Error):
+            # The client stays in the lobby, where its owner may join another episode.
             self._enter(Trigger.REFUSED)
             self.membership = self._rejoin = None
             if self.game is not None:
@@ -502,8 +532,8 @@ class ClientProtocol(Generic[G]):
                 self.game.receive(lost, 0.0)
 
     def _move(self, moved: messages.Moved, now: float) -> None:
-        """Go to another process; StrangerError where that is none of this server."""
         url = moved_url(self.url, moved)
         self._enter(Trigger.MOVED)
+        # The session stays with the process that opened it: the next one needs the role token.
         self.url, self.resume = url, None
-        self.connect_at = now + next(self._pauses)
+        self.connect_at = now + next(self._delays)

@@ -1,37 +1,97 @@
-"""What happens in a game, as its participants are told."""
+"""Events of an episode as a client receives them, and the results of its own actions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from robotouille.episode.lifecycle import Controller
+from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet
-from robotouille.world.world import State
+from robotouille.world.unmet import Unmet, only_words
+from robotouille.world.world import State, World
 
-__all__ = [
-    "ActResult",
-    "Announced",
-    "Changed",
-    "GameEvent",
-    "Heard",
-    "NotSaid",
-    "Observed",
-    "Over",
-    "Refused",
-    "RosterChanged",
-]
+# Under these controllers, a seat's actions do not count for its participant.
+NOT_PARTICIPANT = (Controller.ABSENT, Controller.SUBSTITUTE)
 
 
 @dataclass(frozen=True, slots=True)
-class Changed:
-    """The state is another: a step was taken, or (`did` empty, `previous` None) a snapshot came.
+class TakenStep:
+    """The actions of one step, read from a delta.
 
-    `did` are the actions of the step as `(player, action, applied)`, `waits` the players who did
-    nothing and said that they wait.
+    Attributes:
+        did: The actions as `(player, action, applied)`, in the order in which they were tried.
+        decided: By player, the sequence number of the action and its unmet conditions.
+        waits: The players who did nothing and declared that they wait.
+    """
+
+    did: tuple[tuple[str, GroundAction, bool], ...]
+    decided: Mapping[str, tuple[int, tuple[Unmet, ...]]]
+    waits: tuple[str, ...]
+
+    @classmethod
+    def of(cls, delta: messages.Delta, world: World) -> TakenStep:
+        """Read a delta.
+
+        Raises:
+            RobotouilleError: The delta does not fit the world.
+        """
+        did, decided = [], {}
+        # First of all: a faulty server must not make the client parse rows without limit.
+        if max(len(delta.did), len(delta.waits)) > len(world.players):
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "the step lists too many players")
+        try:
+            for i, (row, seq) in enumerate(zip(delta.did, delta.seq, strict=True)):
+                player, place = _player(world, int(row[0])), str(i)
+                action = world.action(str(row[1]), *map(str, row[2:]))
+                did.append((player, action, place not in delta.unmet))
+                unmet = unmet_from(delta.unmet.get(place, ()), delta.why.get(place, ()))
+                decided[player] = (seq, unmet)
+            waits = tuple(_player(world, number) for number in delta.waits)
+        except (ValueError, IndexError) as error:
+            message = "the step lists an unknown player or action"
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, message) from error
+        return cls(tuple(did), decided, waits)
+
+    def tallied(self, seats: Iterable[messages.SeatInfo]) -> tuple[messages.SeatInfo, ...]:
+        """Return the roster's seats with the actions of this step added to their counts."""
+        # The server sends a roster only when it changes, so clients keep the counts up to date.
+        done = {player: applied for player, _, applied in self.did}
+        return tuple(
+            seat.model_copy(
+                update={"acted": seat.acted + 1}
+                if done[seat.player]
+                else {"rejected": seat.rejected + 1}
+            )
+            if seat.player in done and seat.controller not in NOT_PARTICIPANT
+            else seat
+            for seat in seats
+        )
+
+
+def _player(world: World, number: int) -> str:
+    if number < 0:  # A negative number would index from the end.
+        raise IndexError(number)
+    return world.players[number]
+
+
+def unmet_from(words: Sequence[str], why: Sequence[messages.Why]) -> tuple[Unmet, ...]:
+    """Return unmet conditions from their texts and structured reasons."""
+    if len(words) != len(why):  # The reasons are not about the action, such as a full quota.
+        return only_words(*words)
+    return tuple(each.value(text) for each, text in zip(why, words, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class StateChanged:
+    """A step was taken, or a snapshot arrived (then `did` is empty and `previous` None).
+
+    Attributes:
+        did: The actions of the step as `(player, action, applied)`.
+        waits: The players who did nothing and declared that they wait.
     """
 
     step: int
@@ -43,9 +103,11 @@ class Changed:
 
 
 @dataclass(frozen=True, slots=True)
-class Observed:
-    """The state in words, with the seat's valid actions (text view); one for each of one's seats.
-    A spectator has no seat."""
+class ObservationReceived:
+    """The state in words arrived, with the valid actions of `seat` (None for a spectator).
+
+    A client receives one observation for each of its seats.
+    """
 
     step: int
     text: str
@@ -55,8 +117,8 @@ class Observed:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
-    """An action of one's seat, or of one of them, was not taken, and why."""
+class ActRejected:
+    """An action of one of the client's seats was rejected."""
 
     seq: int
     step: int
@@ -67,13 +129,13 @@ class Refused:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why, in words."""
+        """The unmet conditions in words."""
         return tuple(unmet.words for unmet in self.unmet)
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """Somebody said something."""
+class ChatReceived:
+    """A participant wrote in the chat."""
 
     name: str
     seat: str
@@ -81,9 +143,11 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True)
-class NotSaid:
-    """What one said, or had recorded, was not taken: `code` is that of the server's error
-    (`chat/phrase`, `chat/off`, `seat/muted`, `rate/words`), `reason` says it in words."""
+class ChatRejected:
+    """A chat message or note of the client was rejected.
+
+    `code` is `chat/phrase`, `chat/off`, `seat/muted` or `rate/words`.
+    """
 
     code: str
     reason: str
@@ -91,15 +155,18 @@ class NotSaid:
 
 @dataclass(frozen=True, slots=True)
 class Announced:
-    """The server's operator said something."""
+    """The operator sent an announcement."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class RosterChanged:
-    """Who plays, whether all seats are taken, why the game stands still if it does, and whom a
-    step has waited for, for two seconds at least."""
+    """The participants, the phase, the reason for a pause or the awaited seats changed.
+
+    Attributes:
+        waits_for: The seats that a step has waited for, for at least two seconds.
+    """
 
     phase: str
     seats: tuple[messages.SeatInfo, ...]
@@ -108,22 +175,34 @@ class RosterChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class Over:
-    """The episode is over, or (`outcome` empty) the participant is out of it: `code` is that of
-    the server's `bye`, if there was one."""
+class GameEnded:
+    """The episode ended, or (with an empty `outcome`) the client is out of it.
+
+    Attributes:
+        code: The code of the server's `bye` message, if there was one.
+    """
 
     outcome: Mapping[str, Any]
     reason: str = ""
     code: str = ""
 
 
-GameEvent = Changed | Observed | Refused | Heard | NotSaid | Announced | RosterChanged | Over
-"""Whatever one is told in a game."""
+GameEvent = (
+    StateChanged
+    | ObservationReceived
+    | ActRejected
+    | ChatReceived
+    | ChatRejected
+    | Announced
+    | RosterChanged
+    | GameEnded
+)
+"""Any event of an episode."""
 
 
 @dataclass(frozen=True, slots=True)
 class ActResult:
-    """What became of an action."""
+    """The result of an action: applied, or rejected with unmet conditions and an error code."""
 
     applied: bool
     step: int
@@ -132,10 +211,10 @@ class ActResult:
 
     @classmethod
     def of(cls, step: int, unmet: tuple[Unmet, ...]) -> ActResult:
-        """That of an action that was looked at in a step: applied, if nothing was unmet."""
+        """Return the result of an action that was tried in a step."""
         return cls(not unmet, step, unmet, ErrorCode.ACTION_INVALID if unmet else "")
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it was rejected, in words."""
+        """The unmet conditions in words."""
         return tuple(unmet.words for unmet in self.unmet)

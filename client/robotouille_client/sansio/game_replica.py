@@ -1,15 +1,15 @@
-"""An episode as one participant sees it: a copy of the state, kept up to date by messages.
+"""A participant's copy of an episode, kept up to date by the server's messages.
 
-`GameReplica` does no I/O and reads no clock: it takes the server's messages and the time, and says
-what to send (`messages_to_send`), what became of actions (`results`), what happened (`poll`), and
-when to look again (`get_timer`, `handle_timer`).
+`GameReplica` does no I/O and reads no clock. Its owner passes messages and the time in (`receive`,
+`handle_timer` at the time of `get_timer`) and takes out messages (`messages_to_send`), results of
+actions (`results`) and events (`poll`).
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from robotouille.domain.task import Task
 from robotouille.episode.quota import MAX_NOTE
@@ -18,50 +18,75 @@ from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import from_words
+from robotouille.world.unmet import only_words
 from robotouille.world.world import State, World, shared_world
 from robotouille_client.sansio.game_events import (
+    ActRejected,
     ActResult,
     Announced,
-    Changed,
+    ChatReceived,
+    ChatRejected,
+    GameEnded,
     GameEvent,
-    Heard,
-    NotSaid,
-    Observed,
-    Over,
-    Refused,
+    ObservationReceived,
     RosterChanged,
+    StateChanged,
+    TakenStep,
+    unmet_from,
 )
-from robotouille_client.sansio.sent_actions import ActionRequest, SentActions, wire_action
-from robotouille_client.sansio.taken_step import TakenStep, told_unmet
+from robotouille_client.sansio.sent_actions import RequestedAction, SentActions, wire_action
 
-__all__ = ["PRESENT", "GameReplica"]
-
-NOT_SAID = frozenset({
+# Errors that answer a chat message or note. `say` and `note` have no `ref` to match.
+CHAT_ERRORS = frozenset({
     ErrorCode.CHAT_OFF, ErrorCode.CHAT_PHRASE, ErrorCode.SEAT_MUTED, ErrorCode.RATE_WORDS,
 })  # fmt: skip
-"""Errors that answer what was said or noted: such messages have no reference of their own."""
 
-PRESENT = -1
-"""As the basis of an action: the step that is known when it is sent."""
 
+# A program that never reads its events must not run out of memory: the oldest ones go.
 MAX_EVENTS = 10_000
+# The rules allow no longer episode. A larger number from a faulty server would make clients that
+# keep a row for each step allocate without limit.
 MAX_STEP = 1_000_000
-"""The rules allow no more: who remembers each step cannot remember any number."""
-MAX_NAMED = 8
-"""Of those who watch: more are not told."""
+# No window shows more names, and a list of thousands would cost memory in every client.
+MAX_SPECTATOR_NAMES = 8
+# Number of deltas after which an unanswered `resync` is sent again.
+RESYNC_EVERY = 20
+
+
+class ActDetails(TypedDict, total=False):
+    """Optional details of an action.
+
+    Attributes:
+        think_ms: Milliseconds of thought, for episodes in which thinking time is declared.
+        basis: The step on which the choice is based, for the recording. Defaults to the current
+            step; None leaves it open.
+        reasoning: Text for the recording that no player sees, of at most 8,000 characters.
+        anticipates: True if the action may become valid through another action in the same step.
+            Servers that do not support this reject an action that is not valid yet.
+        waits: True if a decision to do nothing means waiting for a place or a teammate. The
+            recording does not count waiting as idle.
+    """
+
+    think_ms: int
+    basis: int | None
+    reasoning: str | None
+    anticipates: bool
+    waits: bool
 
 
 class GameReplica:
-    """One episode: its state, its events, and what one does in it.
+    """One episode: its state, its events and its participant's requests.
 
-    `name` is what one is called in it: with a number where somebody else has the name that one
-    asked for. `own_seats` are those that one plays, in seat order, and `seat` is the first of them;
-    a spectator has none. `starts_at` is when the game begins, on the clock of `receive`, while that
-    is counted down to; `spectators` counts those who watch, and `spectator_names` are those of the
-    first few. `waits_for` are the seats that a step
-    has waited for, for two seconds at least. `rematch_code` is that of the game in which they play
-    again, once somebody has asked for one.
+    Attributes:
+        name: The participant's name in this episode, numbered if the name was taken.
+        own_seats: The seats that the client plays, in seat order; empty for a spectator.
+        seat: The first of `own_seats`, or None.
+        starts_at: During the countdown, the start of the game on the clock of `receive`.
+        spectators: The number of spectators; `spectator_names` has the first few names.
+        waits_for: The seats that a step has waited for, for at least two seconds.
+        rematch_code: The code of the rematch, once a participant has asked for one.
+        ended: True if no more events follow: the episode ended, or the client is out of it.
+        farewell: The reason for `ended`.
     """
 
     def __init__(self, joined: messages.Joined) -> None:
@@ -70,6 +95,7 @@ class GameReplica:
         self.role = joined.role
         self.name = joined.name
         self.seat = joined.seat
+        # Servers before `seats` existed send `seat` only.
         self.own_seats = tuple(joined.seats) or ((joined.seat,) if joined.seat else ())
         self.step = 0
         self.phase = "waiting"
@@ -86,18 +112,17 @@ class GameReplica:
         self.waits_for: tuple[str, ...] = ()
         self.rematch_code = ""
         self.said = joined.said
-        self.can_anticipate, self.can_wait = joined.anticipates, joined.waits
+        self.ended = False
+        self.farewell = ""
         self._reader: StateReader | None = None
-        self._observed: dict[str | None, Observed] = {}
+        self._observed: dict[str | None, ObservationReceived] = {}
         self._sent = SentActions(joined.seq)
         self._catch_up: int | None = None
         self._ready: bool | None = None
         self._outgoing: list[messages.Message] = []
         self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
         self._resyncing = False
-        self._resync_asked = 0
-        self.ended = False
-        self.farewell = ""
+        self._skipped_deltas = 0
 
     # State
 
@@ -106,56 +131,56 @@ class GameReplica:
         """The current state.
 
         Raises:
-            RuntimeError: There is none before the first snapshot, or in a text view.
+            RuntimeError: No state is known, because no snapshot has arrived or the view is `text`.
         """
         if self._reader is None:
-            raise RuntimeError("no state yet: the view is 'text', or the snapshot is on its way")
+            raise RuntimeError("no state: the view is 'text', or no snapshot has arrived yet")
         return self._reader.state
 
     @property
     def has_state(self) -> bool:
-        """Whether there is a `state`: not before the first snapshot, nor in a text view."""
+        """True if there is a `state`: a snapshot has arrived, and the view is not `text`."""
         return self._reader is not None
 
     @property
     def world(self) -> World:
-        """The task's world, on which one can plan without the server."""
+        """The task's world, for planning without the server."""
         return self.state.world
 
     @property
     def actions(self) -> tuple[GroundAction, ...]:
-        """The valid actions of one's seat; of the first where one has several."""
+        """The valid actions of `seat`."""
         return self.state.actions(self.seat) if self.seat else ()
 
     @property
     def running(self) -> bool:
-        """Whether time runs: the game has begun, and does not stand still."""
+        """True if the phase is `running`."""
         return self.phase == "running"
 
     @property
     def paused(self) -> bool:
-        """Whether the game stands still; `pause` says why."""
+        """True if the phase is `paused`; `pause` has the reason."""
         return self.phase == "paused"
 
     @property
     def synced(self) -> bool:
-        """Whether a snapshot has come, or an observation of each seat."""
+        """True if a snapshot, or an observation of each seat, has arrived."""
         views = self.own_seats or (None,)
         return self._reader is not None or all(seat in self._observed for seat in views)
 
     @property
-    def observation(self) -> Observed | None:
-        """What one's seat has been told in words; the first where one has several."""
+    def observation(self) -> ObservationReceived | None:
+        """The last observation in words of `seat`."""
         return self._observed.get(self.seat)
 
     @property
-    def observations(self) -> Mapping[str, Observed]:
-        """What each of one's seats has been told in words."""
+    def observations(self) -> Mapping[str, ObservationReceived]:
+        """The last observation in words of each own seat."""
         return {seat: seen for seat, seen in self._observed.items() if seat is not None}
 
     @property
     def seen(self) -> messages.Seen | None:
-        """What a server need not tell again; None before the first snapshot or observation."""
+        """The part of the episode that a resumed session need not receive again."""
         if not self.synced:
             return None
         return messages.Seen(
@@ -163,87 +188,79 @@ class GameReplica:
         )
 
     @property
-    def over(self) -> bool:
-        """Whether the episode has an outcome."""
+    def finished(self) -> bool:
+        """True if the episode has an outcome."""
         return self.outcome is not None
 
     @property
     def my_move(self) -> bool:
-        """Whether any of one's seats may act in the present step."""
+        """True if any own seat may act in the current step."""
         return any(self.may_act(seat) for seat in self.own_seats)
 
     def may_act(self, seat: str) -> bool:
-        """Whether a seat is one's own, and may act in the present step."""
+        """Return whether `seat` is an own seat that may act in the current step."""
         if not self.running or seat not in self.own_seats or self.turn not in (None, seat):
             return False
         return not self.has_state or self.state.busy_steps(seat) == 0
 
-    # Acting
+    # Requests
 
     def propose(
         self,
-        action: ActionRequest,
+        action: RequestedAction,
         now: float,
-        *,
         seat: str | None = None,
-        think_ms: int = 0,
-        basis: int | None = PRESENT,
-        reasoning: str | None = None,
-        anticipates: bool = False,
-        waits: bool = False,
+        **details: Unpack[ActDetails],
     ) -> int:
-        """An action is to be sent (None: do nothing); `results` tell of its number what became
-        of it.
+        """Queue an action and return its sequence number, under which `results` reports it.
 
-        While the connection is away it stays undecided: it is sent again, and not done twice.
+        While there is no connection the action stays undecided. It is then sent again, and
+        executed once.
 
         Args:
-            seat: The one of one's seats that acts; the first if None.
-            basis: The step on which the choice was made; None to leave it open.
+            action: The action, or None to do nothing.
+            seat: The own seat that acts; the first one by default.
 
         Raises:
-            ProtocolError: `seat/none`: spectators do not act; `seat/unknown`: it is not one's own.
-            ValueError: The message cannot have such an argument.
+            ProtocolError: `seat/none`: spectators cannot act; `seat/unknown`: not an own seat.
+            ValueError: The message does not allow one of the details.
         """
         player = self._own_seat(seat)
+        details.setdefault("basis", self.step)
         act = messages.Act(
             seq=self._sent.next_seq(),
             action=wire_action(action),
-            basis=self.step if basis == PRESENT else basis,
-            think_ms=think_ms,
-            reasoning=reasoning,
-            anticipates=anticipates and self.can_anticipate,
-            waits=waits and self.can_wait,
-            seat=self._seat_told(player),
+            seat=self._seat_field(player),
+            **details,
         )
         if self.ended:
-            self._sent.refuse(act.seq, self.step, "it is over", ErrorCode.EPISODE_OVER)
+            reason = "the episode has ended"
+            self._sent.reject(act.seq, self.step, reason, ErrorCode.EPISODE_ENDED)
             return act.seq
         self._sent.add(player, act, now)
         self._outgoing.append(act)
         return act.seq
 
     def _own_seat(self, seat: str | None) -> str:
-        """One of one's seats; the first if None."""
         player = self.seat if seat is None else seat
         if player is None or not self.own_seats:
-            raise ProtocolError(ErrorCode.SEAT_NONE, "spectators do not act")
+            raise ProtocolError(ErrorCode.SEAT_NONE, "spectators cannot act")
         if player not in self.own_seats:
             own = " and ".join(self.own_seats)
             raise ProtocolError(ErrorCode.SEAT_UNKNOWN, f"{player} is not yours: you play {own}")
         return player
 
-    def _seat_told(self, player: str) -> str | None:
-        """The seat as a message names it: servers of before know no such field."""
+    def _seat_field(self, player: str) -> str | None:
+        # Servers before `seat` existed reject the field, so a single seat goes without it.
         return player if len(self.own_seats) > 1 else None
 
     def ready(self, ready: bool = True) -> None:
-        """The game may begin as far as one's seats go; or, with False, not any more.
+        """Tell the server whether the game may begin as far as the own seats are concerned.
 
-        It has a meaning before the beginning, and is told again after a lost connection.
+        The message is repeated after a lost connection. It has no effect once the game has begun.
 
         Raises:
-            ProtocolError: `seat/none`: spectators are not waited for.
+            ProtocolError: `seat/none`: games do not wait for spectators.
         """
         self._own_seat(None)
         self._ready = ready
@@ -251,47 +268,48 @@ class GameReplica:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the game does not wait for one's own seats; always, once it has begun."""
+        """True if the game does not wait for the own seats. Always true once it has begun."""
         return all(seat.ready for seat in self.seats if seat.player in self.own_seats)
 
     def say(self, text: str) -> None:
-        """Say something to everybody in the episode."""
+        """Send a chat message to all participants."""
         self._outgoing.append(messages.Say(text=text))
 
     def note(self, topic: str, text: str, seat: str | None = None) -> None:
-        """Have a text recorded, of any length, that nobody is told.
+        """Add a text of any length to the recording that no participant sees.
 
         Args:
-            seat: The one of one's seats whose it is; the first if None.
+            seat: The own seat that the note belongs to; the first one by default.
 
         Raises:
-            ProtocolError: `seat/unknown`: it is not one's own.
-            ValueError: The message cannot have such a topic.
+            ProtocolError: `seat/unknown`: not an own seat.
+            ValueError: The message does not allow this topic.
         """
-        told = self._seat_told(self._own_seat(seat)) if self.own_seats else seat
+        owner = self._seat_field(self._own_seat(seat)) if self.own_seats else seat
+        # Messages have a maximum size. The server joins the pieces again.
         pieces = [text[at : at + MAX_NOTE] for at in range(0, len(text), MAX_NOTE)]
         for number, piece in enumerate(pieces, start=1):
             more = number < len(pieces)
-            self._outgoing.append(messages.Note(topic=topic, text=piece, more=more, seat=told))
+            self._outgoing.append(messages.Note(topic=topic, text=piece, more=more, seat=owner))
 
     @property
     def unanswered(self) -> tuple[messages.Act, ...]:
-        """Of each of one's seats the last action, while it has no answer."""
+        """The last action of each own seat that has no answer."""
         return self._sent.unanswered
 
-    # What comes of it
+    # Output
 
     def messages_to_send(self) -> list[messages.Message]:
-        """What is to be sent, in order; each message is given once."""
+        """Return the queued messages in order, and empty the queue."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def results(self) -> list[tuple[int, ActResult]]:
-        """What became of actions since this was last asked, by their numbers."""
+        """Return the sequence numbers and results of actions decided since the last call."""
         return self._sent.results()
 
     def poll(self) -> list[GameEvent]:
-        """What has happened since this was last asked, without waiting."""
+        """Return the events since the last call, without waiting."""
         events = list(self._events)
         self._events.clear()
         return events
@@ -299,17 +317,21 @@ class GameReplica:
     # Time
 
     def get_timer(self) -> float | None:
-        """When to call `handle_timer`; None while there is nothing to wait for."""
+        """Return when to call `handle_timer`, or None if there is nothing to wait for."""
         return self._sent.get_timer()
 
     def handle_timer(self, now: float) -> None:
-        """Send again what has had no answer for too long."""
+        """Queue the actions again that have been unanswered for too long."""
         self._outgoing.extend(self._sent.repeat(now))
 
     # Messages
 
     def receive(self, message: messages.ServerMessage, now: float) -> None:
-        """Take a message of the server into account."""
+        """Apply a message from the server.
+
+        Raises:
+            ProtocolError: The message is inconsistent with the task or the state.
+        """
         match message:
             case messages.Snapshot():
                 self._snapshot(message, now)
@@ -320,43 +342,40 @@ class GameReplica:
             case messages.Rejected():
                 self._rejected(message, now)
             case messages.Said():
+                # A resumed session repeats chat lines. Number 0 is a server without numbers.
                 if message.number > self.said or message.number == 0:
                     self.said = max(self.said, message.number)
-                    self._emit(Heard(message.name, message.seat, message.text))
-            case messages.Error(ref=None, code=code) if code in NOT_SAID:
-                self._emit(NotSaid(code, message.message))
+                    self._emit(ChatReceived(message.name, message.seat, message.text))
+            case messages.Error(ref=None, code=code) if code in CHAT_ERRORS:
+                self._emit(ChatRejected(code, message.message))
             case messages.Notice():
                 self._emit(Announced(message.text))
             case messages.Roster():
-                self.phase, self.seats = message.phase, self._all_seats(message.seats)
-                self.turn, self.pause = message.turn, message.pause
-                self.waits_for = tuple(message.waits_for)
-                self.spectators = message.spectators
-                self.spectator_names = tuple(message.spectator_names[:MAX_NAMED])
-                self.rematch_code = message.rematch
-                self._count_down(message.starts_in, now)
-                self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
+                self._roster(message, now)
             case messages.Ended():
                 self._finish(message.outcome)
             case messages.Left():
-                self._give_up(message.reason)
+                self._end(message.reason)
             case messages.Bye():
-                self._give_up(message.reason, message.code)
+                self._end(message.reason, message.code)
             case _:
                 pass
 
-    def rejoined(self, joined: messages.Joined, now: float, *, anew: bool = False) -> None:
-        """The connection is back: send again what is not answered by what was missed.
+    def rejoined(self, joined: messages.Joined, now: float, *, new_session: bool = False) -> None:
+        """Continue after a lost connection.
 
-        `anew` says that the seat was lost and taken again: nobody knows what became of earlier
-        actions, so they are not repeated.
+        Unanswered actions are sent again once the missed steps have arrived, because those may
+        contain the answers.
+
+        Args:
+            new_session: True if the seat was lost and taken again. The server then has no record
+                of earlier actions, so repeating one could execute it twice.
         """
-        self.name = joined.name
+        self.name = joined.name  # It may have a number now.
         self._sent.seq = max(self._sent.seq, joined.seq)
         self._resyncing = False
-        self._resync_asked = 0
-        if anew:
-            reason = "the seat was lost and taken anew"
+        if new_session:
+            reason = "the seat was lost and taken again"
             self._sent.resolve_all(self.step, reason, ErrorCode.SEAT_LOST)
         if self._ready is not None and self.phase == "waiting":
             self._outgoing.append(messages.Ready(ready=self._ready))
@@ -364,16 +383,34 @@ class GameReplica:
         self._caught_up(now)
 
     def _caught_up(self, now: float) -> None:
-        """After what was missed, ask what became of the last actions."""
         if self._catch_up is not None and self._catch_up <= self.step:
             self._catch_up = None
-            self._outgoing.extend(self._sent.repeat(now, all_of_them=True))
+            self._outgoing.extend(self._sent.repeat(now, every=True))
 
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
+        # Snapshots and deltas may overtake each other when a resync crosses a step.
         if self._reader is not None and message.step < self.step:
             return
         if not 0 <= message.step <= MAX_STEP:
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, "no game has so many steps")
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, f"invalid step {message.step}")
+        self._reader = self._read_state(message)
+        self._resyncing = False
+        self.step, self.phase, self.turn = message.step, message.phase, message.turn
+        self.seats, self.clock = self._checked_seats(message.seats), message.clock
+        self.left, self.step_time = message.left, now
+        self.pause = message.pause
+        self._show_audience(message, now)
+        # Another process may have played this seat; its sequence numbers must not come again.
+        self._sent.seq = max(self._sent.seq, message.seq)
+        self._settle(self.seat, message.last_seq, message.last_step, message.last_reasons)
+        for answer in message.answers:
+            self._settle(answer.seat, answer.seq, answer.step, answer.reasons)
+        self._emit(StateChanged(message.step, self.state, turn=message.turn))
+        self._caught_up(now)
+        if message.outcome is not None:
+            self._finish(message.outcome)
+
+    def _read_state(self, message: messages.Snapshot) -> StateReader:
         if message.task is not None:
             world = shared_world(Task.from_json(message.task, "the server's task"))
         elif self._reader is not None:
@@ -382,41 +419,37 @@ class GameReplica:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "a snapshot without its task")
         values = message.model_dump(include={"facts", "timers", "busy"})
         tables = message.model_dump(include={"predicates", "objects", "atoms"})
-        self._reader = StateReader(world, tables, values)
-        if self._reader.state.digest != message.hash:
+        reader = StateReader(world, tables, values)
+        if reader.state.digest != message.hash:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "the snapshot's state has another hash")
-        self._resyncing = False
-        self.step, self.phase, self.turn = message.step, message.phase, message.turn
-        self.seats, self.clock = self._all_seats(message.seats), message.clock
-        self.left, self.step_time = message.left, now
-        self.pause, self.spectators = message.pause, message.spectators
-        self.spectator_names = tuple(message.spectator_names[:MAX_NAMED])
-        self._count_down(message.starts_in, now)
-        self._sent.seq = max(self._sent.seq, message.seq)
-        self._told(self.seat, message.last_seq, message.last_step, message.last_reasons)
-        for answer in message.answers:
-            self._told(answer.seat, answer.seq, answer.step, answer.reasons)
-        self._emit(Changed(message.step, self.state, turn=message.turn))
-        self._caught_up(now)
-        if message.outcome is not None:
-            self._finish(message.outcome)
+        return reader
 
-    def _all_seats(self, told: Sequence[messages.SeatInfo]) -> tuple[messages.SeatInfo, ...]:
-        """The seats, of which there are no more than players, where those are known."""
-        if self._reader is not None and len(told) > len(self.world.players):
+    def _roster(self, message: messages.Roster, now: float) -> None:
+        self.phase, self.seats = message.phase, self._checked_seats(message.seats)
+        self.turn, self.pause = message.turn, message.pause
+        self.waits_for = tuple(message.waits_for)
+        self.rematch_code = message.rematch
+        self._show_audience(message, now)
+        self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
+
+    def _show_audience(self, message: messages.Snapshot | messages.Roster, now: float) -> None:
+        self.spectators = message.spectators
+        self.spectator_names = tuple(message.spectator_names[:MAX_SPECTATOR_NAMES])
+        self.starts_at = None if message.starts_in is None else now + message.starts_in
+
+    def _checked_seats(self, seats: Sequence[messages.SeatInfo]) -> tuple[messages.SeatInfo, ...]:
+        if self._reader is not None and len(seats) > len(self.world.players):
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "there are more seats than players")
-        return tuple(told)
-
-    def _count_down(self, starts_in: float | None, now: float) -> None:
-        self.starts_at = None if starts_in is None else now + starts_in
+        return tuple(seats)
 
     def _delta(self, message: messages.Delta, now: float) -> None:
         if self._reader is None:
             return
         if self._resyncing:
-            # The snapshot is on its way; ask again if the request was lost.
-            self._resync_asked += 1
-            if self._resync_asked % 20 == 0:
+            # The snapshot is on its way. Ask again now and then, in case the server dropped the
+            # request because of a rate limit.
+            self._skipped_deltas += 1
+            if self._skipped_deltas % RESYNC_EVERY == 0:
                 self._outgoing.append(messages.Resync())
             return
         if message.step <= self.step:
@@ -430,6 +463,7 @@ class GameReplica:
         except ProtocolError:
             self._resync()
             return
+        # Only every tenth delta has a hash, because hashing a state costs time.
         if message.hash is not None and state.digest != message.hash:
             self._resync()
             return
@@ -443,15 +477,15 @@ class GameReplica:
                 self._sent.settle(seat, seq, ActResult.of(message.step, unmet))
         self._sent.settle_idle(message.step, turn)
         did, waits = taken.did, taken.waits
-        self._emit(Changed(message.step, state, previous, did, message.turn, waits))
+        self._emit(StateChanged(message.step, state, previous, did, message.turn, waits))
         self._caught_up(now)
 
-    def _told(self, seat: str | None, seq: int, step: int, reasons: Sequence[str]) -> None:
-        """What became of a seat's last action, in words."""
-        self._sent.settle(seat, seq, ActResult.of(step, from_words(*reasons)))
+    def _settle(self, seat: str | None, seq: int, step: int, reasons: Sequence[str]) -> None:
+        self._sent.settle(seat, seq, ActResult.of(step, only_words(*reasons)))
 
     def _observe(self, message: messages.Observation, now: float) -> None:
         if self.has_state:
+            # View `both`: the text of a step that the deltas have not reached yet.
             if message.step > self.step and not self._resyncing:
                 self._resync()
         elif message.step < self.step:
@@ -460,11 +494,13 @@ class GameReplica:
             self.step, self.turn, self.phase = message.step, message.turn, message.phase
             self.step_time = now
         seat = message.seat or self.seat
-        told = message.step, message.text, tuple(message.actions), message.turn, seat
-        self._observed[seat] = observed = Observed(*told)
+        self._observed[seat] = observed = ObservationReceived(
+            message.step, message.text, tuple(message.actions), message.turn, seat
+        )
         self._emit(observed)
         if not self.has_state:
-            self._told(seat, message.seq, message.step, message.reasons)
+            self._settle(seat, message.seq, message.step, message.reasons)
+            # Each seat has its own observation; a step is complete when all have arrived.
             if all(seen.step >= message.step for seen in self._observed.values()):
                 self._caught_up(now)
 
@@ -472,25 +508,27 @@ class GameReplica:
         limited = message.code == ErrorCode.RATE_LIMITED
         if limited and self._sent.slow_down(message.seq, now):
             return
-        unmet = told_unmet(message.reasons, message.why)
+        unmet = unmet_from(message.reasons, message.why)
         self._sent.resolve(message.seq, ActResult(False, message.step, unmet, message.code))
-        told = message.seq, message.step, message.action, unmet, message.code
-        self._emit(Refused(*told, message.seat or self.seat or ""))
+        seat = message.seat or self.seat or ""
+        self._emit(
+            ActRejected(message.seq, message.step, message.action, unmet, message.code, seat)
+        )
 
     def _finish(self, outcome: Mapping[str, Any]) -> None:
-        self.outcome, self.phase = outcome, "over"
-        self._give_up(str(outcome.get("reason", "")))
+        self.outcome, self.phase = outcome, "ended"
+        self._end(str(outcome.get("reason", "")))
 
-    def _give_up(self, reason: str, code: str = "") -> None:
+    def _end(self, reason: str, code: str = "") -> None:
         if self.ended:
             return
         self.ended, self.farewell = True, reason
-        self._sent.resolve_all(self.step, reason, ErrorCode.EPISODE_OVER)
-        self._emit(Over(self.outcome or {}, reason, code))
+        self._sent.resolve_all(self.step, reason, ErrorCode.EPISODE_ENDED)
+        self._emit(GameEnded(self.outcome or {}, reason, code))
 
     def _resync(self) -> None:
         self._resyncing = True
-        self._resync_asked = 0
+        self._skipped_deltas = 0
         self._outgoing.append(messages.Resync())
 
     def _emit(self, event: GameEvent) -> None:

@@ -1,4 +1,4 @@
-"""The actions that one has sent: which have no answer yet, and what became of the rest."""
+"""Bookkeeping of sent actions: which are undecided, which to repeat, and the results."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
 from robotouille_client.sansio.game_events import ActResult
 
-__all__ = ["REPEAT_SECONDS", "SLOW_DOWN_SECONDS", "ActionRequest", "SentActions", "wire_action"]
-
+# Delay before an unanswered action is sent again. The server recognizes its sequence number, so it
+# executes the action once.
 REPEAT_SECONDS = 5.0
-"""After which an action without an answer is sent again; it acts once all the same."""
+# Delay before an action that exceeded the rate limit is sent again.
 SLOW_DOWN_SECONDS = 0.25
-"""After which an action that came too soon after many others is sent again."""
 
 
-ActionRequest = GroundAction | messages.NamedAction | str | int | None
-"""What one can ask to do: a ground action, a named one, its sentence, its place in the list of
-valid actions, or None for nothing."""
+RequestedAction = GroundAction | messages.NamedAction | str | int | None
+"""Requested action: a ground or named action, a sentence, a position in the list of valid actions,
+or None to do nothing."""
 
 
 class SentActions:
-    """The actions of all of one's seats, numbered together: `seq` is the last number.
+    """The sent actions of all seats of a client, with one common sequence number `seq`.
 
-    Of each seat the last one is sent again until it is answered; those before it were replaced.
+    The last action of each seat is repeated until it is answered. Earlier actions of the seat
+    are superseded by it, so they need no repetition.
     """
 
     def __init__(self, seq: int) -> None:
@@ -35,40 +35,40 @@ class SentActions:
 
     @property
     def unanswered(self) -> tuple[messages.Act, ...]:
-        """Of each seat the last action, while it has no answer."""
+        """The last action of each seat that has no answer."""
         return tuple(self._unanswered.values())
 
     def next_seq(self) -> int:
-        """A number that no action has had."""
+        """Return an unused sequence number."""
         self.seq += 1
         return self.seq
 
     def add(self, seat: str, act: messages.Act, now: float) -> None:
-        """An action of a seat is to be sent."""
+        """Track an action that is about to be sent."""
         self._undecided[act.seq] = seat
         self._unanswered[seat] = act
         self._again_at[seat] = now + REPEAT_SECONDS
 
     def results(self) -> list[tuple[int, ActResult]]:
-        """What became of actions since this was last asked, by their numbers."""
+        """Return the sequence numbers and results decided since the last call."""
         results, self._results = self._results, []
         return results
 
-    # Sending again
+    # Repetition
 
     def get_timer(self) -> float | None:
-        """When `repeat` has something to send again; None while all is answered."""
+        """Return the time of the next repetition, or None if every action is answered."""
         return min((self._again_at[seat] for seat in self._unanswered), default=None)
 
-    def repeat(self, now: float, *, all_of_them: bool = False) -> list[messages.Act]:
-        """Those whose time has come to be sent again, or all without an answer."""
-        due = [seat for seat in self._unanswered if all_of_them or self._again_at[seat] <= now]
+    def repeat(self, now: float, *, every: bool = False) -> list[messages.Act]:
+        """Return the actions to send again now; with `every`, all unanswered ones."""
+        due = [seat for seat in self._unanswered if every or self._again_at[seat] <= now]
         for seat in due:
             self._again_at[seat] = now + REPEAT_SECONDS
         return [self._unanswered[seat] for seat in due]
 
     def slow_down(self, seq: int, now: float) -> bool:
-        """An action was not heard, since there were too many: whether it is to be sent again."""
+        """Schedule an action that exceeded the rate limit; False if it is superseded."""
         for seat, act in self._unanswered.items():
             if act.seq == seq:
                 self._again_at[seat] = now + SLOW_DOWN_SECONDS
@@ -78,7 +78,9 @@ class SentActions:
     # Answers
 
     def settle(self, seat: str | None, seq: int, result: ActResult) -> None:
-        """The fate of a seat's action is known; those of the seat before it were replaced."""
+        """Record the result of a seat's action, and that earlier ones were superseded."""
+        # The server reports one action per seat and step. It says nothing about the actions
+        # that this one replaced before the step was taken.
         for earlier in sorted(s for s, whose in self._undecided.items() if whose == seat):
             if earlier < seq:
                 superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
@@ -86,14 +88,15 @@ class SentActions:
         self.resolve(seq, result)
 
     def settle_idle(self, step: int, turn: str | None) -> None:
-        """A step was taken, in the turn of a seat if they take turns: decisions to do nothing are
-        answered by the step in which nothing was done."""
+        """Settle the decisions to do nothing, after a step in the turn of a seat, or of all."""
+        # A delta lists actions only, so a step without an action of the seat is the answer.
         for seat, act in list(self._unanswered.items()):
             if act.action is None and turn in (None, seat):
                 self.settle(seat, act.seq, ActResult.of(step, ()))
 
     def resolve(self, seq: int, result: ActResult) -> None:
-        """The fate of one action is known."""
+        """Record the result of one action, unless it already has one."""
+        # Results arrive twice when an action was repeated, or when a snapshot repeats them.
         seat = self._undecided.pop(seq, None)
         if seat is None:
             return
@@ -103,17 +106,17 @@ class SentActions:
         self._results.append((seq, result))
 
     def resolve_all(self, step: int, reason: str, code: str) -> None:
-        """No more is to be heard of any."""
+        """Reject all undecided actions."""
         for seq in sorted(self._undecided):
             self.resolve(seq, ActResult(False, step, only_words(reason), code))
 
-    def refuse(self, seq: int, step: int, reason: str, code: str) -> None:
-        """An action is not sent at all."""
+    def reject(self, seq: int, step: int, reason: str, code: str) -> None:
+        """Reject an action without sending it."""
         self._results.append((seq, ActResult(False, step, only_words(reason), code)))
 
 
-def wire_action(action: ActionRequest) -> messages.NamedAction | str | int | None:
-    """What is asked for, as `act` has it."""
+def wire_action(action: RequestedAction) -> messages.NamedAction | str | int | None:
+    """Return the `action` field of an `act` message."""
     if isinstance(action, GroundAction):
         return messages.NamedAction(name=action.name, args=list(action.arguments))
     return action

@@ -1,4 +1,4 @@
-"""`robotouille-client`: a window onto an episode of a server."""
+"""Command `robotouille-client`: play or watch in a window."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robotouille.absence import Absence
+from robotouille.episode.lifecycle import Absence
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.program import VersionOption
+from robotouille.terminal import options_from
 from robotouille_client.console import (
     SERVER_HOST,
     SERVER_PORT,
@@ -24,6 +24,7 @@ from robotouille_client.console import (
     RenderingOption,
     TokenOption,
     UrlOption,
+    VersionOption,
     check_look,
     explain,
     failing,
@@ -35,18 +36,16 @@ from robotouille_client.console import (
 
 if TYPE_CHECKING:
     from robotouille_client.client import Client
+    from robotouille_client.window.app.remote_game import RemoteGame
+    from robotouille_client.window.app.remote_games import RemoteGames
     from robotouille_client.window.preferences import Preferences
-    from robotouille_client.window.shell.games.remote_game import RemoteGame
-    from robotouille_client.window.shell.remote_games import RemoteGames
-
-__all__ = ["main"]
 
 PLAYER, WATCHER = "player", "watcher"
 SIZE = "1280x720"
 
 
 class SubstituteKind(StrEnum):
-    """Bots that play for somebody who is away."""
+    """Bots that can play for an absent participant."""
 
     PLANNER = "planner"
     RANDOM = "random"
@@ -54,7 +53,7 @@ class SubstituteKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The episode to open: its task and the rules that are not left to the server."""
+    """Episode to open: its task, and the rules that differ from the server's settings."""
 
     task: str
     rules: dict[str, object]
@@ -62,8 +61,10 @@ class Opening:
 
 @dataclass(frozen=True, slots=True)
 class JoinOptions:
-    """Which episode of a server to enter, and how. Without a `code` it is the one that is opened,
-    or the first that waits for players."""
+    """Options for entering an episode on a server.
+
+    Without a `code`, enter the `opening`, or else the first episode that waits for players.
+    """
 
     url: str
     code: str | None
@@ -76,8 +77,10 @@ class JoinOptions:
 
 @dataclass(frozen=True, slots=True)
 class Unattended:
-    """A window that closes by itself, `linger` seconds after the end; a picture of it is saved at a
-    step, or at the end."""
+    """Options of a window that nobody uses.
+
+    It closes `linger` seconds after the end, and saves a picture at a step or at the end.
+    """
 
     size: tuple[int, int]
     preferences: Preferences
@@ -87,37 +90,26 @@ class Unattended:
     screenshot_step: int | None
 
 
-def _opening(task: str | None, **rules: object) -> Opening | None:
-    """What to open; RobotouilleError where rules are given for nothing."""
-    given = {name: value for name, value in rules.items() if value is not None}
-    if task is not None:
-        return Opening(task, given)
-    if given:
-        option = next(iter(given)).replace("_", "-")
-        raise RobotouilleError(f"--{option} is for an episode that you open: name a --create TASK")
-    return None
-
-
 async def _find_code(client: Client, opening: Opening | None) -> str:
-    """A new episode's code, or that of the first one which waits for players."""
+    """Open an episode, or find the first one that waits for players; return its code."""
     if opening is not None:
         return (await client.create(opening.task, **opening.rules)).code
     waiting = await client.waiting_episode()
     if waiting is None:
         raise RobotouilleError(
-            "no episode waits for players; open one with --create TASK, or watch one by its code"
+            "no episode is waiting for players; use --create TASK, or watch one by its code"
         )
     return waiting.code
 
 
-async def _run(entry: JoinOptions, name: str, shown: Unattended) -> None:
+async def run_unattended(entry: JoinOptions, name: str, shown: Unattended) -> None:
     """Enter an episode, and show it until the window closes.
 
     Raises:
-        RobotouilleError: There is no way in, or one was out of it before its end.
+        RobotouilleError: The server refused the participant, or removed them before the end.
     """
     from robotouille_client.client import connect
-    from robotouille_client.window.shell.games.remote_game import remote_game
+    from robotouille_client.window.app.remote_game import remote_game
 
     code = entry.code
     if code is None:
@@ -132,28 +124,29 @@ async def _run(entry: JoinOptions, name: str, shown: Unattended) -> None:
         await _show(entered, shown)
         game = entered.game
         if game.ended and game.outcome is None:
-            raise RobotouilleError(game.farewell or "the connection was lost for good")
+            raise RobotouilleError(game.farewell or "the connection was lost")
 
 
 async def _show(entered: RemoteGame, shown: Unattended) -> None:
     import asyncio
 
-    from robotouille_client.window.shell.games.local_game import recordings_folder
-    from robotouille_client.window.shell.games.remote_game import views_of
+    from robotouille_client.window.app.local_game import recordings_folder
+    from robotouille_client.window.app.remote_game import views_of
+    from robotouille_client.window.options import DisplayOptions, TimeSource, WindowStyle
     from robotouille_client.window.window import Window
 
     loop, game, screenshot = asyncio.get_running_loop(), entered.game, shown.screenshot
     connected = entered.client.connected.is_set
     source, strip, _ = views_of(game, loop.time, connected, entered.look)
     window = Window(
-        shown.size,
-        caption=f"Robotouille {game.code}",
-        headless=shown.headless,
-        look=entered.look,
-        preferences=shown.preferences,
-        screenshots=recordings_folder(),
-        strip=strip,
-        clock=loop.time,
+        DisplayOptions(
+            shown.size,
+            f"Robotouille {game.code}",
+            headless=shown.headless,
+            screenshots=recordings_folder(),
+        ),
+        style=WindowStyle(shown.preferences, entered.look, strip=strip),
+        time_source=TimeSource(loop.time),
     )
     showing = asyncio.create_task(window.run(source, linger=shown.linger))
     try:
@@ -171,112 +164,168 @@ async def _show(entered: RemoteGame, shown: Unattended) -> None:
             await showing
 
 
-@interruptible
-@failing
-def command(
-    code: Annotated[
-        str | None, typer.Argument(callback=unicode, help="Code or id of the episode to join.")
-    ] = None,
-    host: HostOption = SERVER_HOST,
-    port: PortOption = SERVER_PORT,
-    url: UrlOption = None,
+@dataclass(frozen=True, slots=True)
+class ClientOptions:
+    """Flags of `robotouille-client`."""
+
+    host: HostOption = SERVER_HOST
+    port: PortOption = SERVER_PORT
+    url: UrlOption = None
     name: Annotated[
         str | None,
         typer.Option(
-            callback=unicode, help="Your name, as others see it; else that of the settings."
+            callback=unicode, help="Your name, as others see it. Default: the name in the settings."
         ),
-    ] = None,
-    seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None,
-    watch: Annotated[bool, typer.Option(help="Watch instead of play.")] = False,
-    ready: Annotated[
-        bool, typer.Option(help="Be ready at once, without pressing a key before the game.")
-    ] = False,
-    create: Annotated[str | None, typer.Option(help="Open an episode of this task.")] = None,
-    seats: Annotated[int | None, typer.Option(help="Seats of the episode to open.")] = None,
+    ] = None
+    seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None
+    watch: Annotated[bool, typer.Option(help="Watch instead of playing.")] = False
+    ready: Annotated[bool, typer.Option(help="Be ready at once, without pressing a key.")] = False
+    create: Annotated[str | None, typer.Option(help="Open an episode of this task.")] = None
+    seats: Annotated[int | None, typer.Option(help="With --create: the number of seats.")] = None
     absence: Annotated[
         Absence | None,
-        typer.Option(help="What happens in the episode to open while a participant is away."),
-    ] = None,
-    stand_in: Annotated[
+        typer.Option(help="With --create: what happens while a participant is away."),
+    ] = None
+    substitute: Annotated[
         SubstituteKind | None,
-        typer.Option(help="The bot that plays meanwhile, with --absence bot."),
-    ] = None,
+        typer.Option(help="With --absence bot: the bot that plays for an absent participant."),
+    ] = None
     grace: Annotated[
-        float | None, typer.Option(help="Seconds for which an absent one's seat is kept.")
-    ] = None,
-    token: TokenOption = None,
+        float | None,
+        typer.Option(help="With --create: seconds for which an absent participant's seat is kept."),
+    ] = None
+    token: TokenOption = None
     menu: Annotated[
         bool | None,
         typer.Option(
             "--menu/--no-menu",
-            help="A menu when the game is over; else the window closes, as it does after a CODE "
-            "with a token if nothing is said.",
+            help="Whether to show a menu after the game or close the window. Default: close it "
+            "only if CODE and a token are given.",
         ),
-    ] = None,
+    ] = None
     size: Annotated[
-        str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
-    ] = None,
-    rendering: RenderingOption = "",
-    lenient: LenientOption = False,
-    headless: Annotated[bool, typer.Option(help="Draw without a screen.")] = False,
+        str | None, typer.Option(help="WIDTHxHEIGHT in pixels. Default: the last size.")
+    ] = None
+    rendering: RenderingOption = ""
+    lenient: LenientOption = False
+    headless: Annotated[bool, typer.Option(help="Draw without a screen.")] = False
     screenshot: Annotated[
-        Path | None, typer.Option(help="Save a picture here at the end (or --screenshot-step).")
-    ] = None,
+        Path | None,
+        typer.Option(help="Save a picture to this path at the end, or at --screenshot-step."),
+    ] = None
     screenshot_step: Annotated[
-        int | None, typer.Option(help="Save the picture at this step already.")
-    ] = None,
+        int | None, typer.Option(help="The step at which to save the picture.")
+    ] = None
     tasks: Annotated[
-        Path | None, typer.Option(help="A folder of own kitchens, whose replays have its pictures.")
-    ] = None,
+        Path | None,
+        typer.Option(help="Folder of your own kitchens, whose pictures replays of them use."),
+    ] = None
     linger: Annotated[
         float | None,
         typer.Option(
             min=0,
             callback=finite,
-            help="Close so many seconds after the end; else when you close it.",
+            help="Close this many seconds after the end. Default: stay open.",
         ),
-    ] = None,
-    version: VersionOption = False,
-) -> None:
-    """Play or watch an episode in a window; without arguments, a menu. H shows the keys."""
-    from robotouille_client.window import parse_size, require_pygame, require_screen
+    ] = None
+    version: VersionOption = False
 
-    require_pygame()
-    if not headless:
-        require_screen()
-    check_look(None, rendering, lenient)
-    opening = _opening(
-        create, seats=seats, absence=absence, stand_in=stand_in and stand_in.value, grace=grace
-    )
-    entry = JoinOptions(server_url(url, host, port), code, opening, seat, watch, token, ready)
-    if headless or screenshot is not None or linger is not None:
+    @property
+    def opening(self) -> Opening | None:
+        """The episode to open.
+
+        Raises:
+            RobotouilleError: There are rules for an episode but no task.
+        """
+        rules: dict[str, object] = {
+            "seats": self.seats,
+            "absence": self.absence,
+            "substitute": self.substitute and self.substitute.value,
+            "grace": self.grace,
+        }
+        given = {name: value for name, value in rules.items() if value is not None}
+        if self.create is not None:
+            return Opening(self.create, given)
+        if given:
+            raise RobotouilleError(f"--{next(iter(given))} requires --create TASK")
+        return None
+
+    @property
+    def unattended(self) -> Unattended | None:
+        """Options of a window that closes by itself; None if a person uses the window."""
+        from robotouille_client.window import parse_size
         from robotouille_client.window.preferences import Preferences
 
-        shown = Unattended(
-            parse_size(size or SIZE), Preferences(rendering=rendering), headless,
-            1.0 if headless and linger is None else linger, screenshot, screenshot_step,
-        )  # fmt: skip
-        whom = name or (WATCHER if watch else PLAYER)
-        _run_until_stopped(_run(entry, whom, shown))
+        if not (self.headless or self.screenshot is not None or self.linger is not None):
+            return None
+        return Unattended(
+            parse_size(self.size or SIZE),
+            Preferences(rendering=self.rendering),
+            self.headless,
+            1.0 if self.headless and self.linger is None else self.linger,
+            self.screenshot,
+            self.screenshot_step,
+        )
+
+
+@interruptible
+@failing
+@options_from(ClientOptions)
+def command(
+    options: ClientOptions,
+    code: Annotated[
+        str | None, typer.Argument(callback=unicode, help="Code or id of the episode to join.")
+    ] = None,
+) -> None:
+    """Play or watch an episode in a window; without arguments, show a menu. H shows the keys."""
+    from robotouille_client.window import require_pygame, require_screen
+
+    require_pygame()
+    if not options.headless:
+        require_screen()
+    check_look(None, options.rendering, options.lenient)
+    entry = JoinOptions(
+        server_url(options.url, options.host, options.port),
+        code,
+        options.opening,
+        options.seat,
+        options.watch,
+        options.token,
+        options.ready,
+    )
+    shown = options.unattended
+    if shown is not None:
+        name = options.name or (WATCHER if options.watch else PLAYER)
+        _run_until_stopped(run_unattended(entry, name, shown))
         return
-    here = (host, port) == (SERVER_HOST, SERVER_PORT)
-    asked = (code, create, url, seat) != (None,) * 4 or watch or not here
+    default_server = (options.host, options.port) == (SERVER_HOST, SERVER_PORT)
+    named = (code, options.create, options.url, options.seat) != (None,) * 4
+    enters = named or options.watch or not default_server
+    menu = options.menu
     if menu is None:
-        menu = code is None or token is None
-    if not (menu or asked):
-        raise RobotouilleError("without a menu there is nothing to show: name a CODE")
+        # A study gives its participants a code and a token, and wants no menu after the game.
+        menu = code is None or options.token is None
+    if not (menu or enters):
+        raise RobotouilleError("--no-menu requires the CODE of an episode")
 
-    from robotouille_client.window.shell.starting import open_shell
+    from robotouille_client.window.app.start import StartOptions, open_app
 
-    shell = open_shell(
-        size=size, name=name, server=None if url is None and here else entry.url, token=token,
-        menu=menu, rendering=rendering, tasks=tasks,
-    )  # fmt: skip
-    _run_until_stopped(shell.run(_enter(shell.remote, entry) if asked else None))
+    app = open_app(
+        StartOptions(
+            size=options.size,
+            name=options.name,
+            server=None if options.url is None and default_server else entry.url,
+            token=options.token,
+            menu=menu,
+            rendering=options.rendering,
+            tasks=options.tasks,
+        )
+    )
+    _run_until_stopped(app.run(_enter(app.remote, entry) if enters else None))
 
 
 async def _enter(games: RemoteGames, entry: JoinOptions) -> object:
-    """What the window shows first: the episode that was asked for."""
+    """Show the requested episode."""
     code = entry.code
     if code is None:
         code = await games.ask_server(lambda client: _find_code(client, entry.opening), entry.url)
@@ -290,7 +339,7 @@ async def _enter(games: RemoteGames, entry: JoinOptions) -> object:
 
 @contextlib.contextmanager
 def _pointing_at_watch() -> Iterator[None]:
-    """Who finds no free seat is told what can be done without one."""
+    """Mention --watch in the error if the episode has no free seat."""
     try:
         yield
     except ProtocolError as error:
@@ -298,12 +347,12 @@ def _pointing_at_watch() -> Iterator[None]:
 
         if error.code != ErrorCode.EPISODE_FULL:
             raise
-        raise RobotouilleError(f"{explain(error)}: --watch shows the game") from error
+        raise RobotouilleError(f"{explain(error)}; use --watch to watch it") from error
 
 
 def _run_until_stopped(work: Coroutine[Any, Any, None]) -> None:
-    """Run something to its end, or until SIGTERM: SDL would take that for a click on the window's
-    ×, and whoever closes the window gives up a seat that a process which is stopped keeps."""
+    # SDL treats SIGTERM as a click on the window's close button. A player who closes the window
+    # gives up the seat, but a stopped process must keep it. So SIGTERM cancels the work instead.
     import asyncio
 
     async def stoppable() -> None:
@@ -320,7 +369,7 @@ def _run_until_stopped(work: Coroutine[Any, Any, None]) -> None:
 
 
 def main() -> None:
-    """The entry point of `robotouille-client`."""
+    """Run `robotouille-client`."""
     typer.run(command)
 
 

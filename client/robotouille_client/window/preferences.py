@@ -1,4 +1,4 @@
-"""What a window's owner prefers: what the settings' screen shows, as one value."""
+"""Player's preferences, as shown in the settings."""
 
 from __future__ import annotations
 
@@ -6,24 +6,23 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["Preferences"]
-
 Name = Annotated[str, Field(min_length=1, max_length=40)]
 Word = Annotated[str, Field(max_length=40)]
 Side = Annotated[int, Field(ge=160, le=8192)]
 
 
 class Preferences(BaseModel):
-    """What the window, and all that is shown in it, does as its owner likes it.
+    """Preferences of the player who uses the window. The value is immutable.
 
-    The file of settings has them, the command line lays some of its own over those of the file for
-    one time, and the settings' screen gives way to others; they never change themselves.
+    The command line can override the settings file for one run.
 
-    `size` is that of the window in pixels, `rendering` the name of the one that is chosen for the
-    kitchens that may look like it, `language_file` a file with words of the owner's own.
-    `text_scale` makes letters larger or smaller, `strong_contrast` lighter or darker; with
-    `reduced_motion` only what matters moves. `keys` are those that differ from the defaults.
-    `server` is asked for kitchens, unless another one is named.
+    Attributes:
+        size: Window size in pixels.
+        rendering: Name of the rendering for kitchens that support it.
+        language_file: File with the player's own words.
+        reduced_motion: True if only the animations that carry information run.
+        keys: Keys that differ from the defaults.
+        server: Server to use unless another is given.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)

@@ -1,11 +1,10 @@
-"""Recordings as films: frames of a sequence of states, and files of frames."""
+"""Still pictures of states, frames of replays, and video files."""
 
 from __future__ import annotations
 
 import itertools
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,39 +14,55 @@ import pygame
 from robotouille.domain.rendering import RenderingFile
 from robotouille.errors import MissingExtraError
 from robotouille.world.world import State
-from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.painter import Painter, paint
 from robotouille_client.window.view import Bubble, SeatView, View
 
 if TYPE_CHECKING:
     import av
 
-__all__ = ["VIDEOS", "frames_of", "write_video", "writing_video"]
-
 VIDEOS = (".mp4", ".gif")
+# Frames from which the palette of a GIF is chosen.
 _PALETTE_FRAMES = 48
 
 
-def frames_of(
-    states: Iterable[tuple[int, State]],
-    *,
-    size: tuple[int, int] = (1280, 720),
-    frames_per_step: int = 6,
-    seats: Sequence[Sequence[SeatView]] = (),
-    bubbles: dict[int, tuple[Bubble, ...]] | None = None,
-    notices: dict[int, str] | None = None,
-    max_steps: int | None = None,
-    outcome: str = "",
-    hold: int = 12,
-    rendering: str | RenderingFile = "",
-    pictures: Path | None = None,
-) -> Iterator[pygame.Surface]:
-    """Draw a course of (step, state) with some frames for each step.
+@dataclass(frozen=True, slots=True)
+class FilmOptions:
+    """Options of a film: what it shows besides states, and how.
 
-    `seats` are those at each state. The first state is shown standing still, the last one for
-    `hold` frames more, with the outcome; `rendering` and `pictures` are those of Painter. The same
-    surface is yielded each time: use it before asking for the next.
+    Attributes:
+        size: Width and height in pixels.
+        frames_per_step: Frames for each step.
+        hold: Frames for which the last state stays, with the outcome.
+        seats: Seats at each state; the last ones also stand for any further states.
+        bubbles: Speech bubbles by step.
+        notices: Line at the top of the kitchen, by step.
+        max_steps: Step limit of the game.
+        outcome: How the game ended.
+        rendering: Rendering, or the name of one. Default: the domain's own.
+        pictures: Folder that is searched for pictures first.
     """
-    painter, surface = Painter(rendering, pictures), pygame.Surface(size)
+
+    size: tuple[int, int] = (1280, 720)
+    frames_per_step: int = 6
+    hold: int = 12
+    seats: Sequence[Sequence[SeatView]] = ()
+    bubbles: Mapping[int, tuple[Bubble, ...]] = field(default_factory=dict)
+    notices: Mapping[int, str] = field(default_factory=dict)
+    max_steps: int | None = None
+    outcome: str = ""
+    rendering: str | RenderingFile = ""
+    pictures: Path | None = None
+
+
+def frames_of(
+    states: Iterable[tuple[int, State]], options: FilmOptions = FilmOptions()
+) -> Iterator[pygame.Surface]:
+    """Draw (step, state) pairs as frames; the first state stands still.
+
+    All frames are the same surface. Use one before asking for the next.
+    """
+    painter = Painter(options.rendering, options.pictures)
+    surface, seats = pygame.Surface(options.size), options.seats
     previous: State | None = None
     view: View | None = None
     for index, (step, state) in enumerate(states):
@@ -56,44 +71,40 @@ def frames_of(
             state=state,
             previous=previous,
             step=step,
-            max_steps=max_steps,
+            max_steps=options.max_steps,
             seats=tuple(seats[min(index, len(seats) - 1)]) if seats else (),
-            bubbles=(bubbles or {}).get(step, ()),
-            notice=(notices or {}).get(step, ""),
+            bubbles=options.bubbles.get(step, ()),
+            notice=options.notices.get(step, ""),
         )
-        for frame in range(frames_per_step):
-            phase = (frame + 1) / frames_per_step
+        for frame in range(options.frames_per_step):
+            phase = (frame + 1) / options.frames_per_step
             painter.paint(surface, _at(view, phase))
             yield surface
         previous = state
-    if view is not None and hold:
-        painter.paint(surface, _at(view, 1.0, outcome, won=view.state.goal_reached))
-        yield from itertools.repeat(surface, hold)
+    if view is not None and options.hold:
+        painter.paint(surface, _at(view, 1.0, options.outcome, won=view.state.goal_reached))
+        yield from itertools.repeat(surface, options.hold)
 
 
 def _at(view: View, phase: float, outcome: str = "", *, won: bool = False) -> View:
     return replace(view, phase=phase, outcome=outcome, won=won, lost=bool(outcome) and not won)
 
 
-def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> int:
-    """Write frames of one size as .mp4 (H.264) or .gif; how many there were.
+def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> Iterator[int]:
+    """Write frames of one size as .mp4 (H.264) or .gif, and yield the number written so far.
 
-    Raises MissingExtraError without PyAV, ValueError for another ending or no frames, OSError
-    where they cannot be written.
-    """
-    return deque(writing_video(path, frames, fps), maxlen=1).pop()
+    The encoder holds some frames back, so that the file is complete only at the end.
 
-
-def writing_video(
-    path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30
-) -> Iterator[int]:
-    """Write a video as `write_video` does, a frame at a time: how many are written so far.
-
-    Some of them are still on their way to the file, which is whole only at the end.
+    Raises:
+        MissingExtraError: PyAV is not installed.
+        ValueError: The suffix is another one, or there are no frames.
+        OSError: The file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in VIDEOS:
-        raise ValueError(f"a video's name ends in {' or '.join(VIDEOS)}, found {path.name!r}")
+        raise ValueError(
+            f"the name of a video must end in {' or '.join(VIDEOS)}, not {path.name!r}"
+        )
     try:
         import av
     except ImportError:
@@ -113,6 +124,7 @@ def writing_video(
 
 def _frame(av_: Any, surface: pygame.Surface) -> av.VideoFrame:
     width, height = surface.get_size()
+    # H.264 in yuv420p needs even sides.
     even = surface.subsurface((0, 0, width - width % 2, height - height % 2))
     frame: av.VideoFrame = av_.VideoFrame(*even.get_size(), "rgba")
     plane = frame.planes[0]
@@ -125,10 +137,12 @@ def _write_mp4(
 ) -> Iterator[int]:
     import av
 
+    # With the index at the front, a browser can play the video while it loads.
     with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
         stream: Any = container.add_stream("libx264", rate=fps)
         stream.width, stream.height = first.width, first.height
         stream.pix_fmt = "yuv420p"
+        # Flat colours and sharp edges compress well with the tuning for animation.
         stream.options = {"crf": "20", "preset": "veryfast", "tune": "animation"}
         for count, frame in enumerate(frames, 1):
             _stamp(frame, count - 1, fps)
@@ -145,10 +159,11 @@ def _stamp(frame: av.VideoFrame, index: int, fps: int) -> None:
 def _write_gif(
     path: Path, frames: Iterable[av.VideoFrame], first: av.VideoFrame, fps: int
 ) -> Iterator[int]:
-    """One palette for all frames, chosen from the first: what stands still then costs nothing."""
+    """Write a GIF. All frames share one palette, so that unchanged parts cost no bytes."""
     import av
 
     frames = iter(frames)
+    # A palette from all frames would mean drawing the whole game twice.
     opening = list(itertools.islice(frames, _PALETTE_FRAMES))
     graph = _palette_graph(av, _palette(av, opening[::4], fps), first, fps)
     count = 0
@@ -174,7 +189,7 @@ class _Graph(NamedTuple):
 
 
 def _palette(av_: Any, frames: list[av.VideoFrame], fps: int) -> av.VideoFrame:
-    """The 256 colours that show some frames best, as a picture of 16 × 16."""
+    """Return the best 256 colours for some frames, as a picture of 16 × 16."""
     graph = av_.filter.Graph()
     source = _input(graph, frames[0], fps)
     chooser, sink = graph.add("palettegen", "stats_mode=full"), graph.add("buffersink")
@@ -190,7 +205,7 @@ def _palette(av_: Any, frames: list[av.VideoFrame], fps: int) -> av.VideoFrame:
 
 
 def _palette_graph(av_: Any, palette: av.VideoFrame, first: av.VideoFrame, fps: int) -> _Graph:
-    """A graph that maps frames to the colours of a palette."""
+    """Return a filter graph that maps frames to the colours of a palette."""
     graph = av_.filter.Graph()
     inputs = (_input(graph, first, fps), _input(graph, palette, fps))
     mapper = graph.add("paletteuse", "dither=none:diff_mode=rectangle")
@@ -217,3 +232,13 @@ def _pulled(av_: Any, sink: Any) -> Iterator[av.VideoFrame]:
             yield sink.pull()
         except (av_.error.BlockingIOError, av_.error.EOFError):
             return
+
+
+SIZE = (960, 540)
+
+
+def still(state: State, step: int, size: tuple[int, int] = SIZE) -> Any:
+    """Return the picture of a state as a NumPy array of bytes, (height, width, 3)."""
+    surface = pygame.Surface(size)
+    paint(surface, View(world=state.world, state=state, step=step))
+    return pygame.surfarray.array3d(surface).swapaxes(0, 1).copy()

@@ -1,40 +1,28 @@
-"""What the window shows, as a value, and where it comes from."""
+"""Everything the window shows of one moment, and the protocol of the games that provide it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol
 
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.people.templates import capitalised
+from robotouille.world.presentation.places import capitalised
 from robotouille.world.world import State, World
 
-__all__ = [
-    "GLIDE_SECONDS",
-    "NEWS",
-    "Bubble",
-    "FarewellView",
-    "LobbyRow",
-    "LobbySource",
-    "LobbyView",
-    "PauseView",
-    "SeatView",
-    "Source",
-    "View",
-]
-
 NEWS = "·"
-"""Whose line of the chat it is that tells who comes and goes."""
+"""Speaker of the chat lines that report game events, such as a player who joins."""
 GLIDE_SECONDS = 0.3
-"""For how long a step is seen where no clock says how long it takes."""
+"""Duration of a step's animation in games whose clock has no fixed step time."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeatView:
-    """A seat of the episode: who plays it (`kind`: human, bot, …) and how that goes.
+    """One seat: its participant, connection and action counts.
 
-    `stand_in` is the bot that plays it while its participant is away; empty if none does.
-    `latency_ms` is how long a message takes to the participant and back, as far as that is known.
+    Attributes:
+        kind: Kind of the participant, such as `human` or `bot`.
+        substitute: Kind of the bot that plays while the participant is away; empty if none does.
+        latency_ms: Round-trip time to the participant; 0 if unknown.
     """
 
     player: str
@@ -43,24 +31,24 @@ class SeatView:
     connected: bool = True
     actions: int = 0
     rejected: int = 0
-    stand_in: str = ""
+    substitute: str = ""
     latency_ms: int = 0
 
     @property
     def plate(self) -> str:
-        """The name over the player, and whether it is there."""
-        if self.stand_in:
-            return f"{self.stand_in} for {self.name}" if self.name else self.stand_in
+        """Name shown over the player, with a note if the participant is away."""
+        if self.substitute:
+            return f"{self.substitute} for {self.name}" if self.name else self.substitute
         if self.name and not self.connected:
             return f"{self.name} · away"
         return self.name or self.player
 
     @property
     def moved_by(self) -> str:
-        """Who moves the player, in a few words."""
-        if self.stand_in:
+        """Short description of who controls the player."""
+        if self.substitute:
             whom = f"for {self.name}" if self.name else "a free seat"
-            return f"{self.stand_in} plays {whom}"
+            return f"{self.substitute} plays {whom}"
         if self.connected:
             return self.kind
         return "connection lost" if self.name else "free"
@@ -68,8 +56,12 @@ class SeatView:
 
 @dataclass(frozen=True, slots=True)
 class PauseView:
-    """Why the game stands still and what it waits for; `left` are the seconds until that ends by
-    itself (None: nobody knows), `share` what they are of the whole wait."""
+    """Reason for a pause, and its countdown.
+
+    Attributes:
+        left: Seconds until the pause ends by itself; None if it has no time limit.
+        share: Part of the whole wait that is left, from 1 to 0.
+    """
 
     why: str
     detail: str = ""
@@ -79,7 +71,7 @@ class PauseView:
 
 @dataclass(frozen=True, slots=True)
 class LobbyRow:
-    """A seat before the beginning: who has it, and whether they are ready."""
+    """One seat in the list of a game that has not started."""
 
     name: str
     state: Literal["ready", "here", "away", "free"]
@@ -87,8 +79,12 @@ class LobbyRow:
 
 @dataclass(frozen=True, slots=True)
 class LobbyView:
-    """What a game that has not begun waits for. `ready` says whether its owner is, None where
-    nobody waits for that; `code` is what others join with."""
+    """Seats and code of a game that has not started.
+
+    Attributes:
+        ready: True if the local player is ready; None for a spectator.
+        code: Code with which others join.
+    """
 
     rows: tuple[LobbyRow, ...]
     ready: bool | None = None
@@ -97,7 +93,7 @@ class LobbyView:
 
 @dataclass(frozen=True, slots=True)
 class FarewellView:
-    """Why the window's owner is out of the game, in a title and a sentence."""
+    """Reason why the local player was removed from the game."""
 
     title: str
     text: str
@@ -105,7 +101,7 @@ class FarewellView:
 
 @dataclass(frozen=True, slots=True)
 class Bubble:
-    """Words over a player: something said, or why its action was rejected."""
+    """Text over a player: a chat message, or the reason for a rejected action."""
 
     player: str
     text: str
@@ -113,28 +109,32 @@ class Bubble:
 
     @classmethod
     def rejection(cls, player: str, why: str) -> Bubble:
-        """Why not, or what to do in its place."""
-        return cls(player, f"{capitalised(why or 'this cannot be done now')}.")
+        """Return a bubble that shows why an action was rejected."""
+        return cls(player, f"{capitalised(why or 'you cannot do that now')}.")
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """One moment of an episode.
+    """One moment of a game, as the local player sees it.
 
-    `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
-    state before `state`, from which players are seen walking. `me` is the player that the window's
-    owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
-    players whose decision a step has waited for, for a while, and `thinking` the bots that have not
-    decided for as long, whether anything waits or not; `watching` counts spectators, of
-    whom the first few are called `spectator_names`, and `blocked` tells who waits for which
-    station, and who stands there, or, without a station, who waits for whom. `step_seconds` is how
-    long a step takes where a clock says so.
-
-    A game that is over has an `outcome` in words, and was `won` or `lost`. `notice` is something
-    the operator says to everybody, for a while; `lesson` is what is to be learned next. A game that
-    has not begun has a `lobby`; one that begins in `starts_in` seconds is counted down to, and one
-    that stands still has a `pause`; `offline` are the seconds since the connection was lost, None
-    while there is one; with a `farewell` the owner is out of the game.
+    Attributes:
+        previous: State before `state`, from which movements are animated.
+        phase: Part of the current step's time that has passed, from 0 to 1.
+        step_seconds: Duration of a step; None if the clock has no fixed one.
+        me: Player controlled by the local participant; None for a spectator.
+        hover: Object under the mouse.
+        waits_for: Players whose decision the current step has been waiting for.
+        thinking: Bots that have been deciding for a while, whether or not a step waits for them.
+        watching: Number of spectators.
+        spectator_names: Names of the first few spectators.
+        blocked: (player, station, occupant) for each player who waits for a station, or
+            (player, "", teammate) for each player who waits for a teammate.
+        outcome: How the game ended, in words; empty while it runs.
+        notice: Announcement shown for a few seconds.
+        lesson: Current task of the tutorial.
+        starts_in: Seconds of the countdown to the start; None without a countdown.
+        offline: Seconds since the connection was lost; None while connected.
+        farewell: Why the local player was removed from the game.
     """
 
     world: World
@@ -170,41 +170,45 @@ class View:
 
     @property
     def over(self) -> bool:
-        """Whether the owner plays no more: the game is at its end, or they are out of it."""
+        """True if the game has ended for the local player, or they were removed from it."""
         return self.me is not None and (bool(self.outcome) or self.farewell is not None)
 
     @property
     def asks_if_ready(self) -> bool:
-        """Whether the game waits for its owner to be ready."""
+        """True if the game asks the local player to get ready."""
         return self.lobby is not None and self.lobby.ready is not None and not self.frozen
 
     @property
     def frozen(self) -> bool:
-        """Whether nothing that the owner does would come to anything now."""
+        """True if the game accepts no actions now."""
         interrupted = any(x is not None for x in (self.pause, self.offline, self.farewell))
         return interrupted or self.over
 
 
-class Source(Protocol):
-    """Where a window's episode comes from: a server, or a game in the same process."""
+class GameSource(Protocol):
+    """Game shown in a window: on a server, in this process, or a replay.
+
+    Sources in which nobody plays, such as replays, inherit `act`, `say` and `be_ready`, which
+    do nothing.
+    """
 
     def view(self) -> View:
-        """The moment to draw now."""
+        """Return the moment to draw now."""
+        raise NotImplementedError
 
     def act(self, action: GroundAction) -> None:
-        """The window's owner wants to act."""
+        """Submit an action for the local player."""
+        return
 
     def say(self, text: str) -> None:
-        """The window's owner says something to the others."""
+        """Send a chat message."""
+        return
+
+    def be_ready(self, ready: bool) -> None:
+        """Declare the local player ready for the start, or no longer ready."""
+        return
 
     @property
     def finished(self) -> bool:
-        """Whether nothing will change any more."""
-
-
-@runtime_checkable
-class LobbySource(Protocol):
-    """A source of games that wait until the window's owner is ready."""
-
-    def be_ready(self, ready: bool) -> None:
-        """The owner is ready for the beginning, or is not any more."""
+        """True if the view will not change any more."""
+        raise NotImplementedError

@@ -1,5 +1,5 @@
-"""Exports: a catalogue, or a part of it, as a folder of files that other software loads.
+"""Exports of a catalogue as folders of files for other software.
 
-`exporting` is the beginning; `formats/` write the data, and all else stands beside it: the
-codebook, the card and `export.json`.
+`exporting` writes an export. `tables`, `recorded`, `arrays` and `minari_sets` write its formats,
+`documents` its codebook, its card and `export.json`.
 """

@@ -3,56 +3,114 @@
 from __future__ import annotations
 
 import json
+import re
+import secrets
+import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection
 
 from robotouille.errors import MissingExtraError
-from robotouille_data.answers.query import reading
-from robotouille_data.answers.selection import Selection, select_episodes
-from robotouille_data.errors import CatalogueError
-from robotouille_data.exports.card import check_license, write_card
-from robotouille_data.exports.manifest import (
+from robotouille_data.database import CatalogueError, catalogue_version, in_pieces
+from robotouille_data.exports.documents import (
     CODEBOOK,
+    check_license,
     codebook_text,
     file_sums,
     request_row,
     summary,
+    write_card,
     write_manifest,
 )
-from robotouille_data.exports.part import Entry, Part, Written
-from robotouille_data.exports.privacy import Privacy
-from robotouille_data.exports.request import TABLES, ExportFormat, Request
-from robotouille_data.exports.splitting import groups, split
-from robotouille_data.exports.task_slugs import task_slugs
-from robotouille_data.exports.whole_folder import whole_folder
-from robotouille_data.versions import catalogue_version
+from robotouille_data.exports.people import Privacy, groups, split
+from robotouille_data.exports.request import (
+    TABLES,
+    ExportEntry,
+    ExportFormat,
+    ExportRequest,
+    Part,
+    WrittenFile,
+)
+from robotouille_data.query import Selection, reading, select_episodes
+from robotouille_data.schema import EPISODES
 
-__all__ = ["Exported", "Progress", "export"]
+UNUSUAL = re.compile(r"[^A-Za-z0-9_]+")
+MAX_SLUG = 80
+
+
+def task_slugs(connection: Connection, ids: Sequence[int]) -> dict[str, str]:
+    """Return names for files and data sets by the digests of the episodes' tasks.
+
+    A name is the task's name, followed by a part of the digest if several tasks have that name.
+    """
+    names: dict[str, str] = {}
+    for piece in in_pieces(ids):
+        query = sa.select(EPISODES.c.digest, EPISODES.c.task).where(EPISODES.c.id.in_(piece))
+        for digest, task in connection.execute(query.distinct()):
+            names[digest] = UNUSUAL.sub("-", task).strip("-")[:MAX_SLUG] or "task"
+    often = Counter(name.lower() for name in names.values())
+    # Names are compared without case because some file systems ignore it.
+    return {
+        digest: f"{name}-{digest[:8]}" if often[name.lower()] > 1 else name
+        for digest, name in names.items()
+    }
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """Create a temporary folder that becomes `folder` on success and is deleted on failure.
+
+    Raises:
+        CatalogueError: The folder exists and is not empty, or cannot be written.
+    """
+    if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
+        raise CatalogueError(f"{folder} already exists; choose a new folder or delete it first")
+    # The draft is next to the folder, on the same disk, so that renaming it is atomic. Its random
+    # name keeps concurrent exports apart.
+    draft = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.part")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        draft.mkdir()
+        try:
+            yield draft
+            draft.rename(folder)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+    except OSError as error:
+        raise CatalogueError(f"{folder} cannot be written: {error.strerror or error}") from None
+
 
 Progress = Callable[[int, int], None]
-"""Is told how many episodes are done, and how many there are."""
+"""Called with the number of finished episodes and their total."""
 
 WRITERS = {
-    **dict.fromkeys(TABLES, ("robotouille_data.exports.formats.tables", "write_tables")),
-    ExportFormat.CHAT: ("robotouille_data.exports.formats.chat", "write_chat"),
-    ExportFormat.ARRAYS: ("robotouille_data.exports.formats.arrays", "write_arrays"),
-    ExportFormat.MINARI: ("robotouille_data.exports.formats.minari_sets", "write_minari"),
+    **dict.fromkeys(TABLES, ("robotouille_data.exports.tables", "write_tables")),
+    ExportFormat.CHAT: ("robotouille_data.exports.recorded", "write_chat"),
+    ExportFormat.ARRAYS: ("robotouille_data.exports.arrays", "write_arrays"),
+    ExportFormat.MINARI: ("robotouille_data.exports.minari_sets", "write_minari"),
 }
-"""What writes each format, imported where it is used: each needs other libraries."""
+"""Writer of each format. They are imported on demand because each needs other libraries."""
 
 EXTRAS = {ExportFormat.ARRAYS: "rl", ExportFormat.MINARI: "minari"}
 
 
 @dataclass(frozen=True, slots=True)
-class Exported:
-    """What became of an export: how many episodes each part has (one without a name, if it is not
-    split), how many were left out for what reason, and why of some, by id, nothing was written."""
+class ExportResult:
+    """Result of an export.
+
+    Attributes:
+        episodes: Number of episodes by part. Without a split, the part has an empty name.
+        left_out: Number of episodes left out by reason.
+        faults: Reasons why episodes could not be written, by episode id.
+    """
 
     episodes: Mapping[str, int]
     left_out: Mapping[str, int]
@@ -62,25 +120,25 @@ class Exported:
 def export(
     url: URL,
     folder: Path,
-    request: Request,
+    request: ExportRequest,
     progress: Progress = lambda done, total: None,
-) -> Exported:
-    """Write an export of a catalogue; the folder is whole, or not there.
+) -> ExportResult:
+    """Write an export of a catalogue. The folder is either complete or not created.
 
     Args:
-        url: Of the catalogue's database.
-        folder: A new one, or an empty one.
-        progress: Is called when some more are done.
+        url: URL of the database.
+        folder: A new or empty folder.
+        progress: Called after each group of episodes.
 
     Raises:
-        CatalogueError: There is no catalogue of this version, nothing is left of it, or there is
-            something in the folder, or it cannot be written.
+        CatalogueError: There is no catalogue of this version, no episode is left, or the folder
+            is not empty or cannot be written.
         UnavailableError: The database cannot be read now.
-        MissingExtraError: A library of the format is not installed.
+        MissingExtraError: A library for the format is not installed.
     """
     check_license(request.about.license)
     if len([each for each in request.formats if each in TABLES]) > 1:
-        raise CatalogueError("tables are exported in one format at a time")
+        raise CatalogueError("choose only one of the formats parquet, csv and jsonl")
     with reading(url) as connection, whole_folder(folder) as draft:
         selection = select_episodes(
             connection,
@@ -96,45 +154,47 @@ def export(
 def _write(
     connection: Connection,
     folder: Path,
-    request: Request,
+    request: ExportRequest,
     selection: Selection,
     progress: Progress,
-) -> Exported:
-    parts, told = _split(connection, request, selection.ids)
-    faults, codebook = dict[int, str](), dict[str, Entry]()
+) -> ExportResult:
+    parts, description = _split(connection, request, selection.ids)
+    faults, codebook = dict[int, str](), dict[str, ExportEntry]()
     whole = _whole(connection, folder, request, selection.ids, progress, faults, codebook)
     rows = [
         row
         for (name, its), format_ in product(parts.items(), request.formats)
         for row in _write_part(replace(whole, name=name, ids=its, format=format_))
     ]
+    # Raised within `whole_folder`, which then deletes the draft: an export is complete or absent
+    # (docs/decisions/0035).
     if not any(row["rows"] for row in rows):
         reasons = "; ".join(sorted(set(faults.values())))
-        raise CatalogueError(f"there is nothing to write{f': {reasons}' if reasons else ''}")
+        raise CatalogueError(f"nothing to write{f': {reasons}' if reasons else ''}")
     manifest = {
         **request_row(request),
         "catalogue": catalogue_version(connection),
         **summary(connection, selection.ids),
-        "split": told,
+        "split": description,
         "left_out": selection.left_out,
         "faults": {str(number): fault for number, fault in faults.items()},
         "data": rows,
     }
-    _write_words(folder, manifest, codebook_text(codebook, rows))
+    _write_documents(folder, manifest, codebook_text(codebook, rows))
     counts = {name: len(its) for name, its in parts.items()}
-    return Exported(counts, selection.left_out, faults)
+    return ExportResult(counts, selection.left_out, faults)
 
 
 def _whole(
     connection: Connection,
     folder: Path,
-    request: Request,
+    request: ExportRequest,
     ids: Sequence[int],
     progress: Progress,
     faults: dict[int, str],
-    codebook: dict[str, Entry],
+    codebook: dict[str, ExportEntry],
 ) -> Part:
-    """All episodes as one part, of which the others are made."""
+    """Return a part with all episodes, from which the parts of a split are derived."""
     done = 0
 
     def more(count: int) -> None:
@@ -159,23 +219,23 @@ def _whole(
 
 
 def _write_part(part: Part) -> Iterator[dict[str, Any]]:
-    """Write the files of a part; what `export.json` says of each."""
+    """Write the files of a part, and yield their rows for `export.json`."""
     part.folder.mkdir(exist_ok=True)
     for written in _writer(part.format)(part):
         yield {"part": part.name, "format": part.format.value, **asdict(written)}
 
 
 def _split(
-    connection: Connection, request: Request, ids: Sequence[int]
+    connection: Connection, request: ExportRequest, ids: Sequence[int]
 ) -> tuple[dict[str, Sequence[int]], dict[str, Any]]:
-    """The parts, and what `export.json` says of them."""
+    """Return the parts and their description for `export.json`."""
     if not request.split:
         return {"": ids}, {}
     together = groups(connection, ids, request.split_by)
     parts = split(together, request.split)
     if empty := [name for name, its in parts.items() if not its]:
         message = (
-            f"nothing is left for {', '.join(empty)}: the episodes are {len(together)} groups that "
+            f"no episodes for {', '.join(empty)}: the episodes form {len(together)} groups that "
             f"share participants or the label {request.split_by!r}"
         )
         raise CatalogueError(message)
@@ -188,10 +248,10 @@ def _split(
     return dict(parts), told
 
 
-def _writer(format_: ExportFormat) -> Callable[[Part], Iterator[Written]]:
+def _writer(format_: ExportFormat) -> Callable[[Part], Iterator[WrittenFile]]:
     module, name = WRITERS[format_]
     try:
-        found: Callable[[Part], Iterator[Written]] = getattr(import_module(module), name)
+        found: Callable[[Part], Iterator[WrittenFile]] = getattr(import_module(module), name)
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("robotouille"):
             raise
@@ -199,9 +259,11 @@ def _writer(format_: ExportFormat) -> Callable[[Part], Iterator[Written]]:
     return found
 
 
-def _write_words(folder: Path, manifest: dict[str, Any], codebook: str) -> None:
-    """The codebook, the card and `export.json`, which has the sums of all files but those that
-    `data card` writes anew."""
+def _write_documents(folder: Path, manifest: dict[str, Any], codebook: str) -> None:
+    """Write the codebook, the card and `export.json`.
+
+    `export.json` has the hashes of all files except those that `data card` rewrites.
+    """
     (folder / CODEBOOK).write_text(codebook, encoding="utf-8")
     manifest["files"] = file_sums(folder)
     write_manifest(folder, manifest)

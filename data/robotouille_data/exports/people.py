@@ -1,36 +1,41 @@
-"""Who took part in which episode: by pseudonym, or by name where there is none."""
+"""Participants of exported episodes: pseudonyms, and a split without shared participants."""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille.protocol.participant_names import likeness
 from robotouille_data.database import in_pieces
-from robotouille_data.schema import EVENTS
-
-__all__ = ["Person", "Sitting", "sittings", "spectators_heard"]
+from robotouille_data.schema import EPISODES, EVENTS, LABELS, SEATS
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Somebody, the same in all episodes; without a token two of one name are held for one."""
+    """Participant across episodes.
+
+    Participants without a token have no pseudonym. Two of them with the same name count as one.
+    """
 
     name: str
     by_pseudonym: bool
 
     @classmethod
     def of(cls, name: str, pseudonym: str) -> Person:
-        """Who goes by a name, and by a pseudonym if there is one."""
+        """Return the person with this pseudonym or, if it is empty, with this name."""
         return cls(pseudonym, True) if pseudonym else cls(name, False)
 
 
 @dataclass(frozen=True, slots=True)
-class Sitting:
-    """Somebody who had a seat of an episode, by the name and kind that they had there."""
+class Participation:
+    """Participation of a person in an episode, with the name and kind that they had there."""
 
     episode_id: int
     name: str
@@ -38,9 +43,11 @@ class Sitting:
     person: Person
 
 
-def sittings(connection: Connection, ids: Sequence[int]) -> Iterator[Sitting]:
-    """All who had a seat of some episodes, also those whose seat somebody else had later. Who came
-    back is told again."""
+def participations(connection: Connection, ids: Sequence[int]) -> Iterator[Participation]:
+    """Yield everyone who had a seat in the episodes, including those who were replaced later.
+
+    A participant who returned is repeated.
+    """
     columns = EVENTS.c.episode_id, EVENTS.c.name, EVENTS.c.details
     query = sa.select(*columns).where(EVENTS.c.kind == "roster", EVENTS.c.name != "")
     order = EVENTS.c.episode_id, EVENTS.c.number
@@ -49,13 +56,168 @@ def sittings(connection: Connection, ids: Sequence[int]) -> Iterator[Sitting]:
         for episode_id, name, details in connection.execute(its):
             told = json.loads(details)
             person = Person.of(name, told.get("participant", ""))
-            yield Sitting(episode_id, name, told["kind"], person)
+            yield Participation(episode_id, name, told["kind"], person)
 
 
 def spectators_heard(connection: Connection, ids: Sequence[int]) -> Iterator[tuple[int, str]]:
-    """The episodes in which somebody without a seat has said something, and their names."""
+    """Yield the episodes and names of spectators who wrote messages."""
     said = (EVENTS.c.kind == "said") & EVENTS.c.seat.is_(None) & (EVENTS.c.name != "")
     query = sa.select(EVENTS.c.episode_id, EVENTS.c.name).where(said).distinct()
     for piece in in_pieces(ids):
         found = connection.execute(query.where(EVENTS.c.episode_id.in_(piece)))
         yield from ((episode_id, name) for episode_id, name in found)
+
+
+def groups(connection: Connection, ids: Sequence[int], label: str) -> list[tuple[int, ...]]:
+    """Return groups of episodes that must not be separated.
+
+    Episodes belong together if they share a human participant or the value of the label, directly
+    or through other episodes.
+    """
+    links = _shared_people(connection, ids)
+    query = sa.select(LABELS.c.episode_id, LABELS.c.value).where(LABELS.c.name == label)
+    for piece in in_pieces(ids):
+        for episode_id, value in connection.execute(query.where(LABELS.c.episode_id.in_(piece))):
+            links[value].append(episode_id)
+    parents = {number: number for number in ids}
+    for linked in links.values():
+        first = _root(parents, linked[0])
+        for other in linked[1:]:
+            parents[_root(parents, other)] = first
+    found: dict[int, list[int]] = defaultdict(list)
+    for number in sorted(ids):
+        found[_root(parents, number)].append(number)
+    return [tuple(members) for members in found.values()]
+
+
+def _shared_people(connection: Connection, ids: Sequence[int]) -> defaultdict[Hashable, list[int]]:
+    """Return the episodes of each human participant.
+
+    A player or spectator without a pseudonym could be anyone with a similar name, so their
+    episodes are linked to all episodes of that name. People who only watched are not participants.
+    """
+    links: defaultdict[Hashable, list[int]] = defaultdict(list)
+    known: dict[str, list[int]] = defaultdict(list)
+    unknown: dict[str, list[int]] = defaultdict(list)
+    for participation in participations(connection, ids):
+        if participation.kind == "human":
+            by_name = known if participation.person.by_pseudonym else unknown
+            by_name[likeness(participation.name)].append(participation.episode_id)
+            if participation.person.by_pseudonym:
+                links[participation.person].append(participation.episode_id)
+    played = known.keys() | unknown.keys()
+    for episode_id, name in spectators_heard(connection, ids):
+        if likeness(name) in played:
+            unknown[likeness(name)].append(episode_id)
+    for like, episodes in unknown.items():
+        links["name", like] = episodes + known.get(like, [])
+    return links
+
+
+def _root(parents: dict[int, int], number: int) -> int:
+    while parents[number] != number:
+        parents[number] = number = parents[parents[number]]  # Path halving keeps trees flat.
+    return number
+
+
+def split(
+    together: Sequence[tuple[int, ...]], shares: Mapping[str, float]
+) -> dict[str, tuple[int, ...]]:
+    """Assign groups of episodes to parts.
+
+    Groups are assigned from the largest to the smallest, each to the part that lacks the most
+    episodes. Groups of equal size are ordered by a hash, so the result depends only on the
+    episodes and the shares.
+
+    Args:
+        shares: Share of the episodes for each part.
+    """
+    total = sum(map(len, together)) / sum(shares.values())
+    found: dict[str, list[int]] = {name: [] for name in shares}
+    # Large groups first: small ones can then fill the gaps, which keeps the shares close.
+    for members in sorted(together, key=lambda each: (-len(each), _hash(each))):
+        neediest = max(shares, key=lambda name: shares[name] * total - len(found[name]))
+        found[neediest] += members
+    return {name: tuple(sorted(members)) for name, members in found.items()}
+
+
+def _hash(members: tuple[int, ...]) -> bytes:
+    return hashlib.sha256(repr(members).encode()).digest()
+
+
+RowChange = Callable[[tuple[Any, ...]], tuple[Any, ...]]
+
+
+NAMING = {EPISODES.c.code, EPISODES.c.owner}
+"""Columns left out together with the names."""
+
+
+WRITTEN = {EVENTS.c.text, EPISODES.c.detail}
+"""Columns left out together with the texts."""
+
+
+UNWRITTEN = frozenset((
+    "basis", "code", "controller", "generation", "heard", "holds", "kind", "more", "ms",
+    "participant", "present", "ready", "seq", "session", "taken", "utc_ms", "what",
+))  # fmt: skip
+"""Fields of events without free text. All others are left out with the texts, so a new field is
+left out until it is added here."""
+
+
+class Privacy:
+    """Rules for leaving out or replacing personal data in the rows of episodes."""
+
+    def __init__(
+        self, connection: Connection, ids: Sequence[int], *, names: bool, texts: bool
+    ) -> None:
+        self._names, self._texts = names, texts
+        self._numbers: dict[Person, str] = {}
+        self._people: dict[tuple[int, str], Person] = {}
+        if not names:
+            for participation in participations(connection, ids):
+                self._people[participation.episode_id, participation.name] = participation.person
+                self._pseudonym(participation.person)
+
+    def columns(self, table: sa.Table) -> list[sa.Column[Any]]:
+        """Return the columns of a table that remain."""
+        gone = (set() if self._names else NAMING) | (set() if self._texts else WRITTEN)
+        return [column for column in table.columns if column not in gone]
+
+    def change(self, table: sa.Table) -> RowChange | None:
+        """Return the function that changes rows of these columns; None if they stay the same."""
+        if table is SEATS and not self._names:
+            return self._seat
+        if table is EVENTS and not (self._names and self._texts):
+            return self._event
+        return None
+
+    def _seat(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
+        episode_id, seat, player, name, kind, participant, *rest = row
+        person = self._new_name(episode_id, name, participant)
+        return episode_id, seat, player, person, kind, person if participant else "", *rest
+
+    def _event(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
+        *begin, name = row[:7]
+        written = row[7:-1]  # The column `text`, if it remains.
+        details = json.loads(row[-1])
+        if not self._texts:
+            details = {key: value for key, value in details.items() if key in UNWRITTEN}
+        if not self._names:
+            details.pop("session", None)
+            pseudonym = details.get("participant", "")
+            name = self._new_name(row[0], name, pseudonym)
+            if pseudonym:
+                details["participant"] = self._pseudonym(Person.of("", pseudonym))
+        told = json.dumps(details, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
+        return *begin, name, *written, told
+
+    def _new_name(self, episode_id: int, name: str, pseudonym: str) -> str:
+        if not name:
+            return ""
+        # A message has the sender's name but no pseudonym. Names are distinct within an episode, so
+        # the name finds the person who had a seat.
+        known = self._people.get((episode_id, name))
+        return self._pseudonym(Person.of(name, pseudonym) if pseudonym or not known else known)
+
+    def _pseudonym(self, person: Person) -> str:
+        return self._numbers.setdefault(person, f"p{len(self._numbers) + 1}")

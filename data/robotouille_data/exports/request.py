@@ -1,18 +1,21 @@
-"""What is asked for: which episodes, in which format, and what is left out of them."""
+"""Requests for exports, and the parts in which they are written."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
+from typing import Any
 
-from robotouille_data.answers.query import SECONDS
+from sqlalchemy.engine import Connection
 
-__all__ = ["TABLES", "About", "ExportFormat", "Request"]
+from robotouille_data.exports.people import Privacy
+from robotouille_data.query import SECONDS
 
 
 class ExportFormat(StrEnum):
-    """What the data is written as; the first three are the catalogue's tables."""
+    """Format of the data."""
 
     PARQUET = "parquet"
     CSV = "csv"
@@ -28,7 +31,7 @@ TABLES = (ExportFormat.PARQUET, ExportFormat.CSV, ExportFormat.JSONL)
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What its makers say of a data set; `license` is an identifier of SPDX. Empty: not said."""
+    """Description of a data set. `license` is an SPDX identifier. Fields may be empty."""
 
     title: str = ""
     description: str = ""
@@ -37,21 +40,21 @@ class About:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
-    """An export.
+class ExportRequest:
+    """Request for an export.
 
-    Args:
-        formats: In each of them the episodes are written; of the tables' in one at most.
-        query: SQL whose answer has a column `id` or `episode_id`; empty: all episodes.
-        seconds: How long the query may take.
-        labels: Only episodes that have all of these.
-        consent: Only episodes that have this label, whose name and value it is.
-        names: Names and pseudonyms of participants are kept, and codes and owners.
-        texts: Whatever people or models have written is kept.
-        split: The shares of the parts, by their names; empty: one part.
-        split_by: Episodes with the same value of this label are in the same part.
-        system: For chat, what each conversation begins with; empty: nothing.
-        per_decision: For chat, a conversation for each decision instead of each seat.
+    Attributes:
+        formats: Formats to write. At most one of them may be a format of tables.
+        query: SQL with a column `id` or `episode_id` that selects episodes. Empty selects all.
+        seconds: Time limit of the query.
+        labels: Labels that the episodes must have.
+        consent: Name and value of the label that gives consent.
+        names: Keep names and pseudonyms of participants, codes and owners.
+        texts: Keep text that people or models wrote.
+        split: Shares of the parts by name. Empty means one part.
+        split_by: Episodes with equal values of this label are in the same part.
+        system: System prompt of each conversation of the format `chat`.
+        per_decision: Write one conversation per decision, instead of one per seat.
     """
 
     formats: tuple[ExportFormat, ...]
@@ -66,3 +69,74 @@ class Request:
     system: str = ""
     per_decision: bool = False
     about: About = field(default_factory=About)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Column or array, for the codebook."""
+
+    name: str
+    type: str
+    meaning: str
+    unit: str = ""
+    null: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ExportEntry:
+    """ExportEntry of the codebook for a table, array file or data set."""
+
+    name: str
+    meaning: str
+    fields: tuple[Field, ...]
+    notes: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenFile:
+    """File, or folder of a data set.
+
+    Attributes:
+        entry: Name of its entry in the codebook.
+        path: Path in the export.
+        sums: Sums of the columns with numbers.
+    """
+
+    entry: str
+    path: str
+    rows: int
+    sums: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Part of an export, to be written in one format.
+
+    Attributes:
+        name: Name of the part, or empty without a split.
+        tasks: Names for files, by the digests of the tasks.
+        done: Called with the number of episodes that were finished.
+        faults: Receives the reasons why episodes could not be exported.
+        codebook: Receives the entries of the codebook by name.
+    """
+
+    connection: Connection
+    request: ExportRequest
+    format: ExportFormat
+    privacy: Privacy
+    root: Path
+    name: str
+    ids: Sequence[int]
+    tasks: Mapping[str, str]
+    done: Callable[[int], None]
+    faults: dict[int, str]
+    codebook: dict[str, ExportEntry]
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the part's files."""
+        return self.root / self.name
+
+    def path(self, file: Path) -> str:
+        """Return the path of a file in the export."""
+        return file.relative_to(self.root).as_posix()

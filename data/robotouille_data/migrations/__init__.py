@@ -1,1 +1,1 @@
-"""The versions of the schema, one after the other; a module each, as Alembic reads them."""
+"""Alembic migrations of the catalogue, one module for each version of the schema."""

@@ -1,18 +1,32 @@
-"""The first version: recordings, episodes, seats, steps, events, labels, measures."""
+"""First version of the schema: all tables, and the view `episode_seats`."""
 
 from __future__ import annotations
 
 import sqlalchemy as sa
 from alembic import op
 
-__all__ = ["down_revision", "revision", "upgrade"]
-
 revision = "0001"
 down_revision = None
 
+# PostgreSQL's avg() of an integer is a decimal. The cast gives both databases the same type.
+VIEW = """
+CREATE VIEW episode_seats AS
+SELECT e.id AS episode_id, e.episode, e.state, e.created, e.task, e.clock, e.reason, m.success,
+       e.steps, e.seconds, s.seat, s.player, s.name, s.kind, s.participant,
+       s.acted, s.busy, s.waiting, s.idle, s.away, s.substituted,
+       s.lost, s.invalid, s.malformed, s.rejected, s.said, s.thinking_ms, s.staleness,
+       s.contribution, s.shown_as, s.delay_ms,
+       (SELECT CAST(avg(t.ms) AS DOUBLE PRECISION) FROM steps t
+        WHERE t.episode_id = s.episode_id AND t.seat = s.seat AND t.activity = 'acted'
+       ) AS decision_ms
+FROM episodes e
+JOIN seats s ON s.episode_id = e.id
+JOIN measures m ON m.episode_id = e.id
+"""
+
 
 def upgrade() -> None:
-    """Make all tables."""
+    """Create all tables and the view."""
     op.create_table(
         "episodes",
         sa.Column("id", sa.BigInteger(), primary_key=True, autoincrement=False),
@@ -67,6 +81,9 @@ def upgrade() -> None:
         sa.Column("optimality_rate", sa.Double()),
         sa.Column("repeated_transitions", sa.Integer(), nullable=False),
         sa.Column("blocking", sa.Integer(), nullable=False),
+        sa.Column("steps_to_go_least", sa.Integer()),
+        sa.Column("steps_to_go_most", sa.Integer()),
+        sa.Column("out_of_reach", sa.Boolean()),
     )
     op.create_table(
         "recordings",
@@ -100,6 +117,8 @@ def upgrade() -> None:
         sa.Column("thinking_ms", sa.BigInteger(), nullable=False),
         sa.Column("staleness", sa.Double()),
         sa.Column("contribution", sa.Double(), nullable=False),
+        sa.Column("shown_as", sa.Text(), nullable=False, server_default=""),
+        sa.Column("delay_ms", sa.Integer(), nullable=False, server_default="0"),
     )
     op.create_index("seats_participant", "seats", ["participant"])
     op.create_table(
@@ -117,3 +136,4 @@ def upgrade() -> None:
         sa.Column("staleness", sa.Integer()),
         sqlite_with_rowid=False,
     )
+    op.execute(VIEW)

@@ -1,36 +1,39 @@
-"""Agents: what they see, how language models are asked, and how answers are read."""
+"""Agents: their observations, strategies for asking language models, and parsers of answers."""
 
-from robotouille_evaluation.agents.answers import AnswerParser, ParsedAnswer, Published, Tolerant
-from robotouille_evaluation.agents.histories import History
-from robotouille_evaluation.agents.plan_once import PlanOnce
+from robotouille_evaluation.agents.answers import (
+    AnswerParser,
+    ParsedAnswer,
+    PromptHistory,
+    PublishedParser,
+    TolerantParser,
+)
 from robotouille_evaluation.agents.proposal import (
+    AgentObservation,
     ContextOverflow,
     Exchange,
     ExchangeVerdict,
-    Observation,
     Proposal,
     ProposalSteps,
     Strategy,
 )
-from robotouille_evaluation.agents.react import Prompts, ReAct, ReActSettings
-from robotouille_evaluation.agents.reflexion import Reflexion
+from robotouille_evaluation.agents.react import PlanOnce, Prompts, ReAct, ReActSettings, Reflexion
 
 __all__ = [
+    "AgentObservation",
     "AnswerParser",
     "ContextOverflow",
     "Exchange",
     "ExchangeVerdict",
-    "History",
-    "Observation",
     "ParsedAnswer",
     "PlanOnce",
+    "PromptHistory",
     "Prompts",
     "Proposal",
     "ProposalSteps",
-    "Published",
+    "PublishedParser",
     "ReAct",
     "ReActSettings",
     "Reflexion",
     "Strategy",
-    "Tolerant",
+    "TolerantParser",
 ]

@@ -1,34 +1,24 @@
-"""What an agent sees, what it proposes, and what was said on the way."""
+"""Observations, proposals and strategies of agents, and their exchanges with models."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import dataclass, field
+import asyncio
+from collections.abc import Awaitable, Callable, Generator, Iterable
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 from robotouille import State
 from robotouille.planning.policies import Did
-from robotouille_evaluation.models.model import Completion, ModelRequest
-
-__all__ = [
-    "MAX_REASONING",
-    "ContextOverflow",
-    "Exchange",
-    "ExchangeVerdict",
-    "Observation",
-    "Proposal",
-    "ProposalSteps",
-    "Strategy",
-]
-
+from robotouille.replay.model_calls import CallNotes
+from robotouille_evaluation.models import Completion, ModelRequest
 
 MAX_REASONING = 8000
-"""Characters of reasoning that are recorded with an action (docs/protocol.md)."""
+"""Characters of reasoning that a recording keeps per action (docs/protocol.md)."""
 
 
 class ExchangeVerdict(StrEnum):
-    """What an answer was."""
+    """Kind of an answer."""
 
     ACTION = "action"
     PLAN = "plan"
@@ -41,35 +31,35 @@ class ExchangeVerdict(StrEnum):
 
     @property
     def rejected(self) -> bool:
-        """It is refused, and the model is asked again."""
+        """True if the answer is rejected and the model is asked again."""
         return self is ExchangeVerdict.INVALID or self.malformed
 
     @property
     def malformed(self) -> bool:
-        """No action can be read from it."""
+        """True if the answer names no action."""
         return self in (ExchangeVerdict.NO_REASONING, ExchangeVerdict.NO_ACTION)
 
 
-class ContextOverflow(Exception):  # noqa: N818 - thrown into strategies; it is no fault of theirs
-    """A request was longer than what the model takes."""
+class ContextOverflow(Exception):  # noqa: N818 - thrown into strategies as a signal
+    """Signal that a request was longer than the model's context."""
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
-    """What the player sees, as text, with the sentences of its valid actions."""
+class AgentObservation:
+    """Text that a player sees, with the sentences of its valid actions."""
 
     text: str
     valid: tuple[str, ...]
     player: str = ""
     state: State | None = None
-    """For agents that plan; language models are sent the text."""
+    """State, for agents that plan. Language models receive the text."""
     heard: tuple[str, ...] = ()
-    """What others have said since the last look, a line each (`chat.Chat`)."""
+    """Chat messages since the last observation, one line each (`team.UnreadChat`)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """One request, its answer, and what was made of it."""
+    """Request to a model, its completion, and how the completion was read."""
 
     request: ModelRequest
     completion: Completion | None
@@ -78,48 +68,113 @@ class Exchange:
     action: str = ""
     feedback: str = ""
     player: str = ""
-    """Whose action it names, where one answer is for several."""
+    """Player of the action, if one answer is for several players."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Sentences of actions to take one after the other; none where there was no usable answer.
-
-    With `whole` they are taken only if each is valid when its turn comes.
-    """
+    """Actions to take in order; none if there was no usable answer."""
 
     actions: tuple[str, ...] = ()
     reasoning: str = ""
     done: bool = False
-    """The agent wants no further turn."""
+    """The agent has finished."""
     whole: bool = False
+    """The actions are taken only if each of them is valid in its turn."""
     anticipates: bool = False
-    """Another's action in the same step is to make the first one possible."""
+    """Another player's action in the same step should make the first one possible."""
     say: str = ""
-    """Is said to everybody in the chat."""
+    """Chat message to all."""
     exchanges: tuple[Exchange, ...] = field(default=())
 
 
 ProposalSteps = Generator[ModelRequest, Completion, Proposal]
-"""Yields what a model is to be asked, and is sent the answer; `ContextOverflow` may be thrown."""
+"""Yields requests and is sent completions; `ContextOverflow` may be thrown into it."""
 
 
 class Strategy(Protocol):
-    """How a model is asked, without any input or output of its own."""
+    """Way to ask a model for actions, without input or output of its own."""
 
-    def propose(self, observation: Observation) -> ProposalSteps:
-        """What to do now."""
+    def propose(self, observation: AgentObservation) -> ProposalSteps:
+        """Propose actions for an observation."""
         ...
 
     def observe(self, did: Did) -> None:
-        """What everybody did in a step."""
+        """Observe what all players did in a step."""
         ...
 
     def retry(self) -> bool:
-        """Whether the episode is begun anew when its steps are used up; asked once each time."""
+        """Return whether to start the episode again after its steps are used up.
+
+        Each call uses up one retry.
+        """
         ...
 
     @property
     def retries_left(self) -> int:
-        """How often it would be."""
+        """Number of further retries."""
         ...
+
+
+R = TypeVar("R")
+
+Complete = Callable[[ModelRequest], Awaitable[Completion]]
+"""Asks a model; raises ContextOverflow or ModelError."""
+
+
+async def answer_all(asking: Generator[ModelRequest, Completion, R], complete: Complete) -> R:
+    """Answer a generator's requests until it returns, and return its result."""
+    try:
+        request = next(asking)
+        while True:
+            try:
+                completion = await complete(request)
+            except ContextOverflow as error:
+                request = asking.throw(error)
+            else:
+                request = asking.send(completion)
+    except StopIteration as stop:
+        result: R = stop.value
+        return result
+
+
+async def all_of(asking: Iterable[Awaitable[None]]) -> None:
+    """Await all at the same time, and raise the first error in their order.
+
+    After an error the others still finish, because their answers are paid for and must be counted.
+    """
+    # Not a TaskGroup: it would cancel the other calls after the first error.
+    ended = await asyncio.gather(*asking, return_exceptions=True)
+    for error in ended:
+        if error is not None:
+            raise error
+
+
+def exchange_row(exchange: Exchange) -> dict[str, Any]:
+    """Return an exchange as a line of a transcript."""
+    completion = exchange.completion
+    return {
+        "purpose": exchange.request.purpose,
+        "messages": [asdict(message) for message in exchange.request.messages],
+        "answer": completion.text if completion is not None else None,
+        "seconds": completion.seconds if completion is not None else None,
+        "finish_reason": completion.finish_reason if completion is not None else None,
+        "verdict": exchange.verdict.value,
+        "action": exchange.action,
+        "feedback": exchange.feedback,
+    }
+
+
+def exchange_note(notes: CallNotes, exchange: Exchange, *, timed: bool = True) -> str:
+    """Return an exchange as the text of a note, in which earlier messages are not repeated.
+
+    Args:
+        timed: True to include the duration, which differs between runs.
+    """
+    row = exchange_row(exchange)
+    if not timed:
+        del row["seconds"]
+    # `CallNotes` refers to messages of earlier notes by number, because each request repeats
+    # hundreds of them.
+    sent = [(each["role"], each["content"]) for each in row.pop("messages")]
+    return notes.note(sent, **row)

@@ -1,9 +1,8 @@
-"""`robotouille benchmark`: run, go on, report, compare."""
+"""`robotouille benchmark`: run, resume, report, compare."""
 
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
@@ -12,17 +11,17 @@ import typer
 from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
-from robotouille.program import tell
+from robotouille.terminal import options_from, tell
 from robotouille_client.console import failing
-from robotouille_evaluation.cli import run_options as options
 from robotouille_evaluation.cli.results import agreement, compare, report
+from robotouille_evaluation.cli.run_options import ResumeOptions, RunOptions, WorkerOptions
 
 if TYPE_CHECKING:
     from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.packs.pack import Pack, PackInstance
-    from robotouille_evaluation.runs import AgentSpec, Job, RealTime, RunFolder
+    from robotouille_evaluation.runs import AgentSpec, EpisodeJob, RealTime, RunFolder, Workers
 
-__all__ = ["agent_spec", "benchmark"]
+# Imports of packs, models and runs are in the functions: `--help` must not wait for them.
 
 benchmark = typer.Typer(
     no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."
@@ -36,108 +35,79 @@ COMPUTED = ("planner", "random", "scripted")
 
 @benchmark.command()
 @failing
+@options_from(RunOptions)
 def run(
-    out: options.Out,
-    agents: options.Agents = "planner,random,scripted",
-    model: options.Model = "mock",
-    base_url: options.BaseUrl = "",
-    pack: options.Pack = None,
-    datasets: options.Datasets = "",
-    tasks: options.Tasks = "",
-    kinds: options.Kinds = "free",
-    seats: options.Seats = None,
-    seeds: options.Seeds = 1,
-    budget: options.Budget = None,
-    variant: options.Variant = None,
-    control: options.Control = "each",
-    clock: options.Clock = "turns",
-    step_rate: options.StepRate = 5.0,
-    charge: options.Charge = "tokens:20",
-    late: options.Late = "apply",
-    helper: options.Helper = "none",
-    digest_tokens: options.DigestTokens = 0,
-    slack: options.Slack = 1.0,
-    temperature: options.Temperature = None,
-    price: options.Price = "",
-    timeout: options.Timeout = None,
-    attempts: options.Attempts = None,
-    steps_to_go: options.StepsToGo = False,
-    processes: options.Processes = os.cpu_count() or 1,
-    calls: options.Calls = 16,
-    scheduler: options.Scheduler = "",
+    out: Annotated[Path, typer.Argument(help="New folder for the run.")], options: RunOptions
 ) -> None:
-    """Play agents on tasks, and write a report."""
+    """Play agents on tasks and write a report."""
     from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.cli.playing import play
     from robotouille_evaluation.packs.store import write_pack
-    from robotouille_evaluation.realtime import Late
-    from robotouille_evaluation.runs import RealTime, RunFolder, Workers, jobs
+    from robotouille_evaluation.runs import JobOptions, RunFolder, plan_jobs
 
     RunFolder(out).require_new()
-    moving = RealTime(
-        step_rate=step_rate, charge=charge, late=Late(late), helper=helper,
-        digest_tokens=digest_tokens, slack=slack,
-    )  # fmt: skip
-    if clock == "turns":
-        _require_usual(moving)
-    folder, used = _new_pack(out, pack)
-    chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
-    if variant == "delay-free":
-        folder, used = (out / "pack").resolve(), _delay_free(used, chosen, seats)
-        chosen = list(used.instances)
-    parameters = {} if temperature is None else {"temperature": temperature}
-    choice = ModelChoice(model, base_url, parameters, price, timeout, attempts)
-    planned = tuple(
-        jobs(
-            used, _agent_specs(_words(agents), used, choice), chosen, seeds=range(seeds),
-            seats=seats, budget=budget, variant=variant or "", control=control,
-            real_time=moving if clock == "realtime" else None,
-        )
-    )  # fmt: skip
-    if pack is None or variant == "delay-free":
-        write_pack(used, folder)
-    run_folder = _create(out, used, folder, planned, steps_to_go)
-    _warn_of_unknown_optima(used, planned, folder)
-    play(run_folder, used, planned, Workers(processes, calls, scheduler))
+    real_time = _real_time(options)
+    folder, pack = _pack(out, options.pack)
+    chosen = _instances(
+        pack, _words(options.datasets), _words(options.tasks), _words(options.kinds)
+    )
+    if options.variant == "delay-free":
+        folder, pack = (out / "pack").resolve(), _delay_free(pack, chosen, options.seats)
+        chosen = list(pack.instances)
+    agents = _agent_specs(_words(options.agents), pack, ModelChoice.of_options(options))
+    job_options = JobOptions(
+        seeds=range(options.seeds),
+        seats=options.seats,
+        budget=options.budget,
+        variant=options.variant or "",
+        real_time=real_time,
+        control=options.control,
+    )
+    jobs = tuple(plan_jobs(pack, agents, chosen, job_options))
+    # After the jobs are checked: a refused run must not leave a folder behind.
+    if options.pack is None or options.variant == "delay-free":
+        write_pack(pack, folder)
+    run_folder = _create(out, pack, folder, jobs, options.steps_to_go)
+    _warn_of_unknown_optima(pack, jobs, folder)
+    play(run_folder, pack, jobs, _workers(options))
 
 
 @benchmark.command()
 @failing
+@options_from(ResumeOptions)
 def resume(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
-    processes: options.Processes = os.cpu_count() or 1,
-    calls: options.Calls = 16,
-    scheduler: options.Scheduler = "",
-    timeout: options.Timeout = None,
-    attempts: options.Attempts = None,
-    base_url: Annotated[
-        str,
-        typer.Option(help="The run's own, said again where a key would be sent to it."),
-    ] = "",
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    options: ResumeOptions,
 ) -> None:
-    """Go on with a run that was stopped, and play what ended with an error once more; no paid call
-    is made again.
+    """Continue a stopped run, and repeat episodes that ended with an error.
 
-    Models are asked as the run says; a time-out or a number of attempts given here comes first.
-    An address that is not OpenAI's has to be named again: a key is sent nowhere because a file says
-    so.
+    No paid call is made again.
+
+    Models are asked as in the run, except for the given time-out and number of attempts. An
+    endpoint other than OpenAI's must be repeated as --base-url, because a file alone must not
+    decide where a key is sent.
     """
     from robotouille_evaluation.cli.models import ModelChoice, require_base_url
     from robotouille_evaluation.cli.playing import play
     from robotouille_evaluation.packs.store import read_pack
-    from robotouille_evaluation.runs import RunFolder, Workers
+    from robotouille_evaluation.runs import RunFolder
 
     folder = RunFolder(run_folder)
     plan = folder.plan()
-    asked = {job.agent.name: job.agent for job in plan.jobs if job.agent.kind == "model"}
-    require_base_url([ModelChoice.of(agent) for agent in asked.values()], base_url)
+    models = {job.agent.name: job.agent for job in plan.jobs if job.agent.kind == "model"}
+    require_base_url(map(ModelChoice.of_agent, models.values()), options.base_url)
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
-    planned = [_asked_otherwise(job, timeout, attempts) for job in plan.jobs]
-    play(folder, pack, planned, Workers(processes, calls, scheduler))
+    jobs = [_with_patience(job, options.timeout, options.attempts) for job in plan.jobs]
+    play(folder, pack, jobs, _workers(options))
 
 
-def _asked_otherwise(job: Job, timeout: float | None, attempts: int | None) -> Job:
-    """The same job, whose model is asked with more or less patience."""
+def _workers(options: WorkerOptions) -> Workers:
+    from robotouille_evaluation.runs import Workers
+
+    return Workers(options.processes, options.calls, options.scheduler)
+
+
+def _with_patience(job: EpisodeJob, timeout: float | None, attempts: int | None) -> EpisodeJob:
     given = {"timeout": timeout, "attempts": attempts}
     changed = {name: value for name, value in given.items() if value is not None}
     return job.model_copy(update={"agent": job.agent.model_copy(update=changed)})
@@ -147,16 +117,35 @@ def _words(text: str) -> tuple[str, ...]:
     return tuple(word for word in (part.strip() for part in text.split(",")) if word)
 
 
-def _require_usual(moving: RealTime) -> None:
-    """Raises RobotouilleError where the world waits, and it was said how it goes on."""
-    usual = type(moving)(charge="tokens:20").model_dump()
-    asked = [name for name, value in moving.model_dump().items() if value != usual[name]]
-    if asked:
-        raise RobotouilleError(f"--{asked[0].replace('_', '-')} is for --clock realtime")
+def _real_time(options: RunOptions) -> RealTime | None:
+    """Return the real time settings, or None if the world waits.
+
+    Raises:
+        RobotouilleError: The world waits, and an option for real time is set.
+    """
+    from robotouille_evaluation.realtime import LatePolicy
+    from robotouille_evaluation.runs import RealTime
+
+    chosen = RealTime(
+        step_rate=options.step_rate,
+        charge=options.charge,
+        late=LatePolicy(options.late),
+        helper=options.helper,
+        digest_tokens=options.digest_tokens,
+        slack=options.slack,
+    )
+    if options.clock == "realtime":
+        return chosen
+    defaults = RealTime(charge=RunOptions.charge).model_dump()
+    changed = [name for name, value in chosen.model_dump().items() if value != defaults[name]]
+    if changed:
+        flag = changed[0].replace("_", "-")
+        raise RobotouilleError(f"--{flag} is only for --clock realtime")
+    return None
 
 
-def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
-    """The pack to play and where it lies; ours will lie beside the run's plan."""
+def _pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
+    """Return the pack and its folder. A run keeps a copy of the built-in pack."""
     from robotouille_evaluation.packs.own import build_own_pack
     from robotouille_evaluation.packs.store import read_pack
 
@@ -166,7 +155,6 @@ def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
 
 
 def _delay_free(pack: Pack, chosen: Sequence[PackInstance], seats: int | None) -> Pack:
-    """The same kitchens without delays, and how many steps they take, which is searched for."""
     from robotouille_evaluation.packs.delay_free import delay_free
 
     console = Console(stderr=True)
@@ -185,24 +173,24 @@ def _instances(
     from robotouille_evaluation.packs.pack import InstanceKind
 
     for what, chosen, known in (
-        ("data set", datasets, pack.datasets),
+        ("dataset", datasets, pack.datasets),
         ("kind of instance", kinds, get_args(InstanceKind)),
     ):
         for name in chosen:
             if name not in known:
-                raise UnknownNameError(f"no {what} {name!r}{did_you_mean(name, known)}")
+                raise UnknownNameError(f"unknown {what} {name!r}{did_you_mean(name, known)}")
     found = [
         instance
         for instance in pack.instances_of(tasks or None)
         if instance.kind in kinds and (not datasets or pack.task(instance.task).dataset in datasets)
     ]
     if not found:
-        raise RobotouilleError("the pack has no such instances; `robotouille pack show` lists them")
+        raise RobotouilleError("the pack has no such instances; see `robotouille pack show`")
     return found
 
 
 def _agent_specs(names: Iterable[str], pack: Pack, choice: ModelChoice) -> list[AgentSpec]:
-    """Who plays; RobotouilleError where there is no such agent, or its model answers nobody."""
+    """Return the agents, after a check that their model can be asked."""
     from robotouille_evaluation.cli.models import check_model
 
     specs = [agent_spec(name, pack, choice) for name in names]
@@ -212,7 +200,7 @@ def _agent_specs(names: Iterable[str], pack: Pack, choice: ModelChoice) -> list[
 
 
 def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
-    """Who plays, by the name; UnknownNameError where there is no such agent."""
+    """Return the agent with a name, or raise UnknownNameError."""
     from robotouille_evaluation.agents.making import make_strategy
     from robotouille_evaluation.runs import AgentSpec
 
@@ -223,7 +211,7 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     except UnknownNameError:
         if "/" not in name:
             raise
-        raise _no_experiment(name, pack) from None
+        raise _unknown_experiment(name, pack) from None
     return AgentSpec(
         name=f"{name} ({model.name})",
         kind="model",
@@ -237,38 +225,38 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     )
 
 
-def _no_experiment(name: str, pack: Pack) -> UnknownNameError:
-    """Names the nearest of the same agent and data set."""
+def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
+    """Return an error that names the experiments of the same agent and dataset."""
     known = [experiment.id for experiment in pack.experiments]
     if not known:
         return UnknownNameError(
-            f"no experiment {name!r}: {pack.name} has none; `--pack` names a pack that was "
-            "imported (`robotouille pack import CHECKOUT`)"
+            f"unknown experiment {name!r}: {pack.name} has none; use --pack with an imported pack "
+            "(`robotouille pack import CHECKOUT`)"
         )
     group = f"{name.rpartition('/')[0]}/"
     same = [id_ for id_ in known if id_.startswith(group)]
     if not same:
-        return UnknownNameError(f"no experiment {name!r}{did_you_mean(name, known)}")
-    return UnknownNameError(f"no experiment {name!r}; there are {', '.join(same)}")
+        return UnknownNameError(f"unknown experiment {name!r}{did_you_mean(name, known)}")
+    return UnknownNameError(f"unknown experiment {name!r}; choose {', '.join(same)}")
 
 
-def _warn_of_unknown_optima(pack: Pack, planned: Iterable[Job], folder: Path) -> None:
-    """Optimality is worked out when an episode is over: later it is too late."""
-    wanted = {(job.instance, job.seats) for job in planned}
+def _warn_of_unknown_optima(pack: Pack, jobs: Iterable[EpisodeJob], folder: Path) -> None:
+    # Rows store the optimum, so a proof after the run comes too late.
+    wanted = {(job.instance, job.seats) for job in jobs}
     unknown = [1 for name, seats in wanted if pack.instance(name).best(seats) is None]
     if unknown:
         tell(
-            f"{len(unknown)} of {len(wanted)} instances have no known shortest plan: their "
+            f"{len(unknown)} of {len(wanted)} instances have no known shortest plan, so their "
             "optimality will be missing from the report; "
-            f"`robotouille pack prove {folder}` comes before a run",
+            f"run `robotouille pack prove {folder}` before a run to find plans",
             err=True,
         )
 
 
 def _create(
-    out: Path, pack: Pack, folder: Path, planned: tuple[Job, ...], steps_to_go: bool
+    out: Path, pack: Pack, folder: Path, jobs: tuple[EpisodeJob, ...], steps_to_go: bool
 ) -> RunFolder:
-    from robotouille.release import VERSION
+    from robotouille.installation import VERSION
     from robotouille_evaluation.metrics.rows import PackId
     from robotouille_evaluation.runs import RunFolder, RunPlan
 
@@ -278,7 +266,7 @@ def _create(
             name=out.resolve().name,
             pack=PackId(name=pack.name, version=pack.version, digest=pack.digest),
             pack_folder=str(folder),
-            jobs=planned,
+            jobs=jobs,
             software=VERSION,
             steps_to_go=steps_to_go,
         ),

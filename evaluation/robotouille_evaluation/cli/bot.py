@@ -1,4 +1,4 @@
-"""`robotouille-bot llm`: a language model takes a seat."""
+"""`robotouille-bot llm`: a language model that plays on a server."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.errors import RobotouilleError
-from robotouille.program import printable, tell
 from robotouille.protocol.messages import Kind, View
+from robotouille.terminal import printable, tell
 from robotouille_client import Game
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_evaluation.agents.asking import Complete
-from robotouille_evaluation.agents.exchange_rows import exchange_row
+from robotouille_client.bots.llm_options import LlmBotOptions
+from robotouille_evaluation.agents.joint_team import JointTeam
 from robotouille_evaluation.agents.making import make_strategy, team_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
-from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange
-from robotouille_evaluation.agents.teams.joint import Joint
-from robotouille_evaluation.agents.teams.team import Control, Each, Turns
+from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, Exchange, exchange_row
+from robotouille_evaluation.agents.team import Control, IndependentTeam, TurnsTeam
 from robotouille_evaluation.cli.models import FATAL, ModelChoice, open_model
 from robotouille_evaluation.models import (
     Completion,
@@ -31,23 +30,22 @@ from robotouille_evaluation.models import (
     ModelRequest,
 )
 from robotouille_evaluation.packs.own import build_own_pack
-from robotouille_evaluation.realtime import Charge, Late
+from robotouille_evaluation.realtime import Charge, LatePolicy
 from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptions
-from robotouille_evaluation.runs.appending import append_line
-
-__all__ = ["LanguageModelBot"]
+from robotouille_evaluation.runs.journal import append_line
 
 
 @dataclass(frozen=True, slots=True)
 class LanguageModelBot:
-    """Plays a game that is joined in both views: it reads the text, and a helper plans on states.
+    """Language model that plays a game on a server.
+
+    The game is joined with both views: the model reads the text, and a helper plans on states.
 
     Args:
-        model: Which, and how it is asked.
-        strategy: One of ours.
-        transcript: A file of JSON lines with what the model was sent and has said.
-        options: How it plays where the world does not wait.
-        control: How it is asked where it plays several seats.
+        strategy: Name of a built-in strategy.
+        transcript: File of JSON lines with the exchanges.
+        options: Options for worlds that do not wait.
+        control: How the model controls several seats.
     """
 
     model: ModelChoice
@@ -61,39 +59,27 @@ class LanguageModelBot:
 
     @classmethod
     def of(
-        cls,
-        model: str,
-        *,
-        base_url: str,
-        strategy: str,
-        transcript: Path | None,
-        seed: int,
-        temperature: float | None,
-        prices: str,
-        timeout: float | None,
-        attempts: int | None,
-        late: str = Late.APPLY,
-        helper: str = "none",
-        digest_tokens: int = 0,
-        charge: str = "wall",
-        control: Control = "each",
+        cls, options: LlmBotOptions, *, seed: int = 0, control: Control = "each"
     ) -> LanguageModelBot:
-        """From the options of a command line; WrongArgumentError where they cannot be."""
-        parameters = {} if temperature is None else {"temperature": temperature}
-        choice = ModelChoice(model, base_url, parameters, prices, timeout, attempts)
+        """Return the bot of command-line options, or raise WrongArgumentError."""
+        helper = options.helper
         maker = policy_maker(BotKind(helper), seed) if helper != "none" else None
-        options = RealTimeOptions(Late(late), digest_tokens, maker, Charge.parse(charge))
-        return cls(choice, strategy, transcript, seed, options, control)
+        real_time = RealTimeOptions(
+            LatePolicy(options.late), options.digest_tokens, maker, Charge.parse(options.charge)
+        )
+        choice = ModelChoice.of_options(options)
+        return cls(choice, options.strategy, options.transcript, seed, real_time, control)
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[Callable[[Game], Awaitable[Mapping[str, Any]]]]:
-        """What plays a game to its end, once the model and all else that it takes are there.
+        """Open model and transcript, and yield a function that plays a game to its end.
 
         Raises:
-            UnknownNameError: There is no such strategy.
-            RobotouilleError: It cannot play several seats, but is to.
-            ModelError: There is no key or no such provider; in a game, that nobody answers at all.
-            RobotouilleError: The transcript cannot be written.
+            UnknownNameError: The strategy is unknown.
+            RobotouilleError: The strategy does not support several seats, or the transcript cannot
+                be written.
+            ModelError: The key is missing or the provider is unknown; in a game, the model cannot
+                be asked at all.
         """
         pack, dataset = build_own_pack(), "asynchronous"
         strategy = make_strategy(pack, self.strategy, dataset)
@@ -102,26 +88,29 @@ class LanguageModelBot:
         async with AsyncExitStack() as opened:
             model = await open_model(self.model, self.seed, opened)
             complete = _patiently(model)
-            told = opened.enter_context(_transcript(self.transcript))
+            record = opened.enter_context(_transcript(self.transcript))
 
             async def play(game: Game) -> Mapping[str, Any]:
                 while not (game.has_state or game.ended):
                     await game.next_event()
                 if self.control != "each":
-                    make = Joint if self.control == "joint" else Turns
-                    return await NetworkAgent(game, make(strategy, complete), told).play()
+                    make = JointTeam if self.control == "joint" else TurnsTeam
+                    return await NetworkAgent(game, make(strategy, complete), record).play()
                 if game.clock.get("clock") == "realtime":
-                    moving = RealTimeAgent(game, strategy, complete, self.options, told)
+                    moving = RealTimeAgent(game, strategy, complete, self.options, record)
                     return await moving.play()
                 seat = game.own_seats[0]
-                alone = Each({seat: strategy}, {seat: complete})
-                return await NetworkAgent(game, alone, told).play()
+                alone = IndependentTeam({seat: strategy}, {seat: complete})
+                return await NetworkAgent(game, alone, record).play()
 
             yield play
 
 
 def _patiently(model: Model) -> Complete:
-    """A model that fails for a moment says nothing in it: the game goes on."""
+    """Return a function that answers with an empty text if the model fails for a moment.
+
+    The game goes on without the model then, so the bot must not stop.
+    """
 
     async def complete(request: ModelRequest) -> Completion:
         try:
@@ -153,7 +142,7 @@ def _transcript(path: Path | None) -> Iterator[Any]:
 
 
 def _write(file: FileIO, path: Path, exchange: Exchange) -> None:
-    """A line; where the disk is full, the game goes on without."""
+    """Append a line. If the disk is full, the game goes on without it."""
     line = json.dumps(exchange_row(exchange), ensure_ascii=False) + "\n"
     try:
         append_line(file, line.encode())

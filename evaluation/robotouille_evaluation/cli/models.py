@@ -1,4 +1,4 @@
-"""Language models by their names on a command line."""
+"""Language models that command-line options name."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from urllib.parse import urlsplit
 
 from robotouille.errors import RobotouilleError
+from robotouille_client.bots.llm_options import ModelOptions
 from robotouille_evaluation.models import (
     Endpoint,
     Model,
@@ -27,42 +28,31 @@ from robotouille_evaluation.models.openai_compatible import (
 )
 from robotouille_evaluation.runs import AgentSpec
 
-__all__ = [
-    "FATAL",
-    "INSPECT",
-    "LOCAL",
-    "MOCK",
-    "ModelChoice",
-    "check_model",
-    "open_model",
-    "require_base_url",
-]
-
 MOCK = "mock"
-"""Answers by a seed, mostly well: for trying things out."""
+"""Model with seeded answers, most of them valid, for trying things out."""
 LOCAL = "local"
-"""A small model in this process, whose answers are valid actions."""
+"""Small model in this process, whose answers are valid actions."""
 INSPECT = "inspect:"
-"""Before the name of a model that one of Inspect's providers asks."""
+"""Prefix of models that an Inspect provider asks."""
 FATAL = (ModelErrorKind.NO_KEY, ModelErrorKind.REFUSED, ModelErrorKind.ENDPOINT)
-"""Errors after which asking something else is of no use."""
+"""Errors that every further request would meet as well."""
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
 @dataclass(frozen=True, slots=True)
 class ModelChoice:
-    """A model and how it is asked.
+    """Model and the way it is asked.
 
     Args:
-        name: `mock`, `local`, `inspect:PROVIDER/MODEL`, or what an endpoint calls it.
-        base_url: Of the endpoint; OpenAI's if empty.
-        parameters: Sent with each request.
-        prices: Of a million tokens sent and received (`0.40/1.20`); unknown if empty.
-        timeout: Seconds for an attempt; the usual ones if None.
-        attempts: How often the endpoint is asked at most; the usual number if None.
+        name: `mock`, `local`, `inspect:PROVIDER/MODEL`, or the model's name at an endpoint.
+        base_url: Address of the endpoint; OpenAI's if empty.
+        parameters: Parameters of each request.
+        prices: Prices of a million tokens sent and received (`0.40/1.20`); list prices if empty.
+        timeout: Seconds for an attempt; the endpoint's default if None.
+        attempts: Most requests for one answer; the endpoint's default if None.
 
     Raises:
-        WrongArgumentError: The prices are none.
+        WrongArgumentError: The prices are invalid.
     """
 
     name: str
@@ -77,8 +67,21 @@ class ModelChoice:
             Prices.parse(self.prices)
 
     @classmethod
-    def of(cls, agent: AgentSpec) -> ModelChoice:
-        """The model of an agent of a run."""
+    def of_options(cls, options: ModelOptions) -> ModelChoice:
+        """Return the model of a command's options."""
+        temperature = options.temperature
+        return cls(
+            options.model,
+            options.base_url,
+            {} if temperature is None else {"temperature": temperature},
+            options.price,
+            options.timeout,
+            options.attempts,
+        )
+
+    @classmethod
+    def of_agent(cls, agent: AgentSpec) -> ModelChoice:
+        """Return the model of a run's agent."""
         return cls(
             agent.model,
             agent.base_url,
@@ -90,7 +93,7 @@ class ModelChoice:
 
     @property
     def is_sent_no_secret(self) -> bool:
-        """Whether no key goes to an address that somebody else may have written down."""
+        """True if no key is sent to an address that another person may have chosen."""
         if self.name in (MOCK, LOCAL):
             return True
         if self.name.startswith(INSPECT):
@@ -101,41 +104,43 @@ class ModelChoice:
         )
 
     def endpoint(self) -> Endpoint:
-        """Where it is; WrongArgumentError if that cannot be."""
-        asked = Endpoint(self.name, self.base_url or OPENAI_URL, self.parameters)
+        """Return the endpoint, or raise WrongArgumentError if its address is invalid."""
+        endpoint = Endpoint(self.name, self.base_url or OPENAI_URL, self.parameters)
         if self.prices:
-            asked = replace(asked, prices=Prices.parse(self.prices))
+            endpoint = replace(endpoint, prices=Prices.parse(self.prices))
         if self.timeout is not None:
-            asked = replace(asked, timeout=self.timeout)
+            endpoint = replace(endpoint, timeout=self.timeout)
         if self.attempts is not None:
-            asked = replace(asked, retries=replace(asked.retries, attempts=self.attempts))
-        return asked
+            endpoint = replace(endpoint, attempts=self.attempts)
+        return endpoint
 
 
 def require_base_url(choices: Iterable[ModelChoice], given: str) -> None:
-    """Models that a file names are asked only where whoever goes on with it means them to be.
+    """Require that the user confirms the endpoints that a run's file names.
+
+    Runs can come from other people, and their file could send the user's key anywhere.
 
     Args:
-        given: The base URL that was named again.
+        given: Base URL that the user has typed.
 
     Raises:
-        RobotouilleError: A key would be sent to another.
+        RobotouilleError: A key would be sent to another address.
     """
     for choice in choices:
         if choice.base_url != given and not choice.is_sent_no_secret:
             key = "your provider's key" if choice.name.startswith(INSPECT) else KEY_VARIABLES[0]
             raise RobotouilleError(
-                f"the run asks {choice.name} at {choice.base_url}, which would be sent {key}, "
-                f"if it is set; if you mean that, say --base-url {choice.base_url}"
+                f"the run asks {choice.name} at {choice.base_url} and would send it {key}; "
+                f"if you trust it, add --base-url {choice.base_url}"
             )
 
 
 async def check_model(choice: ModelChoice) -> None:
-    """Find out what can be found out before a model is asked.
+    """Check what can be checked before a model is asked.
 
     Raises:
-        WrongArgumentError: Its address cannot be.
-        ModelError: There is no key, or no such provider.
+        WrongArgumentError: The address is invalid.
+        ModelError: The key is missing, or the provider is unknown.
     """
     if choice.name.startswith(INSPECT):
         async with AsyncExitStack() as opened:
@@ -145,20 +150,21 @@ async def check_model(choice: ModelChoice) -> None:
 
 
 async def open_model(choice: ModelChoice, seed: int, opened: AsyncExitStack) -> Model:
-    """A model, until `opened` is closed.
+    """Open a model until `opened` is closed.
 
     Args:
-        seed: Of what is drawn in this process.
+        seed: Seed of models in this process.
 
     Raises:
-        MissingExtraError: What it takes is not installed.
-        ModelError: There is no key, or no such provider.
+        MissingExtraError: The model needs an extra that is not installed.
+        ModelError: The key is missing, or the provider is unknown.
     """
     if choice.name == MOCK:
         return ScriptedModel(SeededAnswers(seed), MOCK)
     if choice.name == LOCAL:
         from robotouille_evaluation.models.local import LocalModel
 
+        # The given parameters may override the seed.
         parameters = {"seed": seed, **choice.parameters}
         return opened.enter_context(LocalModel(parameters=parameters))
     if choice.name.startswith(INSPECT):

@@ -1,4 +1,4 @@
-"""`robotouille pack …`: import, build, look at, check and compare packs."""
+"""`robotouille pack`: import, build, show, check, prove and compare packs."""
 
 from __future__ import annotations
 
@@ -16,50 +16,47 @@ from rich.console import Console
 
 from robotouille.errors import RobotouilleError
 from robotouille.planning import solve
-from robotouille.program import printable, tell
+from robotouille.terminal import printable, tell
 from robotouille_client.console import explain, fail, terminable
 from robotouille_client.console.progress import progress_bar
-from robotouille_evaluation.packs.checking import check_pack
-from robotouille_evaluation.packs.difference_tables import markdown_tables, text_tables
-from robotouille_evaluation.packs.differences import compare_packs
-from robotouille_evaluation.packs.own import NAME, build_own_pack
-from robotouille_evaluation.packs.pack import Pack, PackInstance
-from robotouille_evaluation.packs.proving import (
+from robotouille_evaluation.packs.checking import (
     EXPANSIONS,
     KINDS,
     SECONDS,
+    check_pack,
     prove_instances,
     with_instances,
 )
-from robotouille_evaluation.packs.published.checkout import read_checkout
+from robotouille_evaluation.packs.differences import compare_packs, markdown_tables, text_tables
+from robotouille_evaluation.packs.own import NAME, build_own_pack
+from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
-
-__all__ = ["pack"]
 
 pack = typer.Typer(
     no_args_is_help=True,
-    help="Packs of tasks to evaluate on: import the published one, build ours, compare them.",
+    help="Import, build, check, prove and compare packs of tasks for the benchmark.",
 )
 
-SAVE_SECONDS, SAY_SECONDS = 60.0, 30.0
-"""Between two writings of a pack that is being proven; between two lines where is no terminal."""
+SAVE_SECONDS, LOG_SECONDS = 60.0, 30.0
+"""Periods for saving proofs, and for lines of progress without a terminal."""
 
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of a pack.")]
 OutOption = Annotated[
-    Path | None, typer.Option("--out", help="Folder to write to; packs/NAME if not given.")
+    Path | None, typer.Option("--out", help="Folder to write to. Default: packs/NAME.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @pack.command("import")
 def import_(
-    checkout: Annotated[Path, typer.Argument(help="A checkout of the published repository.")],
+    checkout: Annotated[Path, typer.Argument(help="Checkout of the published repository.")],
     out: OutOption = None,
     json_output: JsonOption = False,
 ) -> None:
-    """Make a pack of a checkout of the published repository, its generated instances included.
+    """Make a pack from a checkout of the published repository and generate its instances.
 
-    What the checkout has not is named, and the rest is imported. Exit status 1 if files are wrong.
+    Missing parts are listed, and the rest is imported. Exit status 1 if files are invalid.
     """
     with _errors(), _bar("instances") as progress:
         found = read_checkout(checkout, progress=progress)
@@ -72,14 +69,14 @@ def import_(
         for name in found.missing:
             tell(printable(f"missing: {name}"), err=True)
         for fault in found.faults:
-            tell(printable(f"wrong: {fault}"), err=True)
+            tell(printable(f"invalid: {fault}"), err=True)
     if found.faults:
         raise typer.Exit(1)
 
 
 @pack.command()
 def build(out: OutOption = None, json_output: JsonOption = False) -> None:
-    """Make a pack of the shipped tasks and their instances."""
+    """Make a pack from the shipped tasks and their instances."""
     with _errors(), _bar("tasks") as progress:
         built = build_own_pack(progress)
         folder = _write(built, out)
@@ -91,7 +88,7 @@ def build(out: OutOption = None, json_output: JsonOption = False) -> None:
 
 @pack.command()
 def show(folder: FolderArgument, json_output: JsonOption = False) -> None:
-    """Say what is in a pack."""
+    """Show the contents of a pack."""
     with _errors():
         found = read_pack(folder)
     if json_output:
@@ -119,9 +116,9 @@ def show(folder: FolderArgument, json_output: JsonOption = False) -> None:
 
 @pack.command()
 def check(folder: FolderArgument, json_output: JsonOption = False) -> None:
-    """Check a pack: every hash, every reference, every instance as a world, and every plan in it.
+    """Check the hashes, references, instances and plans of a pack.
 
-    Exit status 1 if anything is wrong.
+    Exit status 1 if anything is invalid.
     """
     with _errors():
         found = read_pack(folder)
@@ -139,17 +136,17 @@ def check(folder: FolderArgument, json_output: JsonOption = False) -> None:
 def prove(
     folder: FolderArgument,
     expansions: Annotated[
-        int, typer.Option(min=1, help="Expansions that an instance may cost.")
+        int, typer.Option(min=1, help="Most expansions per instance.")
     ] = EXPANSIONS,
     timeout: Annotated[
         float,
-        typer.Option(min=0.1, help="Seconds for an instance; what it gives up depends on speed."),
+        typer.Option(min=0.1, help="Most seconds per instance. Results depend on the machine."),
     ] = SECONDS,
 ) -> None:
-    """Find shortest plans of the default and free instances, and keep those that are proven.
+    """Find shortest plans of the default and free instances, and store those that are proven.
 
-    The pack gets another digest. What is proven is written every minute, and when the command is
-    interrupted or ended (SIGINT, SIGTERM); the next run goes on.
+    The pack gets a new digest. Proofs are written every minute, and when the command is interrupted
+    (SIGINT, SIGTERM). The next `prove` continues.
     """
     with _errors(), terminable():
         found = read_pack(folder)
@@ -166,18 +163,18 @@ def prove(
         made = with_instances(found, proven)
         write_pack(made, folder)
     open_ones = sum(i.optimal() is None for i in made.instances_of(kinds=KINDS))
-    tell(f"{len(proven)} proven now, {open_ones} have no proven plan")
+    tell(f"{len(proven)} proven now, {open_ones} without a proven plan")
     tell(f"digest {made.digest}")
 
 
 @pack.command()
 def diff(
-    a: Annotated[str, typer.Argument(help=f"Folder of a pack, or `{NAME}` for the shipped one.")],
+    a: Annotated[str, typer.Argument(help=f"Folder of a pack, or `{NAME}` for the built-in one.")],
     b: Annotated[str, typer.Argument(help=f"Folder of another pack, or `{NAME}`.")],
     markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
     json_output: JsonOption = False,
 ) -> None:
-    """Say how two packs differ, task by task: goal, layout, words, optimum and budget."""
+    """Show the differences between two packs: goals, layouts, words, optima and budgets."""
     with _errors():
         found = compare_packs(_pack(a), _pack(b))
     if json_output:
@@ -205,7 +202,6 @@ def _write(made: Pack, out: Path | None) -> Path:
 
 
 def _row(found: Pack) -> dict[str, Any]:
-    """A pack in numbers."""
     return {
         "name": found.name,
         "version": found.version,
@@ -223,7 +219,7 @@ def _tell_pack(found: Pack, folder: Path) -> None:
 
 @contextmanager
 def _errors() -> Iterator[None]:
-    """What goes wrong, on stderr and with exit status 1; 130 for an interruption."""
+    """Print errors on stderr, and exit with status 1, or 130 after an interruption."""
     try:
         yield
     except RobotouilleError as error:
@@ -234,7 +230,7 @@ def _errors() -> Iterator[None]:
 
 @contextmanager
 def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on stderr; a line now and then, where that is no terminal."""
+    """Show progress on stderr: a bar on a terminal, otherwise a line every half minute."""
     terminal = Console(stderr=True).is_terminal
     said = time.monotonic()
     with progress_bar(what) as bar:
@@ -242,7 +238,7 @@ def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
         def progress(done: int, total: int) -> None:
             nonlocal said
             bar(done, total)
-            if not terminal and time.monotonic() - said >= SAY_SECONDS:
+            if not terminal and time.monotonic() - said >= LOG_SECONDS:
                 tell(f"{done} of {total} {what}", err=True)
                 said = time.monotonic()
 

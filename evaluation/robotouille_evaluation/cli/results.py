@@ -1,4 +1,4 @@
-"""`robotouille benchmark report|compare|agreement`: what came of runs."""
+"""`robotouille benchmark report|compare|agreement`: results of runs."""
 
 from __future__ import annotations
 
@@ -12,41 +12,39 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from robotouille.errors import RobotouilleError
-from robotouille.program import tell
+from robotouille.terminal import tell
 from robotouille_client.console import failing
 
 if TYPE_CHECKING:
-    from robotouille_evaluation.metrics.rows import EpisodeRow, Pair
-
-__all__ = ["agreement", "compare", "report", "write_page"]
+    from robotouille_evaluation.metrics.rows import Pair, ResultRow
 
 
 @failing
 def report(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
-    out: Annotated[Path, typer.Option(help="Where the report goes.")] = Path("report"),
+    out: Annotated[Path, typer.Option(help="Folder of the report.")] = Path("report"),
 ) -> None:
-    """Write tables, figures and one HTML page of runs."""
+    """Write tables, figures and an HTML page about runs."""
     rows, folders = _rows_of(runs)
     if not rows:
-        raise RobotouilleError("no episode of these runs is over")
+        raise RobotouilleError("these runs have no finished episode")
     tell(str(write_page(rows, out, folders)))
 
 
 @failing
 def compare(
-    first: Annotated[str, typer.Argument(help="The name of an agent.")],
-    second: Annotated[str, typer.Argument(help="The name of another.")],
+    first: Annotated[str, typer.Argument(help="Name of an agent.")],
+    second: Annotated[str, typer.Argument(help="Name of another agent.")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
     variant: Annotated[
         Literal["none", "stochastic", "delay-free"] | None,
-        typer.Option(help="Of which variant, where the runs are of several."),
+        typer.Option(help="Variant, if the runs have several."),
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Compare two agents on the episodes that both have played, pair by pair."""
-    from robotouille_evaluation.metrics.intervals import mcnemar_test, permutation_test
+    """Compare two agents on the episodes that both have played."""
     from robotouille_evaluation.metrics.outcomes import succeeded
+    from robotouille_evaluation.metrics.statistics import mcnemar_test, permutation_test
 
     rows, _ = _rows_of(runs)
     rows = _of_variant(rows, variant)
@@ -79,18 +77,19 @@ def _p_value(p: float) -> str:
 
 @failing
 def agreement(
-    labels: Annotated[Path, typer.Argument(help="People's labels of failures: CSV or JSON.")],
+    labels: Annotated[Path, typer.Argument(help="Failure labels by people: CSV or JSON.")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
 ) -> None:
-    """Compare why episodes failed, as people have labelled it, with what the classifier says."""
-    from robotouille_evaluation.metrics.labels import agreement as measured
-    from robotouille_evaluation.metrics.labels import paired, read_labels
+    """Compare people's failure labels with the classifier's."""
+    from robotouille_evaluation.metrics.statistics import agreement as measured
+    from robotouille_evaluation.metrics.statistics import paired, read_labels
 
     rows, _ = _rows_of(runs)
     pairs = paired(rows, read_labels(labels))
     if not pairs:
         raise RobotouilleError(
-            f"{labels} labels no failed episode of these runs; `recording` has to be as in the rows"
+            f"{labels} has no label of a failed episode of these runs; "
+            "its `recording` must be as in the rows"
         )
     for row, label in pairs:
         if row.measures.failure and row.measures.failure.category != label.category:
@@ -101,13 +100,12 @@ def agreement(
                 f"({found.subcategory}; steps {steps})"
             )
     kappa = measured([row for row, _ in pairs], [label for _, label in pairs])
-    said = "not defined: all labels are the same" if kappa is None else f"{kappa:.2f}"
-    tell(f"{len(pairs)} episodes; Cohen's kappa {said}")
+    value = "undefined, because all labels are equal" if kappa is None else f"{kappa:.2f}"
+    tell(f"{len(pairs)} episodes; Cohen's kappa {value}")
 
 
-def _rows_of(runs: Sequence[Path]) -> tuple[list[EpisodeRow], dict[str, Path]]:
-    """The rows of all runs, and where each run lies. Runs of one name are called by their folders
-    then."""
+def _rows_of(runs: Sequence[Path]) -> tuple[list[ResultRow], dict[str, Path]]:
+    """Return the rows and folders of all runs; runs with equal names are named by path."""
     from robotouille_evaluation.runs import RunFolder
 
     found = {path: RunFolder(path).rows() for path in dict.fromkeys(runs)}
@@ -121,37 +119,37 @@ def _rows_of(runs: Sequence[Path]) -> tuple[list[EpisodeRow], dict[str, Path]]:
     return all_rows, folders
 
 
-def _of_variant(rows: Sequence[EpisodeRow], wanted: str | None) -> list[EpisodeRow]:
-    """The rows of one variant: results of different ones do not compare."""
+def _of_variant(rows: Sequence[ResultRow], wanted: str | None) -> list[ResultRow]:
+    """Return the rows of one variant, because results of different ones are not comparable."""
     if wanted is not None:
         return [row for row in rows if (row.variant or "none") == wanted]
     names = sorted({row.variant or "none" for row in rows})
     if len(names) > 1:
         choice = " or ".join(f"--variant {name}" for name in names)
-        raise RobotouilleError(f"the runs are of several variants; name one: {choice}")
+        raise RobotouilleError(f"the runs have several variants; choose one: {choice}")
     return list(rows)
 
 
-def _of_agent(rows: Sequence[EpisodeRow], name: str) -> dict[Pair, EpisodeRow]:
-    """The rows of an agent; its model need not be named where there is one agent of the name."""
+def _of_agent(rows: Sequence[ResultRow], name: str) -> dict[Pair, ResultRow]:
+    """Return the rows of an agent by pair. Its model may be omitted if the name is unambiguous."""
     agents = sorted({row.agent for row in rows})
     meant = [name] if name in agents else [a for a in agents if a.startswith(f"{name} (")]
     if len(meant) != 1:
         known = ", ".join(meant or agents)
-        wrong = f"is one of several: {known}" if meant else f"has no episode; there are {known}"
-        raise RobotouilleError(f"{name} {wrong}")
+        wrong = "is ambiguous; choose" if meant else "has no episode; choose"
+        raise RobotouilleError(f"{name!r} {wrong} {known}")
     return {row.pair: row for row in rows if row.agent == meant[0]}
 
 
 def _why_apart(one: Iterable[Pair], other: Iterable[Pair]) -> str:
-    """In what all episodes of one differ from all of another."""
-    told = []
+    """Return the fields in which all episodes of one agent differ from all of the other."""
+    found = []
     for field in next(iter(one))._fields:
         mine, theirs = ({str(getattr(pair, field) or "none") for pair in each}
                         for each in (one, other))  # fmt: skip
         if not mine & theirs:
-            told.append(f"{field} {_some(mine)} and {_some(theirs)}")
-    return "; ".join(told) or "none is of the same instance, seed and terms"
+            found.append(f"{field} {_some(mine)} and {_some(theirs)}")
+    return "; ".join(found) or "no two have the same instance, seed and conditions"
 
 
 def _some(words: Iterable[str]) -> str:
@@ -160,12 +158,15 @@ def _some(words: Iterable[str]) -> str:
 
 
 def write_page(
-    rows: Sequence[EpisodeRow], out: Path, folders: Mapping[str, Path] | None = None
+    rows: Sequence[ResultRow], out: Path, folders: Mapping[str, Path] | None = None
 ) -> Path:
-    """A report of rows; its page. `folders` say where each run lies, by its name.
+    """Write a report and return its page.
+
+    Args:
+        folders: Folders of runs by name.
 
     Raises:
-        RobotouilleError: It cannot be written.
+        RobotouilleError: The report cannot be written.
     """
     from robotouille_evaluation.report import write_report
 
@@ -173,6 +174,6 @@ def write_page(
         return write_report(rows, out, folders=folders)
     except OSError as error:
         raise RobotouilleError(
-            f"{out}: the report cannot be written: {error.strerror}; the rows are kept, and "
-            "`robotouille benchmark report` makes it of them"
+            f"{out}: the report cannot be written: {error.strerror}; the rows are kept, so "
+            "`robotouille benchmark report` can write it later"
         ) from None

@@ -1,149 +1,116 @@
-"""The options of `robotouille benchmark run`; `resume` has some of them, too."""
+"""Options of `robotouille benchmark run` and `resume`."""
 
 from __future__ import annotations
 
+import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-__all__ = [
-    "Agents",
-    "Attempts",
-    "BaseUrl",
-    "Budget",
-    "Calls",
-    "Charge",
-    "Clock",
-    "Control",
-    "Datasets",
-    "DigestTokens",
-    "Helper",
-    "Kinds",
-    "Late",
-    "Model",
-    "Out",
-    "Pack",
-    "Price",
-    "Processes",
-    "Scheduler",
-    "Seats",
-    "Seeds",
-    "Slack",
-    "StepRate",
-    "StepsToGo",
-    "Tasks",
-    "Temperature",
-    "Timeout",
-    "Variant",
-]
+from robotouille_client.bots.llm_options import (
+    AttemptsOption,
+    DigestTokensOption,
+    LateOption,
+    ModelOptions,
+    TimeoutOption,
+)
 
-# What is played
 
-Out = Annotated[Path, typer.Argument(help="A new folder for the run.")]
-Agents = Annotated[
-    str,
-    typer.Option(
-        "--agents",
-        help="Who plays: planner, random, scripted, or strategies of a language model "
-        "(react-last-reasoning-action, io, …, or an experiment of the pack).",
-    ),
-]
-Pack = Annotated[
-    Path | None,
-    typer.Option("--pack", help="A pack's folder (`robotouille pack build`); ours if none."),
-]
-Datasets = Annotated[str, typer.Option(help="Which data sets; all if none are named.")]
-Tasks = Annotated[str, typer.Option(help="Which tasks; all if none are named.")]
-Kinds = Annotated[str, typer.Option(help="default, free, noisy.")]
-Seats = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="Players of each team, where tasks leave it open; the usual number if left out.",
-    ),
-]
-Seeds = Annotated[int, typer.Option(min=1, help="How often each agent plays.")]
-Budget = Annotated[
-    Literal["own", "published"] | None,
-    typer.Option(help="The limit of steps: 1.5 x the optimum, or the published constants."),
-]
-Variant = Annotated[
-    Literal["stochastic", "delay-free"] | None,
-    typer.Option(help="A cut item reverts by chance; or nothing has to be waited for."),
-]
-Control = Annotated[
-    Literal["each", "turns", "joint"],
-    typer.Option(
-        help="Teams: one model for each robot; or one for all, asked for one robot after the "
-        "other, or for all at once."
-    ),
-]
-StepsToGo = Annotated[
-    bool,
-    typer.Option("--steps-to-go", help="Measure how far failed episodes were from the goal."),
-]
+@dataclass(frozen=True, kw_only=True)
+class WorkerOptions:
+    """Limits on what a run does at the same time."""
 
-# Real time
+    processes: Annotated[
+        int, typer.Option("--processes", min=1, help="Processes for agents without a model.")
+    ] = os.cpu_count() or 1
+    calls: Annotated[
+        int, typer.Option("--calls", min=1, help="Episodes that wait for a model at once.")
+    ] = 16
+    scheduler: Annotated[
+        str, typer.Option("--scheduler", help="Address of a Dask scheduler to use for processes.")
+    ] = ""
 
-Clock = Annotated[
-    Literal["turns", "realtime"],
-    typer.Option(help="Whether the world waits for its players, or goes on while they think."),
-]
-StepRate = Annotated[float, typer.Option(min=0.01, max=60, help="Real time: steps a second.")]
-Charge = Annotated[
-    str,
-    typer.Option(
-        help="Real time: what a thought costs. `tokens:20` are 20 ms a generated token, "
-        "`declared:1500` 1,500 ms a call."
-    ),
-]
-Late = Annotated[
-    Literal["apply", "revalidate", "drop"],
-    typer.Option(help="Real time: what becomes of late answers (docs/benchmark.md)."),
-]
-Helper = Annotated[
-    Literal["none", "planner", "script"],
-    typer.Option(help="Real time: who acts while a model thinks."),
-]
-DigestTokens = Annotated[
-    int,
-    typer.Option(min=0, help="Real time: the longest digest of what has changed; 0: none."),
-]
-Slack = Annotated[
-    float,
-    typer.Option(min=1, max=1000, help="Real time: by how much limits of steps are multiplied."),
-]
 
-# Language models
+@dataclass(frozen=True, kw_only=True)
+class ResumeOptions(WorkerOptions):
+    """Options of a resumed run."""
 
-Model = Annotated[
-    str,
-    typer.Option(
-        help="The language model's name; `local` for a small one, `mock` for none, "
-        "`inspect:PROVIDER/NAME` by a provider of Inspect."
-    ),
-]
-BaseUrl = Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")]
-Temperature = Annotated[float | None, typer.Option(help="Sent with each request.")]
-Price = Annotated[str, typer.Option(help="Of a million tokens sent and received, e.g. 0.40/1.20.")]
-Timeout = Annotated[
-    float | None,
-    typer.Option(min=0.1, help="Seconds for one attempt to ask a model; 120 if left out."),
-]
-Attempts = Annotated[
-    int | None,
-    typer.Option(min=1, help="How often a model is asked one thing at most; 6 if left out."),
-]
+    timeout: TimeoutOption = None
+    attempts: AttemptsOption = None
+    base_url: Annotated[
+        str,
+        typer.Option(help="Endpoint of the run, repeated to confirm that it may receive a key."),
+    ] = ""
 
-# What a run may use
 
-Processes = Annotated[
-    int, typer.Option("--processes", min=1, help="Processes for agents that plan.")
-]
-Calls = Annotated[
-    int, typer.Option("--calls", min=1, help="Episodes that wait for a model at the same time.")
-]
-Scheduler = Annotated[
-    str, typer.Option("--scheduler", help="A Dask scheduler's address, instead of processes.")
-]
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(WorkerOptions, ModelOptions):
+    """Options of a new run."""
+
+    agents: Annotated[
+        str,
+        typer.Option(
+            "--agents",
+            help="Agents: planner, random, scripted, or strategies of a language model "
+            "(react-last-reasoning-action, io, …, or an experiment of the pack).",
+        ),
+    ] = "planner,random,scripted"
+    pack: Annotated[
+        Path | None,
+        typer.Option("--pack", help="Folder of a pack (`robotouille pack build`). "
+                     "Default: the built-in pack."),
+    ] = None  # fmt: skip
+    datasets: Annotated[str, typer.Option(help="Datasets. Default: all.")] = ""
+    tasks: Annotated[str, typer.Option(help="Tasks. Default: all.")] = ""
+    kinds: Annotated[str, typer.Option(help="Kinds of instances: default, free, noisy.")] = "free"
+    seats: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Players of each team for tasks that allow several. Default: as usual."
+        ),
+    ] = None
+    seeds: Annotated[int, typer.Option(min=1, help="Episodes of each agent per instance.")] = 1
+    budget: Annotated[
+        Literal["own", "published"] | None,
+        typer.Option(help="Step budget: 1.5 x the optimum (own), or the published constants."),
+    ] = None
+    variant: Annotated[
+        Literal["stochastic", "delay-free"] | None,
+        typer.Option(help="A cut item reverts by chance (stochastic), or nothing takes time."),
+    ] = None
+    control: Annotated[
+        Literal["each", "turns", "joint"],
+        typer.Option(
+            help="Teams: a model for each robot (each), or one model that is asked for one robot "
+            "after the other (turns) or for all at once (joint)."
+        ),
+    ] = "each"
+    clock: Annotated[
+        Literal["turns", "realtime"],
+        typer.Option(help="The world waits for its players (turns), or goes on while they think."),
+    ] = "turns"
+    step_rate: Annotated[
+        float, typer.Option(min=0.01, max=60, help="Real time: steps per second.")
+    ] = 5.0
+    charge: Annotated[
+        str,
+        typer.Option(
+            help="Real time: cost of a thought. `tokens:20`: 20 ms for each generated token. "
+            "`declared:1500`: 1,500 ms for each call."
+        ),
+    ] = "tokens:20"
+    late: LateOption = "apply"
+    helper: Annotated[
+        Literal["none", "planner", "script"],
+        typer.Option(help="Real time: bot that acts while a model thinks."),
+    ] = "none"
+    digest_tokens: DigestTokensOption = 0
+    slack: Annotated[
+        float, typer.Option(min=1, max=1000, help="Real time: factor of the step budgets.")
+    ] = 1.0
+    steps_to_go: Annotated[
+        bool,
+        typer.Option("--steps-to-go", help="Search how far failed episodes were from the goal."),
+    ] = False

@@ -1,7 +1,7 @@
-"""The benchmark as tasks of Inspect (`inspect-ai`).
+"""The benchmark as Inspect tasks (`inspect-ai`).
 
     inspect eval robotouille/synchronous --model anthropic/claude-…
 
-`registry` is what Inspect's entry point loads; nothing else here is imported by the benchmark, and
-this imports nothing, so that it works without Inspect.
+Inspect's entry point loads `registry`. Nothing else imports this package, and this module imports
+nothing, so the benchmark works without Inspect.
 """

@@ -1,4 +1,4 @@
-"""Episodes as a solver: the runs' own code plays, and asks whatever model Inspect was given."""
+"""Inspect solver that plays episodes with the code of runs and the model that Inspect chose."""
 
 from __future__ import annotations
 
@@ -16,10 +16,14 @@ from inspect_ai.util import LimitExceededError
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.replay.container import compress
 from robotouille_evaluation.agents.making import make_strategy
-from robotouille_evaluation.inspect_tasks.naming import of_distribution
-from robotouille_evaluation.inspect_tasks.samples import load_pack
-from robotouille_evaluation.inspect_tasks.scores import keep_row
-from robotouille_evaluation.inspect_tasks.telling import EpisodeTelling
+from robotouille_evaluation.inspect_tasks.samples import (
+    OUT,
+    STRATEGY,
+    keep_row,
+    load_pack,
+    of_distribution,
+)
+from robotouille_evaluation.inspect_tasks.transcript import TranscriptWriter
 from robotouille_evaluation.models import (
     Completion,
     InspectModel,
@@ -27,12 +31,14 @@ from robotouille_evaluation.models import (
     ModelErrorKind,
     ModelRequest,
 )
-from robotouille_evaluation.runs import AgentSpec, Job, RecordedStage, RunFolder, play_job
-
-__all__ = ["OUT", "STRATEGY", "play"]
-
-OUT = "runs/inspect"
-STRATEGY = "react-last-reasoning-action"
+from robotouille_evaluation.runs import (
+    AgentSpec,
+    EpisodeJob,
+    RecordedRunner,
+    RunContext,
+    RunFolder,
+    play_job,
+)
 
 
 @solver
@@ -44,17 +50,17 @@ def play(
     steps_to_go: bool = False,
     out: str = OUT,
 ) -> Solver:
-    """Play a sample's episode as `robotouille benchmark run` does, and keep row and recording.
+    """Return a solver that plays an episode as `robotouille benchmark run` does.
 
     Args:
-        strategy: One of ours, or the id of an experiment of the pack.
-        pack: Its folder; that of the task.
-        pictures: Whether the transcript shows each state.
-        steps_to_go: Whether it is measured how far from the goal an episode ended: slow.
-        out: Where a folder is made for rows and recordings of one evaluation.
+        strategy: Built-in strategy, or the id of an experiment of the pack.
+        pack: Folder of the task's pack.
+        pictures: Show each state in the transcript.
+        steps_to_go: Search how far the goal was at the end, which is slow.
+        out: Folder in which each evaluation gets a folder for rows and recordings.
 
     Raises:
-        UnknownNameError: There is no such strategy.
+        UnknownNameError: The strategy is unknown.
     """
     loaded = load_pack(pack)
     make_strategy(loaded, strategy, loaded.datasets[0])
@@ -64,26 +70,19 @@ def play(
         model = _SampleModel(InspectModel(get_model()))
         job = _job(state, strategy, model.name)
         folder = _SampleFolder(Path(out) / run, state.uuid)
-        telling = EpisodeTelling(pictures=pictures)
+        writer = TranscriptWriter(pictures=pictures)
+        context = RunContext(run, loaded, folder, steps_to_go=steps_to_go)
         try:
-            row = await play_job(
-                job,
-                run,
-                loaded,
-                folder,
-                model,
-                time.perf_counter,
-                steps_to_go=steps_to_go,
-                watch=telling.watch,
-            )
-        except asyncio.CancelledError:  # The time is over, or somebody has stopped it.
+            row = await play_job(job, context, model, writer.wrap)
+        except asyncio.CancelledError:  # A time limit, or the user has stopped the evaluation.
             with suppress(FileError):
-                recording = folder.keep(job, telling.stages, "broken off")
-                _tell(state, telling, model.name, recording)
+                recording = folder.keep(job, writer.runners, "broken off")
+                _store(state, writer, model.name, recording)
             raise
         folder.add(row)
         keep_row(state, row)
-        _tell(state, telling, model.name, row.recording and folder.path / row.recording)
+        _store(state, writer, model.name, row.recording and folder.path / row.recording)
+        # Last, so that Inspect has row and recording of a failed sample as well.
         model.raise_fault()
         if row.outcome.ended_by == "error" and not model.overflowed:
             raise RobotouilleError(row.error)
@@ -92,10 +91,10 @@ def play(
     return solve
 
 
-def _job(state: TaskState, strategy: str, model: str) -> Job:
+def _job(state: TaskState, strategy: str, model: str) -> EpisodeJob:
     agent = AgentSpec(name=f"{strategy} ({model})", kind="model", strategy=strategy, model=model)
     about = state.metadata
-    return Job(
+    return EpisodeJob(
         agent=agent,
         instance=about["instance"],
         seats=about["seats"],
@@ -104,49 +103,51 @@ def _job(state: TaskState, strategy: str, model: str) -> Job:
     )
 
 
-def _tell(
-    state: TaskState, telling: EpisodeTelling, model: str, recording: Path | str | None
+def _store(
+    state: TaskState, writer: TranscriptWriter, model: str, recording: Path | str | None
 ) -> None:
-    """What was played, in what Inspect keeps of a sample."""
+    """Store the conversation and the path of the recording in the sample."""
     if recording:
         state.metadata["recording"] = str(recording)
-    if telling.exchanges:
-        state.messages = telling.messages()
+    if writer.exchanges:
+        state.messages = writer.messages()
         state.output = ModelOutput.from_content(model, state.messages[-1].text)
 
 
 class _SampleFolder(RunFolder):
-    """A run's folder in which files are called as Inspect calls the sample, once for each time it
-    is played: what was answered then is no answer now."""
+    """Run folder whose files are named by Inspect's sample id, which is new for each play.
+
+    A sample that is played again must not be answered from the journal of its last play.
+    """
 
     def __init__(self, path: Path, sample: str) -> None:
         super().__init__(path)
         self._sample = sample
 
-    def calls(self, job: Job, player: str) -> Path:
-        """The file of the paid calls of one player."""
+    def calls(self, job: EpisodeJob, player: str) -> Path:
+        """Return the file for the paid calls of one player."""
         return self.path / "calls" / f"{self._sample}-{player}.jsonl"
 
-    def recording(self, job: Job, trial: int = 1) -> Path:
-        """The file of a trial's recording."""
+    def recording(self, job: EpisodeJob, trial: int = 1) -> Path:
+        """Return the file for the recording of a trial."""
         suffix = "" if trial == 1 else f"-trial{trial}"
         return self.path / "recordings" / f"{self._sample}{suffix}.rbt"
 
-    def keep(self, job: Job, stages: Sequence[RecordedStage], why: str) -> Path | None:
-        """Write the recordings of an episode that has no row; the path of the last."""
+    def keep(self, job: EpisodeJob, runners: Sequence[RecordedRunner], why: str) -> Path | None:
+        """Write the recordings of an episode without a row, and return the last path."""
         path = None
-        for trial, stage in enumerate(stages, start=1):
+        for trial, runner in enumerate(runners, start=1):
             path = self.recording(job, trial)
-            self.write(path, compress(stage.recording(why)))
+            self.write(path, compress(runner.recording(why)))
         return path
 
 
 class _SampleModel:
-    """The model of one episode, which remembers why it ended it.
+    """Model of one episode that keeps the error that ended it.
 
-    A row says that in words. Inspect has to be told as well: a limit that is used up is scored, a
-    provider that fails is an error of the sample, which `--retry-on-error` or `eval-retry` plays
-    again. A conversation that is too long for the model is neither, but a failure.
+    The row describes the error in words. Inspect also needs the exception: it scores samples whose
+    limit is used up, and `--retry-on-error` or `eval-retry` plays samples with errors again. A
+    conversation that is too long for the model is a failure and not an error.
     """
 
     def __init__(self, model: InspectModel) -> None:
@@ -156,7 +157,7 @@ class _SampleModel:
         self._fault: Exception | None = None
 
     async def complete(self, request: ModelRequest) -> Completion:
-        """The model's answer. Raises ModelError, or RobotouilleError where a limit is used up."""
+        """Return the model's answer. Raise RobotouilleError if a limit is used up."""
         try:
             completion = await self._model.complete(request)
         except LimitExceededError as limit:
@@ -165,14 +166,13 @@ class _SampleModel:
         except ModelError as error:
             if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
                 self.overflowed = True
-            elif error.kind not in (ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG):
+            elif error.kind is not ModelErrorKind.EMPTY:
                 self._fault = error
             raise
-        self.overflowed = False  # A shorter request was not too long.
+        self.overflowed = False  # The strategy's shorter request fitted.
         return completion
 
     def raise_fault(self) -> None:
-        """Raise what ended the episode, if something did; without what the provider has said, in
-        which there may be keys."""
+        """Raise the error that ended the episode, if any, without a cause that may contain keys."""
         if self._fault is not None:
             raise self._fault from None

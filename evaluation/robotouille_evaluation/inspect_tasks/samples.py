@@ -1,79 +1,124 @@
-"""Instances of a pack as samples."""
+"""Instances of a pack as Inspect samples, and their scores."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from math import nan
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, ParamSpec, TypeVar, get_args
 
 from inspect_ai.dataset import MemoryDataset, Sample
+from inspect_ai.scorer import Metric, Score, Scorer, Target, accuracy, mean, scorer, stderr
+from inspect_ai.solver import TaskState
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded
+from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import InstanceKind, Pack
 from robotouille_evaluation.packs.store import read_pack
-from robotouille_evaluation.runs.jobs import AgentSpec, Job, jobs
+from robotouille_evaluation.runs.job_list import AgentSpec, EpisodeJob, JobOptions, plan_jobs
 
-__all__ = ["Words", "as_words", "load_pack", "samples"]
+OUT = "runs/inspect"
+STRATEGY = "react-last-reasoning-action"
+ROW = "robotouille_row"
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 Words = str | int | Sequence[str | int]
-"""Several words: a list, or one text with commas. Inspect's command reads `01` as a number."""
+"""Several words: a list, or a text with commas. Inspect's command reads `01` as a number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskOptions:
+    """Parameters of all Inspect tasks (`-T NAME=VALUE`).
+
+    Attributes:
+        pack: Folder of a pack; the built-in pack if empty.
+        strategy: Built-in strategy, or the id of an experiment of the pack.
+        tasks: Tasks by name, number or dish; all if empty.
+        kinds: Kinds of instances (`default`, `free`, `noisy`); all if empty.
+        budget: Rule of the step budget. If None, `own` if a plan is known, else `published`.
+        pictures: Show each state in the transcript.
+        steps_to_go: Search how far the goal was at the end, which is slow.
+        out: Folder for rows and recordings, with a subfolder for each evaluation.
+    """
+
+    pack: str = ""
+    strategy: str = STRATEGY
+    tasks: Words = ""
+    kinds: Words = "free"
+    budget: Literal["own", "published"] | None = None
+    pictures: bool = True
+    steps_to_go: bool = False
+    out: str = OUT
+
+
+@dataclass(frozen=True, kw_only=True)
+class TeamTaskOptions(TaskOptions):
+    """Parameters of the task `multi_agent`.
+
+    Attributes:
+        seats: Number of players for tasks that allow several; the usual number if None.
+    """
+
+    seats: int | None = None
+
+
+def of_distribution(function: Callable[P, R]) -> Callable[P, R]:
+    """Make Inspect register a function as `robotouille/NAME`.
+
+    Inspect takes the first part from the function's package and looks it up among entry points.
+    Users install and type the name of the distribution, which is not the package's.
+    """
+    function.__module__ = "robotouille"
+    return function
 
 
 @lru_cache(maxsize=2)
 def load_pack(folder: str) -> Pack:
-    """The pack of a folder; ours if none is named."""
+    """Return the pack of a folder, or the built-in pack."""
     return read_pack(Path(folder)) if folder else build_own_pack()
 
 
 def as_words(words: Words) -> tuple[str, ...]:
-    """Each word by itself."""
+    """Return each of several words."""
     parts = words.split(",") if isinstance(words, str) else words
     listed = [parts] if isinstance(parts, int) else parts
     return tuple(word for word in (str(part).strip() for part in listed) if word)
 
 
-def samples(
-    pack: Pack,
-    dataset: str,
-    *,
-    tasks: Words = "",
-    kinds: Words = "",
-    budget: Literal["own", "published"] | None = None,
-    seats: int | None = None,
-) -> MemoryDataset:
-    """The instances of a data set, each with all that tells it from others in its metadata.
-
-    Args:
-        tasks: Which, by name, number or dish; all if empty.
-        kinds: Which of `default`, `free`, `noisy`; all if empty.
-        budget: As for `runs.jobs`.
-        seats: How many players, where a task leaves it open.
+def samples(pack: Pack, dataset: str, options: TaskOptions) -> MemoryDataset:
+    """Return the chosen instances of a dataset, described by their metadata.
 
     Raises:
-        RobotouilleError: There is no such data set, task, kind or budget, or nothing is left.
+        RobotouilleError: The dataset, a task, kind or budget is unknown, or no instance is left.
     """
     known: tuple[InstanceKind, ...] = get_args(InstanceKind)
-    wanted = as_words(kinds) or known
+    wanted = as_words(options.kinds) or known
     for what, names, of in (("data set", (dataset,), pack.datasets), ("kind", wanted, known)):
         for name in names:
             if name not in of:
-                raise UnknownNameError(f"no {what} {name!r}{did_you_mean(name, of)}")
-    meant = [word if "/" in word else f"{dataset}/{word}" for word in as_words(tasks)]
+                raise UnknownNameError(f"unknown {what} {name!r}{did_you_mean(name, of)}")
+    tasks = [word if "/" in word else f"{dataset}/{word}" for word in as_words(options.tasks)]
     chosen = [
         instance
-        for instance in pack.instances_of(meant or None)
+        for instance in pack.instances_of(tasks or None)
         if instance.kind in wanted and pack.task(instance.task).dataset == dataset
     ]
     if not chosen:
         raise RobotouilleError(f"the pack has no such instances of {dataset!r}")
-    anybody = AgentSpec(name="anybody", kind="model")
-    planned = jobs(pack, [anybody], chosen, seats=seats, budget=budget)
-    return MemoryDataset([_sample(pack, job) for job in planned], name=dataset, location=pack.name)
+    seats = options.seats if isinstance(options, TeamTaskOptions) else None
+    # The jobs check budgets and seats; Inspect chooses the model later.
+    agent = AgentSpec(name="any", kind="model")
+    jobs = plan_jobs(pack, [agent], chosen, JobOptions(seats=seats, budget=options.budget))
+    return MemoryDataset([_sample(pack, job) for job in jobs], name=dataset, location=pack.name)
 
 
-def _sample(pack: Pack, job: Job) -> Sample:
+def _sample(pack: Pack, job: EpisodeJob) -> Sample:
     instance = pack.instance(job.instance)
     budget = pack.budget(instance, job.budget, seats=job.seats)
     best = instance.best(job.seats)
@@ -92,3 +137,74 @@ def _sample(pack: Pack, job: Job) -> Sample:
     goal = pack.load(instance, seats=job.seats).goal_description
     target = f"The goal in at most {budget.max_steps} steps."
     return Sample(input=goal, target=target, id=instance.id, metadata=metadata)
+
+
+METRICS: dict[str, list[Metric]] = {
+    "success": [accuracy(), stderr()],
+    "optimality_rate": [mean(), stderr()],
+    "invalid": [mean()],
+    "malformed": [mean()],
+}
+STEPS_TO_GO_METRICS: dict[str, list[Metric]] = {
+    "steps_to_go_least": [mean()],
+    "steps_to_go_most": [mean()],
+}
+
+
+def keep_row(state: TaskState, row: ResultRow) -> None:
+    """Store a row where the scorer and readers of the log find it."""
+    state.store.set(ROW, row.model_dump(mode="json"))
+
+
+@scorer(metrics=METRICS)
+@of_distribution
+def outcome() -> Scorer:
+    """Return the scorer: success within the budget, and metrics of docs/metrics.md.
+
+    Undefined metrics, such as the optimality rate of a failure, are NaN. Inspect's metrics leave
+    NaN out.
+    """
+
+    async def score(state: TaskState, target: Target) -> Score:
+        raw = state.store.get(ROW)
+        if raw is None:
+            none = dict.fromkeys([*METRICS, *STEPS_TO_GO_METRICS], nan)
+            why = "the episode was cancelled before it had a row"
+            return Score(value={**none, "success": 0}, answer="broken off", explanation=why)
+        row = ResultRow.model_validate(raw)
+        return Score(
+            value=_values(row),
+            answer=row.outcome.ended_by,
+            explanation=_explanation(row),
+            metadata=raw,
+        )
+
+    return score
+
+
+def _values(row: ResultRow) -> dict[str, str | int | float | bool | None]:
+    found: dict[str, str | int | float | bool | None] = {
+        "success": int(succeeded(row)),
+        "invalid": row.counts.invalid,
+        "malformed": row.counts.malformed,
+    }
+    undefined = {
+        "optimality_rate": optimality_rate(row),
+        "steps_to_go_least": row.measures.to_go_least,
+        "steps_to_go_most": row.measures.to_go_most,
+    }
+    return found | {name: nan if value is None else value for name, value in undefined.items()}
+
+
+def _explanation(row: ResultRow) -> str:
+    best = row.optimum.steps
+    optimum = (
+        "" if best is None else f", {'optimum' if row.optimum.proven else 'best known'} {best}"
+    )
+    lines = [
+        f"{row.outcome.ended_by} after {row.outcome.steps} of {row.budget.steps} steps{optimum}",
+        f"{row.counts.calls} calls, {row.counts.invalid} invalid and "
+        f"{row.counts.malformed} malformed answers",
+        f"error: {row.error}" if row.error else "",
+    ]
+    return "\n\n".join(filter(None, lines))

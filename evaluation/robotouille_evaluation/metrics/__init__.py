@@ -1,4 +1,4 @@
-"""Metrics: pure functions of a trajectory, or of rows. docs/metrics.md defines each."""
+"""Metrics: pure functions of trajectories or rows, which docs/metrics.md defines."""
 
 from __future__ import annotations
 
@@ -7,22 +7,32 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from robotouille_evaluation.metrics.failures import Failure, classify
     from robotouille_evaluation.metrics.measuring import measure
-    from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded, success_rate
-    from robotouille_evaluation.metrics.progress import repeated_transitions, steps_to_go
+    from robotouille_evaluation.metrics.outcomes import (
+        optimality_rate,
+        repeated_transitions,
+        steps_to_go,
+        succeeded,
+        success_rate,
+    )
     from robotouille_evaluation.metrics.rows import (
         BudgetRow,
         Category,
         Counts,
-        EpisodeRow,
-        Measures,
+        EpisodeMeasures,
         Optimum,
         PackId,
         Result,
-        Spent,
+        ResultRow,
+        TotalUsage,
         read_rows,
         write_rows,
     )
-    from robotouille_evaluation.metrics.trajectory import Answer, Move, Trajectory, Verdict
+    from robotouille_evaluation.metrics.trajectory import (
+        AnswerVerdict,
+        Move,
+        StepAnswer,
+        Trajectory,
+    )
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -31,26 +41,25 @@ else:
         "robotouille_evaluation.metrics.rows",
         "robotouille_evaluation.metrics.trajectory",
         "robotouille_evaluation.metrics.outcomes",
-        "robotouille_evaluation.metrics.progress",
         "robotouille_evaluation.metrics.failures",
         "robotouille_evaluation.metrics.measuring",
     )
 
 __all__ = [
-    "Answer",
+    "AnswerVerdict",
     "BudgetRow",
     "Category",
     "Counts",
-    "EpisodeRow",
+    "EpisodeMeasures",
     "Failure",
-    "Measures",
     "Move",
     "Optimum",
     "PackId",
     "Result",
-    "Spent",
+    "ResultRow",
+    "StepAnswer",
+    "TotalUsage",
     "Trajectory",
-    "Verdict",
     "classify",
     "measure",
     "optimality_rate",

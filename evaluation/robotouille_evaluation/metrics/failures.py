@@ -1,18 +1,18 @@
-"""Why an episode failed: the paper's taxonomy (appendix "Failure Mode Taxonomy Details").
+"""Causes of failed episodes, by the paper's appendix "Failure Mode Taxonomy Details".
 
-The paper asks of which part of the decision process an agent was uncertain: the state (S), the
-actions (A), the transition function (T), or the goal (G); people read each run and decided. Here
-the same is told from what the world knows, so it can be had for every run, and repeated. Where it
-needs the agent's reasoning (S, and a bad start), it only sees what is written in plain words.
+The paper asks which part of the decision process an agent was uncertain about: the state (S), the
+actions (A), the transition function (T), or the goal (G). People read each run and decided. This
+module decides from the states and answers, so results are repeatable for every run. For the agent's
+reasoning (S, and bad starts) it recognizes only plain statements.
 
-The evidence is collected first; `classify` then weighs it as the appendix does:
+It collects evidence first. `classify` then weighs it as the appendix does:
 
-1. Actions: the run ends with refused answers that name no action, or one out of reach.
-2. State: near its end the agent still states as done what is not.
+1. Actions: the run ends with rejected answers that name no action, or one out of reach.
+2. State: near the end the agent still claims that something is done although it is not.
 3. Transitions: a rule was violated, and the same action never worked afterwards.
-4. Goal: what contradicts the goal is still there at the end, or the first reasoning left out what
-   the goal asks for.
-5. Else that of which there is most, a rule violation before the rest: recovering took too long.
+4. Goal: something that contradicts the goal is still there at the end, or the first reasoning
+   omitted a part of the goal.
+5. Otherwise the category with most evidence, rule violations first: recovering took too long.
 """
 
 from __future__ import annotations
@@ -26,20 +26,21 @@ from enum import StrEnum
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World
-from robotouille_evaluation.metrics.action_kinds import work_stations
+from robotouille_evaluation.metrics.asynchrony import work_stations
 from robotouille_evaluation.metrics.outcomes import success_within
 from robotouille_evaluation.metrics.rows import Category
-from robotouille_evaluation.metrics.trajectory import Answer, Trajectory, Verdict
-
-__all__ = ["CATEGORIES", "Evidence", "Failure", "Subcategory", "classify", "evidence"]
+from robotouille_evaluation.metrics.trajectory import AnswerVerdict, StepAnswer, Trajectory
 
 LAST_SHARE = 0.75
-"""Where the end of a run begins, as a share of its answers."""
+"""Share of the answers after which the end of a run begins."""
 
 
 class Subcategory(StrEnum):
-    """What the uncertainty was about. "One item at a station" and "bad start" are the paper's own
-    names; the paper gives the others by examples, not by names."""
+    """Subject of the uncertainty.
+
+    "One item at a station" and "bad start" are the paper's names. The paper describes the others by
+    examples only.
+    """
 
     BELIEVED_DONE = "believed done"
     UNKNOWN_ACTION = "no such action"
@@ -75,10 +76,9 @@ CATEGORIES = {
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """One thing that speaks for a subcategory: after `step` steps, by whom, and in words.
+    """Evidence for a subcategory: what a seat did or said after `step` steps.
 
-    `lasting` says that it still mattered at the end: not recovered from, still stated, or still
-    there.
+    `lasting` evidence still mattered at the end: not recovered from, still claimed, or still there.
     """
 
     step: int
@@ -89,13 +89,13 @@ class Evidence:
 
     @property
     def category(self) -> Category:
-        """The category of its subcategory."""
+        """Category of the subcategory."""
         return CATEGORIES[self.subcategory]
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why an episode failed, and the evidence for it, step by step."""
+    """Cause of a failed episode, with its evidence."""
 
     category: Category
     subcategory: Subcategory
@@ -103,18 +103,19 @@ class Failure:
 
     @property
     def steps(self) -> tuple[int, ...]:
-        """The steps of its evidence, each once."""
+        """Steps of the evidence, each once."""
         return tuple(sorted({each.step for each in self.evidence}))
 
 
 def classify(trajectory: Trajectory, budget: int) -> Failure | None:
-    """Why an episode failed; None if it reached the goal within its budget."""
+    """Return why an episode failed; None if it reached the goal within its budget."""
     if success_within(trajectory, budget):
         return None
     found = evidence(trajectory)
     for category in (Category.ACTION, Category.STATE, Category.TRANSITION, Category.GOAL):
         if lasting := [e for e in found if e.category is category and e.lasting]:
             return _failure(lasting)
+    # The factor lets a single rule violation outweigh any amount of other evidence.
     if found:
         counts = Counter(each.category for each in found)
         counts[Category.TRANSITION] *= len(found)
@@ -126,7 +127,7 @@ def classify(trajectory: Trajectory, budget: int) -> Failure | None:
 
 
 def _failure(found: list[Evidence]) -> Failure:
-    """Of one category, the subcategory with most evidence; of equal ones, the latest."""
+    """Return the failure with most evidence in one category; of equal ones, the latest."""
     counts = Counter(each.subcategory for each in found)
     most = max(counts.values())
     chosen = next(e.subcategory for e in reversed(found) if counts[e.subcategory] == most)
@@ -135,9 +136,9 @@ def _failure(found: list[Evidence]) -> Failure:
 
 
 def evidence(trajectory: Trajectory) -> list[Evidence]:
-    """All that speaks for one failure or another, by step."""
+    """Return all evidence for any cause, by step."""
     found = [
-        *_refused(trajectory),
+        *_rejected(trajectory),
         *_stacked_where_work_is_done(trajectory),
         *_false_beliefs(trajectory),
         *_bad_starts(trajectory),
@@ -146,10 +147,10 @@ def evidence(trajectory: Trajectory) -> list[Evidence]:
     return sorted(found, key=lambda each: (each.step, each.seat, each.subcategory))
 
 
-# Actions and transitions: what was refused
+# Actions and transitions: rejected answers
 
 
-def _refused(trajectory: Trajectory) -> Iterator[Evidence]:
+def _rejected(trajectory: Trajectory) -> Iterator[Evidence]:
     at_the_end = set(_wrong_at_the_end(trajectory.answers))
     for number, answer in enumerate(trajectory.answers):
         state = trajectory.states[answer.step]
@@ -166,13 +167,13 @@ def _refused(trajectory: Trajectory) -> Iterator[Evidence]:
         yield Evidence(answer.step, answer.seat, subcategory, words, lasting)
 
 
-def _outrun(state: State, answer: Answer) -> bool:
-    """Whether the action applied, and was refused for what another did in the same step."""
+def _outrun(state: State, answer: StepAnswer) -> bool:
+    """Return whether an action was valid, but another action in the same step prevented it."""
     return answer.action is not None and state.world.applicable(state, answer.action)
 
 
-def _wrong_at_the_end(answers: tuple[Answer, ...]) -> Iterator[int]:
-    """The last answers of each seat, as long as they were refused."""
+def _wrong_at_the_end(answers: tuple[StepAnswer, ...]) -> Iterator[int]:
+    """Yield the numbers of the rejected answers with which each seat ended."""
     for seat in {answer.seat for answer in answers}:
         for number in reversed(range(len(answers))):
             if answers[number].seat == seat:
@@ -181,8 +182,8 @@ def _wrong_at_the_end(answers: tuple[Answer, ...]) -> Iterator[int]:
                 yield number
 
 
-def _worked_later(answers: Iterable[Answer], failed: Answer) -> bool:
-    """Whether the seat did the same kind of action afterwards."""
+def _worked_later(answers: Iterable[StepAnswer], failed: StepAnswer) -> bool:
+    """Return whether the seat applied the same kind of action afterwards."""
     name = failed.action.name if failed.action else ""
     return any(
         not each.wrong and each.seat == failed.seat and each.action and each.action.name == name
@@ -190,9 +191,9 @@ def _worked_later(answers: Iterable[Answer], failed: Answer) -> bool:
     )
 
 
-def _broken_rule(state: State, answer: Answer) -> Subcategory | None:
-    """Which rule a refused answer breaks; None where only its turn had not come."""
-    if answer.verdict is Verdict.MALFORMED:
+def _broken_rule(state: State, answer: StepAnswer) -> Subcategory | None:
+    """Return the rule that a rejected answer breaks; None if it was, for example, out of turn."""
+    if answer.verdict is AnswerVerdict.MALFORMED:
         return Subcategory.UNKNOWN_ACTION
     conditions = [u for u in answer.unmet if u.kind in (UnmetKind.CONDITION, UnmetKind.MISSING)]
     kinds = {_rule_of(state, each) for each in conditions}
@@ -206,11 +207,11 @@ _BY_WEIGHT = (
     Subcategory.ONE_ITEM,
     Subcategory.OTHER_RULE,
 )
-"""Who is at the wrong place breaks other rules by the way: the first of these is the one."""
+"""Order of precedence: a player at the wrong place breaks other rules as well."""
 
 
 def _rule_of(state: State, unmet: Unmet) -> Subcategory:
-    """The rule behind one unmet condition, told from what the domain's layout says of it."""
+    """Return the rule behind an unmet condition, from the domain's layout rules."""
     domain = state.world.task.domain
     if unmet.kind is UnmetKind.MISSING:
         return Subcategory.OUT_OF_REACH
@@ -238,7 +239,7 @@ def _rule_of(state: State, unmet: Unmet) -> Subcategory:
 
 
 def _stacked_where_work_is_done(trajectory: Trajectory) -> Iterator[Evidence]:
-    """A second thing was put on one that lies where things are prepared: neither can be then."""
+    """Yield the steps that stacked two things at a work station, where neither can be prepared."""
     world = trajectory.world
     stations = work_stations(world)
     for step, (before, joint, after) in enumerate(trajectory.each_step()):
@@ -252,7 +253,7 @@ def _stacked_where_work_is_done(trajectory: Trajectory) -> Iterator[Evidence]:
 
 
 def _pairs(world: World, before: State, after: State) -> list[Atom]:
-    """The facts that a step has added about two things of one type."""
+    """Return the facts that a step added about two things of one type."""
     added, _ = world.changes(before, after)
     return [
         atom
@@ -261,11 +262,11 @@ def _pairs(world: World, before: State, after: State) -> list[Atom]:
     ]
 
 
-# The state: what was believed
+# The state: false claims
 
 
 def _false_beliefs(trajectory: Trajectory) -> Iterator[Evidence]:
-    """Reasoning says of a thing that it is cooked, cut, fried, …, and it is not."""
+    """Yield false claims in the reasoning that a thing is cooked, cut, fried and so on."""
     world = trajectory.world
     words = {p.removeprefix("is"): p for p in _prepared(world)}
     if not words:
@@ -276,12 +277,13 @@ def _false_beliefs(trajectory: Trajectory) -> Iterator[Evidence]:
     late = LAST_SHARE * len(trajectory.answers)
     for number, answer in enumerate(trajectory.answers):
         for sentence in re.split(r"[.;\n]", answer.reasoning.casefold()):
+            # "Once the lettuce is cut" is a plan and not a claim.
             if _CONDITIONAL.search(sentence):
                 continue
             for thing, word in claim.findall(sentence):
                 state = trajectory.states[answer.step]
                 if thing in world.thing_names and not state.holds(words[word], thing):
-                    text = f"says that {thing} is {word}"
+                    text = f"claims that {thing} is {word}"
                     yield Evidence(
                         answer.step,
                         answer.seat,
@@ -295,23 +297,23 @@ _CONDITIONAL = re.compile(r"\b(if|once|until|after|when|while|ensure|check|wheth
 
 
 def _prepared(world: World) -> frozenset[str]:
-    """The predicates that special effects bring about and leave: `iscut`, `iscooked`, …"""
+    """Return the lasting predicates that special effects add, such as `iscut`."""
     found = set()
     for schema in world.schemas:
         stack = list(schema.definition.sfx)
         while stack:
             effect = stack.pop()
             stack += effect.sfx
-            if effect.type in ("delayed", "repetitive"):
+            if effect.counts:
                 found |= {f.predicate for f in effect.fx if f.is_true and len(f.params) == 1}
     return frozenset(found)
 
 
-# The goal: what was understood, and what was made
+# The goal: how it was understood, and what was made
 
 
 def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:
-    """A seat's first reasoning speaks of the goal, and not of everything that it is made of."""
+    """Yield first reasonings that mention the goal without all of its ingredients."""
     world = trajectory.world
     kinds = sorted(_ingredients(world))
     seen: set[str] = set()
@@ -327,7 +329,7 @@ def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:
 
 
 def _ingredients(world: World) -> frozenset[str]:
-    """The kinds of things, neither stations nor players, that the goal speaks of and are there."""
+    """Return the kinds of existing items and containers that the goal names."""
     domain = world.task.domain
     places = {*domain.station_types, *domain.player_types}
     there = {thing.kind for thing in world.placed if thing.type not in places}
@@ -335,9 +337,9 @@ def _ingredients(world: World) -> frozenset[str]:
 
 
 def _against_the_goal(trajectory: Trajectory) -> Iterator[Evidence]:
-    """Things put together in a way that the goal does not ask for."""
+    """Yield the steps that joined things in a way that contradicts the goal."""
     world, last = trajectory.world, trajectory.states[-1]
-    wishes, stations = _Wishes(world), work_stations(world)
+    required, stations = _GoalRequirements(world), work_stations(world)
     for step, (before, joint, after) in enumerate(trajectory.each_step()):
         for move in joint:
             if not move.applied or stations.intersection(move.action.arguments):
@@ -345,14 +347,14 @@ def _against_the_goal(trajectory: Trajectory) -> Iterator[Evidence]:
             for atom in _things_joined(world, before, after):
                 if not {*atom[1:]} & {*move.action.arguments}:
                     continue
-                subcategory = wishes.contradiction(atom, after)
+                subcategory = required.contradiction(atom, after)
                 if subcategory is not None:
-                    stays = last.holds(*atom) and wishes.contradiction(atom, last) is not None
+                    stays = last.holds(*atom) and required.contradiction(atom, last) is not None
                     yield Evidence(step, move.player, subcategory, move.action.sentence, stays)
 
 
 def _things_joined(world: World, before: State, after: State) -> list[Atom]:
-    """The facts that a step has added about two things, neither a station nor a player."""
+    """Return the facts that a step added about two items or containers."""
     domain = world.task.domain
     places = {*domain.station_types, *domain.player_types}
     added, _ = world.changes(before, after)
@@ -363,8 +365,8 @@ def _things_joined(world: World, before: State, after: State) -> list[Atom]:
     ]
 
 
-class _Wishes:
-    """What a goal asks for, by kinds of things."""
+class _GoalRequirements:
+    """Requirements of a goal, by kinds of things."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -385,9 +387,9 @@ class _Wishes:
         }
 
     def contradiction(self, atom: Atom, state: State) -> Subcategory | None:
-        """What is wrong with a pair of things in a state; None if nothing is.
+        """Return how a pair of joined things contradicts the goal, if it does.
 
-        A thing is unprepared if every one of its kind in the goal must be what it is not.
+        A thing is unprepared if it lacks a predicate that all things of its kind need in the goal.
         """
         kinds = tuple(self._world.thing(name).kind for name in atom[1:])
         first, name = kinds[0], atom[1]

@@ -1,7 +1,7 @@
-"""One row an episode: what was played, how it ended and what it cost, as JSON lines.
+"""Rows of results as JSON lines: what was played, how it ended, and what it cost.
 
-A row holds whatever is needed to play the episode again, and every number that the report is made
-of: a report needs neither recordings nor the engine.
+A row contains all that is needed to play the episode again, and every number of a report. Reports
+need neither recordings nor the engine.
 """
 
 from __future__ import annotations
@@ -16,61 +16,45 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robotouille.errors import Fault, FileError
 
-__all__ = [
-    "MAX_NUMBER",
-    "BudgetRow",
-    "Category",
-    "Counts",
-    "EpisodeRow",
-    "FailureRow",
-    "Measures",
-    "Optimum",
-    "PackId",
-    "Pair",
-    "RealTimeRow",
-    "Result",
-    "Spent",
-    "read_rows",
-    "write_rows",
-]
-
 MAX_NUMBER = 2**53
-"""What JSON keeps exactly everywhere, and columns of 64 bits hold."""
+"""Largest integer that all JSON parsers keep exactly."""
 Number = Annotated[int, Field(ge=0, le=MAX_NUMBER)]
 
 
-class Row(BaseModel):
-    """Base of all parts of a row: immutable, and unknown fields are faults."""
+class RowModel(BaseModel):
+    """Base of all parts of a row: immutable, without unknown fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class PackId(Row):
-    """Which pack the task is from; `digest` is the hash of all that is in it."""
+class PackId(RowModel):
+    """Pack of the task; `digest` is the hash of its whole content."""
 
     name: str
     version: str
     digest: str
 
 
-class BudgetRow(Row):
-    """How many steps an episode may take, and by which rule (`published`, `own`)."""
+class BudgetRow(RowModel):
+    """Step budget of an episode, and its rule (`published`, `own`)."""
 
     rule: str
     steps: Number
 
 
-class Optimum(Row):
-    """The fewest steps to the goal: at least `bound`, at most `steps` (None: no plan is known)."""
+class Optimum(RowModel):
+    """Fewest steps to the goal: at least `bound`, at most `steps` (None without a known plan)."""
 
     steps: Number | None = None
     bound: Number = 0
     proven: bool = False
 
 
-class RealTimeRow(Row):
-    """How the world went on while models thought: steps a second, what a thought was charged
-    (`tokens:20`, `declared:1500`), what became of late answers, and who acted meanwhile."""
+class RealTimeRow(RowModel):
+    """Real-time settings: step rate, cost of a thought, rule for late answers, and helper.
+
+    A cost is written as `tokens:20` or `declared:1500`.
+    """
 
     step_rate: float = Field(gt=0)
     charge: str
@@ -84,19 +68,18 @@ class RealTimeRow(Row):
         return f"{self.step_rate:g} steps/s, {self.charge}, {self.late}{helper}{more}"
 
 
-class Result(Row):
-    """How the episode ended: `ended_by` is `goal`, `step-limit`, `error`, …"""
+class Result(RowModel):
+    """Outcome of an episode; `ended_by` is the reason, such as `goal` or `step-limit`."""
 
     success: bool
     steps: Number
     ended_by: str
 
 
-class Counts(Row):
-    """Answers that were wrong, and calls of the model; `retries` are of the transport.
+class Counts(RowModel):
+    """Counts of wrong answers, model calls and retried requests.
 
-    An `invalid` answer names an action of the task that does not apply; a `malformed` one names
-    none.
+    An `invalid` answer names an inapplicable action of the task. A `malformed` answer names none.
     """
 
     invalid: Number = 0
@@ -105,8 +88,8 @@ class Counts(Row):
     retries: Number = 0
 
 
-class Spent(Row):
-    """Tokens and money of all calls together; `cost` is None where the price is not known."""
+class TotalUsage(RowModel):
+    """Tokens and cost of all calls; `cost` is None if the prices are unknown."""
 
     prompt_tokens: Number = 0
     completion_tokens: Number = 0
@@ -114,29 +97,29 @@ class Spent(Row):
 
 
 class Category(StrEnum):
-    """Why an episode failed: the part of the decision process of which the agent was uncertain."""
+    """Cause of a failure: the part of the decision process that the agent was uncertain about."""
 
     STATE = "state"
     ACTION = "action"
     TRANSITION = "transition"
     GOAL = "goal"
     OTHER = "other"
-    """Nothing of the kind is to be seen: out of steps, or the run broke off."""
+    """No such uncertainty is visible: out of steps, or the run ended early."""
 
 
-class FailureRow(Row):
-    """Why an episode failed, by the taxonomy of `failures`, and the steps that show it."""
+class FailureRow(RowModel):
+    """Cause of a failure in the taxonomy of `failures`, and the steps that show it."""
 
     category: Category
     subcategory: str
     steps: tuple[Number, ...] = ()
 
 
-class Measures(Row):
-    """Metrics that need the trajectory, worked out when the episode was over.
+class EpisodeMeasures(RowModel):
+    """Metrics that need the trajectory, computed at the end of the episode.
 
-    None says that a number is not defined for this episode, or was not worked out. The functions
-    of the same names define them; see docs/metrics.md.
+    None means that a metric is undefined for the episode or was not computed. Functions of the same
+    names define the metrics; see docs/metrics.md.
     """
 
     to_go_least: float | None = None
@@ -159,7 +142,7 @@ class Measures(Row):
 
 
 class Pair(NamedTuple):
-    """What two agents must share for their results to be compared one by one."""
+    """Fields that two agents' rows must share to be compared as a pair."""
 
     pack: str
     dataset: str
@@ -174,17 +157,21 @@ class Pair(NamedTuple):
     budget: str
 
 
-class EpisodeRow(Row):
-    """One episode of a run.
+class ResultRow(RowModel):
+    """Result of one episode of a run.
 
-    `job` names it in its run, and is the same when it is played again. `kind` is the kind of
-    instance (`free`, `noisy`), `variant` what is changed about it (`stochastic`, `delay-free`;
-    nothing if empty), `timing` the timing profile, `real_time` how the world went on by itself
-    (None: it waited), `control` how a team was asked (`each` seat had a model of its own; one model
-    played all of them in `turns`, or `joint`), `attempts` how often the agent began (Reflexion does
-    so anew; the row is of the last time), `seconds` the wall time of the episode, `repetitions` its
-    repeated transitions, `recording` the path of its recording beside the rows.
-    `error` says why the episode could not be played to its end.
+    Attributes:
+        job: Identifier in the run, which is the same when the episode is played again.
+        kind: Kind of instance (`free`, `noisy`).
+        variant: Change of the task (`stochastic`, `delay-free`), if any.
+        timing: Timing profile.
+        real_time: Real time settings; None if the world waited.
+        control: Control of a team: a model for `each` seat, or one model in `turns` or `joint`.
+        attempts: Number of trials (Reflexion starts again); the row is about the last one.
+        seconds: Wall time of the episode.
+        repetitions: Number of repeated transitions.
+        recording: Path of the recording, relative to the run.
+        error: Reason why the episode could not be played to its end.
     """
 
     run: str
@@ -209,28 +196,28 @@ class EpisodeRow(Row):
     optimum: Optimum = Optimum()
     outcome: Result
     counts: Counts = Counts()
-    usage: Spent = Spent()
+    usage: TotalUsage = TotalUsage()
     seconds: float = Field(default=0.0, ge=0)
     repetitions: Number = 0
     recording: str | None = None
     error: str | None = None
-    measures: Measures = Measures()
+    measures: EpisodeMeasures = EpisodeMeasures()
 
     @property
     def player(self) -> str:
-        """Who played, in words: the agent, and strategy and model where they say more."""
-        said = {self.agent, *re.split(r"[ ()]+", self.agent), ""}
-        more = dict.fromkeys(p for p in (self.strategy, self.model) if p not in said)
+        """Agent, with strategy and model if the agent's name does not contain them."""
+        known = {self.agent, *re.split(r"[ ()]+", self.agent), ""}
+        more = dict.fromkeys(p for p in (self.strategy, self.model) if p not in known)
         return " · ".join([self.agent, *more])
 
     @property
     def pace(self) -> str:
-        """How the world went on by itself, in words; nothing if it waited for its players."""
+        """Real time settings in words; empty if the world waited."""
         return f"real time: {self.real_time}" if self.real_time is not None else ""
 
     @property
     def pair(self) -> Pair:
-        """What another agent's row must share to be compared with this one."""
+        """Fields that a row of another agent must share to be compared with this one."""
         return Pair(
             pack=f"{self.pack.name} {self.pack.version} ({self.pack.digest[:12]})",
             dataset=self.dataset,
@@ -246,30 +233,32 @@ class EpisodeRow(Row):
         )
 
 
-def write_rows(rows: Iterable[EpisodeRow]) -> Iterator[str]:
-    """Each row as a line of JSON, with its line end."""
+def write_rows(rows: Iterable[ResultRow]) -> Iterator[str]:
+    """Return an iterator over the rows as lines of JSON."""
     return (f"{row.model_dump_json()}\n" for row in rows)
 
 
-def read_rows(path: Path) -> list[EpisodeRow]:
-    """The rows of a file, one a line. A last line that was cut off by a kill is left out; of a job
-    that was played again the last row counts.
+def read_rows(path: Path) -> list[ResultRow]:
+    """Return the rows of a file.
+
+    A last line that a kill truncated is left out. If a job was played again, its last row counts.
 
     Raises:
-        FileError: The file cannot be read, or a line is no row.
+        FileError: The file cannot be read, or a line is invalid.
     """
     try:
         lines = path.read_bytes().splitlines(keepends=True)
     except OSError as error:
         fault = Fault("", f"cannot be read: {error.strerror or error}")
         raise FileError(str(path), [fault]) from None
-    found: dict[object, EpisodeRow] = {}
+    found: dict[object, ResultRow] = {}
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
         try:
-            row = EpisodeRow.model_validate_json(line)
+            row = ResultRow.model_validate_json(line)
         except ValidationError as error:
+            # Only a kill leaves a last line without a line feed; the run repeats that episode.
             if number == len(lines) and not line.endswith(b"\n"):
                 break
             first = error.errors(include_url=False)[0]

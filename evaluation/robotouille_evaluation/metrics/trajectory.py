@@ -1,4 +1,4 @@
-"""What happened in an episode, as values: states, joint actions, and every answer of each seat.
+"""Trajectories of episodes: states, joint actions, and every answer of each seat.
 
 trajectory = Trajectory.recorded(read_recording("episode.rbt"))
 trajectory = Trajectory.played(world, [{"robot1": "Move robot1 from table3 to table1"}])
@@ -20,32 +20,32 @@ from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 from robotouille_evaluation.realtime.thoughts import Thought, thoughts
 
-__all__ = ["Answer", "Move", "Trajectory", "Verdict", "refused"]
 
-
-class Verdict(StrEnum):
-    """What became of an answer."""
+class AnswerVerdict(StrEnum):
+    """Result of an answer."""
 
     APPLIED = "applied"
     INVALID = "invalid"
-    """It names an action of the task that does not apply."""
+    """The answer names an inapplicable action of the task."""
     MALFORMED = "malformed"
-    """No action of the task can be read from it."""
+    """The answer names no action of the task."""
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """One answer of a seat, given after `step` steps. An empty text that was applied is nothing.
+class StepAnswer:
+    """Answer of a seat after `step` steps. An applied answer with an empty text does nothing.
 
-    `action` is what the text names, `reasons` say in words what speaks against it, `unmet` as
-    values, as far as they are known. `basis` is the step on which it was based, if
-    that is recorded.
+    Attributes:
+        action: Action that the text names.
+        reasons: Reasons for a rejection in words.
+        unmet: Known unmet conditions.
+        basis: Step that the answer is based on, if recorded.
     """
 
     step: int
     seat: str
     text: str
-    verdict: Verdict = Verdict.APPLIED
+    verdict: AnswerVerdict = AnswerVerdict.APPLIED
     reasoning: str = ""
     reasons: tuple[str, ...] = ()
     unmet: tuple[Unmet, ...] = ()
@@ -54,13 +54,13 @@ class Answer:
 
     @property
     def wrong(self) -> bool:
-        """Whether it was refused."""
-        return self.verdict is not Verdict.APPLIED
+        """True if the answer was rejected."""
+        return self.verdict is not AnswerVerdict.APPLIED
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One player's part in a joint action: applied, or refused for what was `unmet`."""
+    """One player's part of a joint action: applied, or rejected because of `unmet` conditions."""
 
     player: str
     action: GroundAction
@@ -70,28 +70,30 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """The course of one episode. Step `i`, from 0 on, leads from `states[i]` to `states[i + 1]` by
-    `moves[i]`, in the order in which they applied. `thoughts` say when models were asked, where the
-    world did not wait for them."""
+    """Course of one episode.
+
+    Step `i`, from 0 on, leads from `states[i]` to `states[i + 1]` with `moves[i]`, in the order in
+    which they applied. `thoughts` are the periods in which models thought in real time.
+    """
 
     world: World
     states: tuple[State, ...]
     moves: tuple[tuple[Move, ...], ...]
-    answers: tuple[Answer, ...]
+    answers: tuple[StepAnswer, ...]
     thoughts: tuple[Thought, ...] = ()
 
     @property
     def steps(self) -> int:
-        """How many steps were taken."""
+        """Number of steps."""
         return len(self.moves)
 
     @property
     def goal_step(self) -> int | None:
-        """The number of steps after which the goal held first; None if it never did."""
+        """Number of steps after which the goal first held; None if it never did."""
         return next((i for i, state in enumerate(self.states) if state.goal_reached), None)
 
     def each_step(self) -> Iterable[tuple[State, tuple[Move, ...], State]]:
-        """Every step as state, joint action, next state."""
+        """Return each step as state, joint action and next state."""
         return (
             (before, joint, after)
             for (before, after), joint in zip(pairwise(self.states), self.moves, strict=True)
@@ -102,17 +104,16 @@ class Trajectory:
         cls,
         world: World,
         joints: Iterable[Mapping[str, GroundAction | str | None]],
-        answers: Sequence[Answer] | None = None,
+        answers: Sequence[StepAnswer] | None = None,
     ) -> Trajectory:
-        """The course of some joint actions from the initial state.
+        """Return the trajectory of joint actions from the initial state.
 
         Args:
-            world: Of the task that is played.
-            joints: For each step the action, or its sentence, of every player who does something.
-            answers: What was answered on the way; if None, each move was an answer.
+            joints: For each step, the actions or sentences of the players who do something.
+            answers: Answers of the seats; if None, one for each move.
 
         Raises:
-            UnknownNameError: A sentence is that of no valid action, or there is no such player.
+            UnknownNameError: A sentence is not a valid action, or a player is unknown.
         """
         states, steps, given = [world.initial], [], []
         for number, joint in enumerate(joints):
@@ -129,12 +130,12 @@ class Trajectory:
 
     @classmethod
     def recorded(cls, recording: Recording) -> Trajectory:
-        """The course that a recording holds, by re-simulation.
+        """Return the trajectory of a recording, by simulating it again.
 
         Raises:
-            RecordingError: A step has an action that the task has not.
+            RecordingError: A step has an action that the task does not have.
         """
-        course = _Course(recording)
+        course = _RecordedCourse(recording)
         for frame in recording.each_frame():
             if frame["kind"] == "step":
                 course.step(frame)
@@ -151,23 +152,26 @@ class Trajectory:
         )
 
 
-def _answer(step: int, move: Move, text: str = "", reasoning: str = "") -> Answer:
-    verdict = Verdict.APPLIED if move.applied else Verdict.INVALID
+def _answer(step: int, move: Move, text: str = "", reasoning: str = "") -> StepAnswer:
+    verdict = AnswerVerdict.APPLIED if move.applied else AnswerVerdict.INVALID
     reasons = tuple(each.words for each in move.unmet)
     words = text or move.action.sentence
-    return Answer(step, move.player, words, verdict, reasoning, reasons, move.unmet, move.action)
+    return StepAnswer(
+        step, move.player, words, verdict, reasoning, reasons, move.unmet, move.action
+    )
 
 
-class _Course:
-    """Goes through the frames of a recording."""
+class _RecordedCourse:
+    """States, moves and answers of a recording's frames."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.states = [recording.world.initial]
         self.moves: list[tuple[Move, ...]] = []
-        self.answers: list[Answer] = []
+        self.answers: list[StepAnswer] = []
 
     def step(self, frame: Mapping[str, Any]) -> None:
+        """Add a step."""
         number = len(self.moves)
         result = self.recording.take(self.states[-1], dict(frame))
         moves = []
@@ -176,27 +180,30 @@ class _Course:
             moves.append(move)
             answer = _answer(number, move, reasoning=row.get("reasoning", ""))
             self.answers.append(replace(answer, basis=row.get("basis")))
+        # Number 0: the seat sent no request, so it gave no answer.
         for player, seq in frame.get("idle", ()):
             if seq > 0:
-                self.answers.append(Answer(number, str(player), ""))
+                self.answers.append(StepAnswer(number, str(player), ""))
         self.moves.append(tuple(moves))
         self.states.append(result.state)
 
     def rejected(self, note: Mapping[str, Any]) -> None:
-        """A request in vain: one that was superseded was valid, and is no answer of its own; and
-        nobody has looked at one that was not heard."""
+        """Add a rejected request.
+
+        A superseded request is not an answer of its own, and an unheard one was not evaluated.
+        """
         kind = rejection_kind(note)
         if kind is RejectionKind.SUPERSEDED or not note.get("heard", True):
             return
         text = note.get("text") or note["action"]
         if kind is RejectionKind.MALFORMED:
-            answer = Answer(len(self.moves), note["player"], text, Verdict.MALFORMED)
+            answer = StepAnswer(len(self.moves), note["player"], text, AnswerVerdict.MALFORMED)
         else:
-            answer = refused(len(self.moves), note["player"], text, self.states[-1])
+            answer = rejected_answer(len(self.moves), note["player"], text, self.states[-1])
         self.answers.append(
             replace(
                 answer,
-                verdict=Verdict(kind.value),
+                verdict=AnswerVerdict(kind.value),
                 reasons=tuple(note["reasons"]),
                 reasoning=note.get("reasoning", ""),
                 basis=note.get("basis"),
@@ -204,16 +211,16 @@ class _Course:
         )
 
 
-def refused(step: int, seat: str, text: str, state: State) -> Answer:
-    """A refused answer, with what speaks against it in a state.
+def rejected_answer(step: int, seat: str, text: str, state: State) -> StepAnswer:
+    """Return a rejected answer with the reasons in a state.
 
-    It is invalid if the text names an action, also where that would apply (it was another's turn),
-    and malformed if it names none.
+    It is invalid if the text names an action, even an applicable one (out of turn), and malformed
+    otherwise.
     """
     try:
         action = state.world.parse(state, seat, text, valid=False)
     except UnknownNameError:
-        return Answer(step, seat, text, Verdict.MALFORMED)
+        return StepAnswer(step, seat, text, AnswerVerdict.MALFORMED)
     unmet = state.world.unmet(state, action)
     reasons = tuple(each.words for each in unmet)
-    return Answer(step, seat, text, Verdict.INVALID, "", reasons, unmet, action)
+    return StepAnswer(step, seat, text, AnswerVerdict.INVALID, "", reasons, unmet, action)

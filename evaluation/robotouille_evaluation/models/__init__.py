@@ -1,6 +1,7 @@
-"""Language models: what they are asked and answer, and where they are.
+"""Language models: requests, completions, and the places where models run.
 
-Importing this imports neither the SDK of endpoints nor llama.cpp nor Inspect; making a model does.
+Importing this package imports neither the OpenAI SDK nor llama.cpp nor Inspect. They are imported
+when a model is made.
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from robotouille_evaluation.models.model import (
     Usage,
 )
 from robotouille_evaluation.models.openai_compatible import Endpoint, OpenAICompatibleModel
-from robotouille_evaluation.models.prices import Prices
-from robotouille_evaluation.models.retries import RetryPolicy
+from robotouille_evaluation.models.responses import Prices
 from robotouille_evaluation.models.scripted import (
     AnswerForm,
     AnswerKind,
@@ -40,7 +40,6 @@ __all__ = [
     "ModelRequest",
     "OpenAICompatibleModel",
     "Prices",
-    "RetryPolicy",
     "ScriptedModel",
     "SeededAnswers",
     "Usage",

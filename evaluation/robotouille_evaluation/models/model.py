@@ -1,4 +1,4 @@
-"""What a language model is asked and answers, and why it has not answered."""
+"""Requests to language models, their completions, and the errors that models raise."""
 
 from __future__ import annotations
 
@@ -9,20 +9,10 @@ from typing import Protocol
 
 from robotouille.errors import RobotouilleError
 
-__all__ = [
-    "Completion",
-    "Message",
-    "Model",
-    "ModelError",
-    "ModelErrorKind",
-    "ModelRequest",
-    "Usage",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message of a conversation; its role is `system`, `user` or `assistant`."""
+    """Message of a conversation with the role `system`, `user` or `assistant`."""
 
     role: str
     content: str
@@ -30,10 +20,10 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class ModelRequest:
-    """A conversation that a model is to continue.
+    """Conversation that a model continues.
 
-    `purpose` says what the answer is for (`propose`, `reflect`) and is not sent. `parameters` are
-    sent as they are (`temperature`, `max_tokens`, `seed`), before those of the model itself.
+    `purpose` is the reason for the request (`propose`, `reflect`); it is not sent. `parameters`
+    (`temperature`, `max_tokens`, `seed`) override the parameters of the model.
     """
 
     messages: tuple[Message, ...]
@@ -43,7 +33,7 @@ class ModelRequest:
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Tokens sent and received; what they cost, where prices are known."""
+    """Tokens sent and received, and their cost if the prices are known."""
 
     prompt_tokens: int = 0
     completion_tokens: int = 0
@@ -60,10 +50,10 @@ class Usage:
 
 @dataclass(frozen=True, slots=True)
 class Completion:
-    """What a model answered.
+    """Answer of a model.
 
-    `usage` is that of all attempts, `seconds` what the last one took. `finish_reason` is the
-    endpoint's word (`stop`, `length`, …), or `too-long` where the text was cut here.
+    `usage` covers all attempts; `seconds` is the duration of the last one. `finish_reason` is the
+    endpoint's word (`stop`, `length`, …), or `too-long` if the text was cut here.
     """
 
     text: str
@@ -74,51 +64,43 @@ class Completion:
 
 
 class Model(Protocol):
-    """A language model."""
+    """Language model that answers requests."""
 
     name: str
 
     async def complete(self, request: ModelRequest) -> Completion:
-        """The model's answer.
-
-        Raises:
-            ModelError: There is none.
-        """
+        """Return the model's answer, or raise `ModelError`."""
         ...
 
 
 class ModelErrorKind(StrEnum):
-    """Why a model has not answered."""
+    """Reason why a model did not answer."""
 
     NO_KEY = "no-key"
-    """The endpoint wants a key, and there is none."""
+    """The endpoint requires a key and none is set."""
     ENDPOINT = "endpoint"
-    """Nobody listens there, or what listens is no such endpoint, or the answer broke off."""
+    """There is no endpoint at the address, or its response is not a chat completion."""
     REFUSED = "refused"
-    """The endpoint does not want this request, key or model."""
+    """The endpoint does not accept this request, key or model."""
     RATE_LIMITED = "rate-limited"
     TIME_OUT = "time-out"
     SERVER = "server"
-    """The endpoint failed (5xx)."""
+    """The endpoint failed (status 5xx)."""
     CONTEXT_OVERFLOW = "context-overflow"
-    """The conversation is longer than the model can read."""
+    """The conversation is longer than the model's context."""
     EMPTY = "empty"
-    """An answer without text: none, or a tool call."""
-    TOO_LONG = "too-long"
-    """An answer so long that it was not read to its end."""
+    """The response has no text, for example because it is a tool call."""
 
 
 class ModelError(RobotouilleError):
-    """A model has not answered; the message never contains a key.
+    """Failure of a model to answer; its text never contains a key.
 
     Args:
-        kind: Why.
-        detail: What happened, in words, without keys.
-        retry_may_help: Whether the same request may be answered a moment later.
-        usage: What was paid for all the same.
-        attempts: How often the endpoint was asked.
-        status: The HTTP status, if there was an answer.
-        retry_after: Seconds for which the endpoint asked not to be asked again.
+        kind: Reason.
+        detail: Explanation, without keys.
+        retry_may_help: True if the endpoint may answer the same request when asked again.
+        usage: Tokens that were paid for nevertheless.
+        attempts: Number of requests sent.
     """
 
     def __init__(
@@ -129,30 +111,50 @@ class ModelError(RobotouilleError):
         retry_may_help: bool = False,
         usage: Usage = Usage(),  # frozen
         attempts: int = 1,
-        status: int | None = None,
-        retry_after: float | None = None,
     ) -> None:
         self.kind = kind
         self.detail = detail
         self.retry_may_help = retry_may_help
         self.usage = usage
         self.attempts = attempts
-        self.status = status
-        self.retry_after = retry_after
+        # Only positional arguments survive pickling between processes.
         super().__init__(kind, detail)
 
     def __str__(self) -> str:
         times = f" ({self.attempts} attempts)" if self.attempts > 1 else ""
         return f"{self.kind}: {self.detail}{times}"
 
-    def after(self, attempts: int, usage: Usage) -> ModelError:
-        """The same error at the end of several attempts, with what they used together."""
-        return ModelError(
-            self.kind,
-            self.detail,
-            retry_may_help=self.retry_may_help,
-            usage=usage,
-            attempts=attempts,
-            status=self.status,
-            retry_after=self.retry_after,
-        )
+    def in_total(self, attempts: int, usage: Usage) -> ModelError:
+        """Return this error with the number and usage of all attempts."""
+        self.attempts, self.usage = attempts, usage
+        return self
+
+
+HEADER = "Valid Actions:"
+
+
+def valid_actions(request: ModelRequest) -> tuple[str, ...]:
+    """Return the sentences below `Valid Actions:` in the last user message that has such a line.
+
+    The list ends at an empty line or at the goal. It is empty for requests without valid actions,
+    such as requests for a reflection.
+    """
+    for message in reversed(request.messages):
+        if message.role == "user" and HEADER in message.content:
+            return tuple(_below_header(message.content.splitlines()))
+    return ()
+
+
+def _below_header(lines: list[str]) -> list[str]:
+    found: list[str] = []
+    below = False
+    for line in (each.strip() for each in lines):
+        if line == HEADER:
+            found, below = [], True
+        elif line.startswith("Goal:"):
+            below = False
+        elif not line:
+            below = below and not found
+        elif below:
+            found.append(line)
+    return found

@@ -1,4 +1,4 @@
-"""Models behind an OpenAI-compatible endpoint, for many episodes at once."""
+"""Models behind OpenAI-compatible endpoints, asked through the OpenAI SDK."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ import asyncio
 import json
 import os
 import random
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from robotouille.errors import MissingExtraError, WrongArgumentError
-from robotouille_evaluation.models.answers import MAX_BODY_BYTES, Answer, encodable, read_answer
-from robotouille_evaluation.models.failures import refusal, shown
 from robotouille_evaluation.models.model import (
     Completion,
     ModelError,
@@ -22,51 +20,52 @@ from robotouille_evaluation.models.model import (
     ModelRequest,
     Usage,
 )
-from robotouille_evaluation.models.prices import Prices
-from robotouille_evaluation.models.retries import RetryPolicy
+from robotouille_evaluation.models.responses import (
+    ModelAnswer,
+    Prices,
+    encodable,
+    error_of_status,
+    excerpt,
+    listed_cost,
+    read_completion,
+    read_json,
+)
 
 if TYPE_CHECKING:
-    from httpx2 import Response
     from openai import AsyncOpenAI
-
-__all__ = [
-    "KEY_VARIABLES",
-    "OPENAI_URL",
-    "Endpoint",
-    "OpenAICompatibleModel",
-    "key_from_environment",
-    "key_of",
-]
+    from openai._legacy_response import LegacyAPIResponse
+    from openai.types.chat import ChatCompletion
 
 OPENAI_URL = "https://api.openai.com/v1"
 KEY_VARIABLES = ("ROBOTOUILLE_LLM_API_KEY", "OPENAI_API_KEY")
-"""Where keys are looked for, in this order."""
+"""Environment variables with keys, in order of precedence."""
 RESERVED = frozenset({"messages", "model", "stream", "n"})
-"""What no parameter may say, because the model says it."""
+"""Parameters that only this module sets."""
 MAX_CONNECT_SECONDS = 10.0
-MAX_REFUSAL_BYTES = 100_000
-"""How much is read of a body of another status than 200: the beginning says why."""
 MAX_KEY = 4096
 """Characters of a key."""
+MAX_BODY_BYTES = 16_000_000
+"""Most bytes of a response, uncompressed."""
+MAX_PAUSE = 60.0
+"""Longest pause in seconds before an unusable response is asked for again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """Where a model is and how it is asked. It is recorded, so there is no key in it.
+    """Address of a model, and how the model is asked. It is recorded, so it contains no key.
 
     Args:
-        model: The name that the endpoint knows.
-        base_url: Up to and without `/chat/completions`.
-        parameters: Sent with every request (`temperature`, `max_tokens`, or what only this
-            endpoint knows); those of a request come first.
-        prices: Of tokens, if costs are to be reported.
-        timeout: Seconds for one attempt, from its first byte to the last of the answer.
-        retries: What is done when an attempt fails.
-        max_concurrent: Requests under way at once; others wait their turn.
+        model: Name of the model at the endpoint.
+        base_url: Address without `/chat/completions`.
+        parameters: Sent with every request (`temperature`, `max_tokens`, or parameters that only
+            this endpoint knows). Parameters of a request override them.
+        prices: Prices of tokens; list prices of known providers if None.
+        timeout: Seconds that an attempt waits for the response to begin, and for its body.
+        attempts: Most requests sent for one answer.
 
     Raises:
-        WrongArgumentError: No usable address, or one with a password or a query in it (keys
-            do not belong there), or a parameter that the model sets itself or that is no JSON.
+        WrongArgumentError: The address is invalid or contains a password or query, where keys
+            would be recorded; or a parameter is reserved or not JSON.
     """
 
     model: str
@@ -74,22 +73,27 @@ class Endpoint:
     parameters: Mapping[str, object] = field(default_factory=dict, hash=False)
     prices: Prices | None = None
     timeout: float = 120.0
-    retries: RetryPolicy = field(default_factory=RetryPolicy)
-    max_concurrent: int = 100
+    attempts: int = 6
 
     def __post_init__(self) -> None:
         try:
             parts = urlsplit(self.base_url)
         except ValueError as error:
-            raise WrongArgumentError(f"the base URL of a model is none: {error}") from None
+            raise WrongArgumentError(f"invalid base URL of a model: {error}") from None
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise WrongArgumentError("the base URL of a model begins with http:// or https://")
         if parts.username or parts.password or parts.query or parts.fragment:
             raise WrongArgumentError(
-                "the base URL of a model has neither password nor query: it is recorded; "
-                f"give the key in {KEY_VARIABLES[0]}"
+                "the base URL of a model is recorded, so it must not contain a password or query; "
+                f"set the key in {KEY_VARIABLES[0]}"
             )
         _check_parameters(self.parameters)
+
+    def cost(self, prompt_tokens: int, completion_tokens: int, cached: int) -> float | None:
+        """Return the cost of these tokens, or None if their prices are unknown."""
+        if self.prices is not None:
+            return self.prices.cost(prompt_tokens, completion_tokens)
+        return listed_cost(self.model, self.base_url, prompt_tokens, completion_tokens, cached)
 
 
 def _check_parameters(parameters: Mapping[str, object]) -> None:
@@ -98,80 +102,61 @@ def _check_parameters(parameters: Mapping[str, object]) -> None:
     try:
         json.dumps(dict(parameters))
     except (TypeError, ValueError) as error:
-        raise WrongArgumentError(f"parameters of a model are JSON: {error}") from None
+        raise WrongArgumentError(f"parameters of a model must be JSON: {error}") from None
 
 
 def key_from_environment(environment: Mapping[str, str], base_url: str) -> str | None:
-    """The key for an endpoint: ROBOTOUILLE_LLM_API_KEY, else OPENAI_API_KEY.
+    """Return the key for an endpoint from environment variables such as `os.environ`.
 
-    The latter is meant for others' programs, too, and is therefore sent over https only; local
-    servers need none.
-
-    Args:
-        environment: Such as `os.environ`.
-        base_url: The endpoint's.
+    `OPENAI_API_KEY` is also set for other programs, so it is sent over https only. Servers on the
+    same machine usually need no key.
     """
-    ours, openai = (environment.get(name, "").strip() for name in KEY_VARIABLES)
-    if ours:
-        return ours
-    return openai or None if urlsplit(base_url).scheme == "https" else None
+    own, shared = (environment.get(name, "").strip() for name in KEY_VARIABLES)
+    if own:
+        return own
+    return shared or None if urlsplit(base_url).scheme == "https" else None
 
 
 def key_of(endpoint: Endpoint, key: str | None = None) -> str | None:
-    """The key that an endpoint is sent.
-
-    Args:
-        endpoint: Where it is.
-        key: By default from the environment.
+    """Return the key to send to an endpoint, by default the one from the environment.
 
     Raises:
-        ModelError: OpenAI's own endpoint and no key, or what is given is none.
+        ModelError: OpenAI's own endpoint needs a key and none is set, or the key is invalid.
     """
+    # A header with other characters would raise an error that quotes the key.
     key = (key or key_from_environment(os.environ, endpoint.base_url) or "").strip()
     if not (key.isascii() and key.isprintable() and " " not in key and len(key) <= MAX_KEY):
-        raise ModelError(ModelErrorKind.NO_KEY, "the key has characters that no key has")
+        raise ModelError(ModelErrorKind.NO_KEY, "the key contains characters that keys never have")
     if not key and endpoint.base_url == OPENAI_URL:
-        what = f"{OPENAI_URL} wants a key: set {' or '.join(KEY_VARIABLES)}; "
-        raise ModelError(ModelErrorKind.NO_KEY, f"{what}--base-url is for an endpoint of your own")
+        raise ModelError(
+            ModelErrorKind.NO_KEY,
+            f"{OPENAI_URL} requires a key: set {' or '.join(KEY_VARIABLES)}; "
+            "for another endpoint, set --base-url",
+        )
     return key or None
 
 
 class OpenAICompatibleModel:
-    """A model behind an OpenAI-compatible endpoint: one client for any number of episodes.
+    """Model behind an OpenAI-compatible endpoint, with one client for any number of episodes.
 
-    It belongs to the event loop in which it is first used; close it there with `aclose`, or use it
-    as `async with`.
+    The SDK retries failed requests. This class asks again only for responses that the SDK accepts
+    but that contain no text. Close it with `aclose`, or use it as `async with`, in the event loop
+    that used it first.
 
     Args:
-        endpoint: Where it is and how it is asked.
-        key: For the endpoint; by default from the environment.
-        rng: Draws the pauses between attempts.
-        clock: Seconds, for measuring.
-        sleep: Waits for so many seconds.
-        wall: Unix time, for a `Retry-After` that is a date.
+        endpoint: Address of the model.
+        key: Key of the endpoint; by default from the environment.
 
     Raises:
         MissingExtraError: The SDK is not installed.
-        ModelError: OpenAI's own endpoint and no key, or what is given is none.
+        ModelError: OpenAI's own endpoint needs a key and none is set, or the key is invalid.
     """
 
-    def __init__(
-        self,
-        endpoint: Endpoint,
-        *,
-        key: str | None = None,
-        rng: random.Random | None = None,
-        clock: Callable[[], float] = time.perf_counter,
-        sleep: Callable[[float], Awaitable[object]] = asyncio.sleep,
-        wall: Callable[[], float] = time.time,
-    ) -> None:
+    def __init__(self, endpoint: Endpoint, *, key: str | None = None) -> None:
         self.name = endpoint.model
         self.endpoint = endpoint
         self._key = key_of(endpoint, key)
-        self._rng = rng or random.Random()
-        self._clock, self._sleep, self._wall = clock, sleep, wall
-        self._client = _client(endpoint, self._key, self._refuse)
-        self._slots = asyncio.Semaphore(endpoint.max_concurrent)
+        self._client = _client(endpoint, self._key)
 
     async def __aenter__(self) -> OpenAICompatibleModel:
         return self
@@ -184,128 +169,123 @@ class OpenAICompatibleModel:
         await self._client.close()
 
     async def complete(self, request: ModelRequest) -> Completion:
-        """The model's answer, after as many attempts as it takes and the policy grants.
-
-        Args:
-            request: The conversation, and parameters that come before the endpoint's.
+        """Return the model's answer, after retries if necessary.
 
         Raises:
-            ModelError: There is none.
-            WrongArgumentError: A parameter that the model sets itself, or that is no JSON.
+            ModelError: The endpoint did not answer.
+            WrongArgumentError: A parameter of the request is reserved or not JSON.
         """
-        _check_parameters(request.parameters)
-        body = self._body(request)
-        attempt, used = 0, Usage()
-        while True:
-            attempt += 1
-            try:
-                async with self._slots:
-                    begun = self._clock()
-                    answer = await self._ask(body)
-                    seconds = self._clock() - begun
-            except ModelError as error:
-                used += error.usage
-                pause = self.endpoint.retries.pause(attempt, error, self._rng)
-                if pause is None:
-                    raise error.after(attempt, used) from None
-                await self._sleep(pause)
-            else:
-                reason = answer.finish_reason
-                return Completion(answer.text, used + answer.usage, seconds, reason, attempt)
+        import anyio
 
-    def _body(self, request: ModelRequest) -> dict[str, object]:
-        messages = [
+        _check_parameters(request.parameters)
+        attempts, used = 0, Usage()
+        while True:
+            try:
+                response = await self._post(request, self.endpoint.attempts - attempts)
+            except ModelError as error:
+                raise error.in_total(attempts + error.attempts, used) from None
+            attempts += 1 + response.retries_taken
+            try:
+                answer = self._read(response)
+            except ModelError as error:
+                used += error.usage  # an empty answer was paid for, too
+                if not error.retry_may_help or attempts >= self.endpoint.attempts:
+                    raise error.in_total(attempts, used) from None
+            else:
+                seconds = response.elapsed.total_seconds()
+                usage, reason = used + answer.usage, answer.finish_reason
+                return Completion(answer.text, usage, seconds, reason, attempts)
+            # Jitter keeps many episodes from coming back at the same moment.
+            await anyio.sleep(min(MAX_PAUSE, 2.0 ** (attempts - 1)) * random.uniform(0.5, 1.0))
+
+    async def _post(
+        self, request: ModelRequest, attempts: int
+    ) -> LegacyAPIResponse[ChatCompletion]:
+        """Send a request at most `attempts` times until the status is 200."""
+        import openai
+
+        messages: list[Any] = [
             {"role": each.role, "content": encodable(each.content)} for each in request.messages
         ]
-        given = {**self.endpoint.parameters, **request.parameters}
-        return {"model": self.endpoint.model, "messages": messages, **given}
-
-    async def _ask(self, body: dict[str, object]) -> Answer:
-        """One attempt."""
+        # The SDK counts retries per call, so a repeated call gets the remaining ones.
+        client = self._client
+        if attempts < self.endpoint.attempts:
+            client = client.with_options(max_retries=attempts - 1)
         try:
-            async with asyncio.timeout(self.endpoint.timeout):
-                content_type, answered = await self._post(body)
-        except TimeoutError:
-            what = f"no whole answer within {self.endpoint.timeout:g} s"
-            raise ModelError(ModelErrorKind.TIME_OUT, what, retry_may_help=True) from None
-        secrets = (self._key,) if self._key else ()
-        return read_answer(content_type, answered, self.endpoint.prices, secrets)
-
-    async def _post(self, body: dict[str, object]) -> tuple[str, bytes]:
-        """The content type and the body of an answer of status 200."""
-        import openai
-
-        completions = self._client.chat.completions.with_streaming_response
-        try:
-            # The SDK would check every message of a long conversation again: it gets none.
-            asked: Any = {"model": self.endpoint.model, "messages": [], "extra_body": body}
-            if self._key is None:
-                asked["extra_headers"] = {"Authorization": openai.Omit()}
-            async with completions.create(**asked) as response:
-                content_type = response.headers.get("content-type", "")
-                return content_type, await self._read(response.iter_bytes())
-        except ModelError:
-            raise
+            return await client.chat.completions.with_raw_response.create(
+                model=self.endpoint.model,
+                messages=messages,
+                extra_headers={} if self._key else {"Authorization": openai.Omit()},
+                extra_body={**self.endpoint.parameters, **request.parameters},
+            )
+        except openai.APIStatusError as error:
+            raise error_of_status(
+                error.status_code,
+                error.response.text,
+                self._key,
+                location=error.response.headers.get("location"),
+                attempts=_attempts(error),
+            ) from None
         except openai.APIConnectionError as error:
-            if isinstance(error.__cause__, ModelError):
-                raise error.__cause__ from None
-            raise self._unreachable(error.__cause__ or error) from None
-        except Exception as error:  # the SDK lets some of its HTTP library's through
-            raise self._unreachable(error) from None
+            raise self._unreachable(error.__cause__ or error, _attempts(error)) from None
+        except Exception as error:  # The SDK lets some errors of aiohttp through.
+            raise self._unreachable(error, 1) from None
 
-    async def _refuse(self, response: Response) -> None:
-        """Raise what a refusal says, before the SDK reads all of it, which may have no end."""
-        if response.is_success:
-            return
-        read = bytearray()
-        async for piece in response.aiter_bytes():
-            read += piece
-            if len(read) > MAX_REFUSAL_BYTES + MAX_KEY:
-                break
-        said = read.decode(errors="replace")
-        if self._key:  # Before it is cut; a part of one at the end of what was read is left out.
-            said = said.replace(self._key, "[key]")
-        body = said[:MAX_REFUSAL_BYTES]
-        headers = {name.lower(): value for name, value in response.headers.items()}
-        raise refusal(response.status_code, headers, body, self._key, self._wall())
+    def _unreachable(self, cause: BaseException, attempts: int) -> ModelError:
+        # The aiohttp transport reports refused and closed connections as timeouts, too.
+        if isinstance(cause.__cause__ or cause, TimeoutError):
+            detail = f"no answer within {self.endpoint.timeout:g} s"
+            return ModelError(ModelErrorKind.TIME_OUT, detail, attempts=attempts)
+        words = excerpt(" ".join(f"{type(cause).__name__} {cause}".split()), self._key)
+        detail = f"{self.endpoint.base_url}: {words}"
+        return ModelError(ModelErrorKind.ENDPOINT, detail, attempts=attempts)
 
-    @staticmethod
-    async def _read(pieces: AsyncIterator[bytes]) -> bytes:
-        read = bytearray()
-        async for piece in pieces:
-            read += piece
-            if len(read) > MAX_BODY_BYTES:
-                what = f"an answer of more than {MAX_BODY_BYTES:,} bytes"
-                raise ModelError(ModelErrorKind.TOO_LONG, what)
-        return bytes(read)
-
-    def _unreachable(self, error: BaseException) -> ModelError:
-        words = " ".join(f"{type(error).__name__} {error}".split())
-        said = shown(words, self._key)
-        what = f"{self.endpoint.base_url}: {said}"
-        return ModelError(ModelErrorKind.ENDPOINT, what, retry_may_help=True)
+    def _read(self, response: LegacyAPIResponse[ChatCompletion]) -> ModelAnswer:
+        secrets = (self._key,) if self._key else ()
+        # The SDK does not validate its own types, so the body is read as plain JSON.
+        return read_completion(read_json(response.text, secrets), self.endpoint.cost, secrets)
 
 
-def _client(
-    endpoint: Endpoint, key: str | None, answered: Callable[[Response], Awaitable[None]]
-) -> AsyncOpenAI:
-    """The SDK's client, without attempts of its own.
+def _attempts(error: Any) -> int:
+    """Return the number of requests that the SDK sent before it raised an error."""
+    return 1 + int(error.request.headers.get("x-stainless-retry-count", 0))
 
-    It goes nowhere else than it is told: conversations are for nobody but the endpoint.
-    """
+
+async def _read_body(seconds: float, response: Any) -> None:
+    """Read a response's body before the SDK does, which limits neither its size nor its time."""
+    body = bytearray()
     try:
+        async with asyncio.timeout(seconds):
+            async for piece in response.aiter_bytes():
+                body += piece
+                if len(body) > MAX_BODY_BYTES:
+                    if response.is_success:
+                        raise ValueError(f"the answer has more than {MAX_BODY_BYTES:,} bytes")
+                    break
+    except TimeoutError:
+        raise TimeoutError from None
+    finally:
+        await response.aclose()
+    response._content = bytes(body)  # as `aread` does
+
+
+def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:
+    try:
+        import genai_prices  # noqa: F401 - imported here because it blocks the event loop for 0.1 s
         import openai
 
+        # aiohttp: the SDK's usual transport searches all connections for each request, which is
+        # slow with a hundred of them. Redirects: a conversation goes only to the given address.
         http_client = openai.DefaultAioHttpClient(
-            follow_redirects=False, event_hooks={"response": [answered]}
+            follow_redirects=False,
+            event_hooks={"response": [partial(_read_body, endpoint.timeout)]},
         )
-    except (ImportError, RuntimeError):  # the latter where aiohttp alone is missing
+    except (ImportError, RuntimeError):  # RuntimeError if only aiohttp is missing
         raise MissingExtraError("a model behind an endpoint", "llm") from None
     return openai.AsyncOpenAI(
         base_url=endpoint.base_url,
-        api_key=key or "none",  # left out of each request
-        timeout=openai.Timeout(None, connect=MAX_CONNECT_SECONDS),
-        max_retries=0,
-        # The SDK's usual one looks at all connections for each request: slow with a hundred.
+        api_key=key or "none",  # without a key, each request omits the header
+        timeout=openai.Timeout(endpoint.timeout, connect=MAX_CONNECT_SECONDS),
+        max_retries=endpoint.attempts - 1,
         http_client=http_client,
     )

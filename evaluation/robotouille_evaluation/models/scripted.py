@@ -1,4 +1,4 @@
-"""A model that answers from a list, a function or a seed: for tests and `--model mock`."""
+"""Models that answer from a list, a function or a seed, for tests and `--model mock`."""
 
 from __future__ import annotations
 
@@ -14,35 +14,33 @@ from robotouille_evaluation.models.model import (
     ModelErrorKind,
     ModelRequest,
     Usage,
+    valid_actions,
 )
-from robotouille_evaluation.models.valid_actions import valid_actions
-
-__all__ = ["MOCK_KINDS", "AnswerForm", "AnswerKind", "Scripted", "ScriptedModel", "SeededAnswers"]
 
 Scripted = str | Completion | ModelError
-"""What a script answers: a text, or all of a completion, or an error that is raised."""
+"""Answer of a script: a text, a whole completion, or an error to raise."""
 
 
 class AnswerKind(StrEnum):
-    """What an answer by a seed is like."""
+    """Kind of a seeded answer."""
 
     PLAN = "plan"
-    """The next step of a plan; a random valid action where there is no plan."""
+    """The next step of a plan, or a random valid action without a plan."""
     RANDOM = "random"
     """A random valid action."""
     WRONG_CASE = "wrong-case"
-    """A valid action in capitals."""
+    """A valid action in capital letters."""
     FULL_STOP = "full-stop"
-    """A valid action and a full stop."""
+    """A valid action with a full stop."""
     SEVERAL = "several"
-    """Two actions, each in a line of its own."""
+    """Two actions on two lines."""
     IMPOSSIBLE = "impossible"
-    """What looks like an action and is none."""
+    """A sentence that looks like an action of the task and is not one."""
     NO_ACTION = "no-action"
-    """Reasoning alone."""
+    """Reasoning without an action."""
     OTHER_LANGUAGE = "other-language"
     EMPTY = "empty"
-    """No text, which is an error as at an endpoint."""
+    """No text, which is an error as with endpoints."""
 
 
 MOCK_KINDS: Mapping[AnswerKind, float] = {
@@ -54,24 +52,24 @@ MOCK_KINDS: Mapping[AnswerKind, float] = {
     AnswerKind.IMPOSSIBLE: 1,
     AnswerKind.NO_ACTION: 1,
 }
-"""How often `--model mock` gives answers of each kind, in relation to each other."""
+"""Relative frequencies of kinds of answers with `--model mock`."""
 
 
 class AnswerForm(StrEnum):
-    """In which form an answer is asked for."""
+    """Form of answer that a prompt asks for."""
 
     STEP = "step"
     """Reasoning and one action."""
     PLAN = "plan"
     """All actions below `Plan:`."""
     CHAIN = "chain"
-    """All actions, each with what it changes."""
+    """All actions, each with its effects."""
     JOINT = "joint"
-    """Reasoning, and below `Actions:` a line for each robot that is asked for."""
+    """Reasoning, and below `Actions:` a line for each robot in question."""
 
     @classmethod
     def asked_for(cls, request: ModelRequest) -> AnswerForm:
-        """By the headings in the instructions, or, if these name none, in the examples."""
+        """Return the form named by headings in the instructions, or else in the examples."""
         for role in ("user", "assistant"):
             first = next((m.content for m in request.messages if m.role == role), "")
             headings = {line.partition(":")[0] for line in first.splitlines() if ":" in line}
@@ -87,13 +85,13 @@ class AnswerForm(StrEnum):
 
 
 class ScriptedModel:
-    """A model that answers what a function says, at once and for nothing.
+    """Model that answers with the result of a function, at once and without cost.
 
-    Tokens are counted as words.
+    Words count as tokens.
 
     Args:
-        answer: Gives the answer to a request.
-        name: What the model is called.
+        answer: Function from requests to answers.
+        name: Name of the model.
     """
 
     def __init__(self, answer: Callable[[ModelRequest], Scripted], name: str = "mock") -> None:
@@ -102,20 +100,13 @@ class ScriptedModel:
 
     @classmethod
     def of(cls, answers: Iterable[Scripted], name: str = "mock") -> ScriptedModel:
-        """A model that gives these answers one after the other, and then none any more."""
+        """Return a model that gives these answers in order, and then raises `ModelError`."""
         coming = iter(answers)
         over = ModelError(ModelErrorKind.EMPTY, "the script has no further answer")
         return cls(lambda _: next(coming, over), name)
 
     async def complete(self, request: ModelRequest) -> Completion:
-        """What the script answers.
-
-        Args:
-            request: What the function is asked.
-
-        Raises:
-            ModelError: If that is what the script says.
-        """
+        """Return the script's answer, or raise it if it is an error."""
         answer = self._answer(request)
         if isinstance(answer, ModelError):
             raise answer
@@ -126,15 +117,15 @@ class ScriptedModel:
 
 
 class SeededAnswers:
-    """Answers by a seed: plan steps, random valid actions and flawed answers.
+    """Answers drawn from a seed: plan steps, random valid actions and flawed answers.
 
-    The same conversation gets the same answers in the same order, whatever is asked between. So
-    that an episode can be repeated, each has one of its own.
+    The same conversation gets the same answers in the same order, whatever else is asked in
+    between. Each episode needs an instance of its own to be repeatable.
 
     Args:
-        seed: Decides all of them.
-        kinds: What answers are like, and how often in relation to each other.
-        plan: The next action in the state that a request describes, or None.
+        seed: Seed of all answers.
+        kinds: Relative frequencies of the kinds.
+        plan: Function that returns the next action in the state of a request, or None.
     """
 
     def __init__(
@@ -149,11 +140,7 @@ class SeededAnswers:
         self._asked: Counter[bytes] = Counter()
 
     def __call__(self, request: ModelRequest) -> Scripted:
-        """The answer to a request in the form that it asks for, or what its kind makes of it.
-
-        Args:
-            request: Its last observation says what is valid.
-        """
+        """Return an answer to the request in the form that it asks for."""
         rng = random.Random(self._draw(request))
         actions = valid_actions(request)
         if not actions:
@@ -167,17 +154,19 @@ class SeededAnswers:
         return written(kind, tuple(chosen.values()), rng.choice(actions), form)
 
     def _draw(self, request: ModelRequest) -> str:
+        # A hash of the conversation, because requests of a resumed run come in another order.
         digest = hashlib.sha256()
         for message in request.messages:
             for part in (message.role, message.content):
                 digest.update(part.encode(errors="replace") + b"\0")
         key = digest.digest()
+        # Counted, so that a repeated request does not get the same bad answer for ever.
         self._asked[key] += 1
         return f"{self._seed}:{digest.hexdigest()}:{self._asked[key]}"
 
 
 def _robot(line: str) -> str:
-    """Whose action a line of a joint answer is."""
+    """Return the robot that a line of a joint answer is for."""
     return line.partition(": ")[0]
 
 
@@ -189,7 +178,7 @@ def _by_robot(lines: Iterable[str]) -> dict[str, list[str]]:
 
 
 def _wish(line: str, form: AnswerForm) -> str:
-    """An action in the middle of a sentence, without the robot's name before it."""
+    """Return an action as part of a sentence, without the robot's name before it."""
     action = line.partition(": ")[2] if form is AnswerForm.JOINT else line
     return f"{action[:1].lower()}{action[1:]}"
 
@@ -197,7 +186,7 @@ def _wish(line: str, form: AnswerForm) -> str:
 def written(
     kind: AnswerKind, chosen: Sequence[str], other: str, form: AnswerForm = AnswerForm.STEP
 ) -> Scripted:
-    """An answer of a kind and form around an action, or around those of several robots."""
+    """Return an answer of a kind and form with one action, or one for each robot."""
     if kind is AnswerKind.EMPTY:
         return ModelError(ModelErrorKind.EMPTY, "an answer without text")
     wishes = ", and to ".join(_wish(line, form) for line in chosen)

@@ -1,15 +1,16 @@
-"""What is evaluated on: packs of tasks, instances, step budgets, prompts and examples.
+"""Packs to evaluate on: tasks, instances, step budgets, prompts and examples.
 
 pack = build_own_pack()                                  # the shipped tasks
 pack = read_checkout(Path("robotouille")).pack           # the published ones, from a checkout
 write_pack(pack, Path("packs/published"))
 """
 
-from robotouille_evaluation.packs.budgets import Budget, BudgetKind, own_budget, published_budget
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.differences import PackDifferences, compare_packs
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import (
+    Budget,
+    BudgetKind,
     ExampleEpisode,
     Examples,
     ExampleStep,
@@ -20,6 +21,8 @@ from robotouille_evaluation.packs.pack import (
     PackInstance,
     PackTask,
     Prompt,
+    own_budget,
+    published_budget,
 )
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
 

@@ -1,7 +1,7 @@
-"""A pack without waiting: what cooks, fries, fills or boils is done in the step that starts it.
+"""Packs without delays: cooking, frying, filling and boiling end in the step that starts them.
 
-The paper's asynchronous tasks in a world without delays: the same kitchens and goals, and no reason
-to do something else meanwhile.
+The kitchens and goals are those of the paper's asynchronous tasks, but there is no reason to do
+something else while something cooks.
 """
 
 from __future__ import annotations
@@ -19,29 +19,27 @@ from robotouille.planning import Limits, read_plan, replay
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille_evaluation.packs.pack import KnownPlan, Pack, PackInstance, canonical_json
 
-__all__ = ["delay_free"]
-
 EXPANSIONS = 25_000
-"""What the search for a plan of one player may cost; for each further one a 50th of it."""
+"""Expansions of the search for one player; for each further player a 50th of it."""
 
 Progress = Callable[[int, int], None]
-"""Called with the number of instances that are done, and of all."""
+"""Called with the number of finished instances and of all."""
 
 
 def delay_free(
     pack: Pack, instances: Iterable[PackInstance], progress: Progress, seats: int | None = None
 ) -> Pack:
-    """A pack of some instances without delays, with the shortest plans that a search finds.
+    """Return a pack of some instances without delays, with the shortest plans of a search.
 
-    Plans for other numbers of players and published constants are left out: they are those of the
-    kitchens with delays.
+    Plans for other numbers of players and published constants are left out, because they belong to
+    the kitchens with delays.
 
     Args:
-        seats: How many players the plans are for; the usual number if None.
+        seats: Number of players of the plans; the usual number if None.
 
     Raises:
-        RobotouilleError: A delay of the domain cannot be set by problems, or an instance is not
-            for so many players.
+        RobotouilleError: Problems cannot set a delay of the domain, or an instance is not for that
+            many players.
     """
     settings = _delay_settings(pack)
     chosen = tuple(instances)
@@ -64,12 +62,12 @@ def delay_free(
 
 
 def _delay_settings(pack: Pack) -> tuple[str, ...]:
-    """What problems call the delays of the domain."""
+    """Return the names of the settings with which problems set the domain's delays."""
     source = f"{pack.name}: domain"
     domain = complete_domain(validate(parse_json(pack.domain, source), DomainFile, source))
     delays = [effect for action in domain.action_defs for effect in _delays(action.sfx)]
     if any(delay.config is None for delay in delays):
-        raise RobotouilleError(f"{source}: has a delay that problems cannot set to 0")
+        raise RobotouilleError(f"{source}: problems cannot set one of its delays to 0")
     return tuple(dict.fromkeys(str(delay.config) for delay in delays))
 
 
@@ -89,10 +87,13 @@ def _without_delays(problem: str, settings: Iterable[str]) -> str:
 def _best(
     pack: Pack, instance: PackInstance, earlier: KnownPlan | None, seats: int | None
 ) -> Iterator[KnownPlan]:
-    """The shortest plan that a search finds, or the one for the kitchen with delays if that is
-    shorter: waiting does no harm."""
+    """Yield the shortest plan of a search or, if shorter, the known plan for the delays.
+
+    A plan for the kitchen with delays usually also works without them.
+    """
     world = World(pack.load(instance, seats=seats))
     players = len(world.players)
+    # The number of joint actions grows exponentially with the players.
     limits = Limits(expansions=max(1, EXPANSIONS // 50 ** (players - 1)))
     *_, found = AnytimePlanner(world).search(world.initial, limits)
     plans = [] if found.plan is None else [found.plan]

@@ -1,27 +1,124 @@
-"""How two packs differ, task by task: goal, layout, objects, words, optimum and budget."""
+"""Differences between two packs: goals, layouts, objects, words, optima and budgets."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
+from itertools import product
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
 
 from robotouille.domain.files import parse_json, validate
-from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.schema import DomainFile, GoalTerm, ProblemFile
 from robotouille.errors import RobotouilleError
-from robotouille_evaluation.packs.matching import goal_conditions, match_tasks, same_goal
+from robotouille.terminal import printable
 from robotouille_evaluation.packs.pack import Pack, PackInstance, PackTask
 
-__all__ = ["Difference", "PackDifferences", "TaskDifferences", "compare_packs"]
+NEAR = 0.6
+"""Least similarity of paired names; 1 means equal."""
+
+
+def match_tasks(a: Pack, b: Pack) -> list[tuple[PackTask | None, PackTask | None]]:
+    """Return each task of `a` with its counterpart in `b`, then the other tasks of `b`.
+
+    Tasks are paired within a dataset, the most similar names first.
+    """
+    pairs: dict[str, PackTask] = {}
+    taken: set[str] = set()
+    # Greedy: the most similar names are paired first.
+    rows = sorted(
+        ((_similarity(one, two), one, two) for one, two in product(a.tasks, b.tasks)),
+        key=lambda row: -row[0],
+    )
+    for similarity, one, two in rows:
+        if similarity >= NEAR and one.name not in pairs and two.name not in taken:
+            pairs[one.name] = two
+            taken.add(two.name)
+    both: list[tuple[PackTask | None, PackTask | None]] = [
+        (task, pairs.get(task.name)) for task in a.tasks
+    ]
+    return both + [(None, task) for task in b.tasks if task.name not in taken]
+
+
+def _similarity(a: PackTask, b: PackTask) -> float:
+    if a.dataset != b.dataset:
+        return 0.0
+    return SequenceMatcher(None, _dish(a.name), _dish(b.name), autojunk=False).ratio()
+
+
+def _dish(name: str) -> str:
+    """Return a task's name without folder and number."""
+    return re.sub(r"^[\d.]+_", "", name.rpartition("/")[2])
+
+
+def goal_conditions(problem: ProblemFile) -> list[str]:
+    """Return the goal's conditions, such as `atop(lettuce1, tomato1)`.
+
+    Only kinds that occur several times have numbers.
+    """
+    names = _names(problem.goal)
+    return [f"{term.predicate}({', '.join(names[i] for i in term.ids)})" for term in problem.goal]
+
+
+def _names(goal: Sequence[GoalTerm]) -> dict[Any, str]:
+    kinds = _kinds(goal)
+    repeated = Counter(kinds.values())
+    counts: Counter[str] = Counter()
+    names = {}
+    for id_, kind in kinds.items():
+        counts[kind] += 1
+        names[id_] = f"{kind}{counts[kind]}" if repeated[kind] > 1 else kind
+    return names
+
+
+def _kinds(goal: Sequence[GoalTerm]) -> dict[Any, str]:
+    kinds: dict[Any, str] = {}
+    for term in goal:
+        for id_, kind in zip(term.ids, term.args, strict=True):
+            kinds.setdefault(id_, kind)
+    return kinds
+
+
+def same_goal(a: Sequence[GoalTerm], b: Sequence[GoalTerm]) -> bool:
+    """Return whether two goals have the same conditions apart from the objects' numbers.
+
+    Objects are distinguished by the conditions of themselves and their neighbours (colour
+    refinement). That is not exact for all graphs, but for stacks and soups.
+    """
+    return _shape(a) == _shape(b)
+
+
+def _shape(goal: Sequence[GoalTerm]) -> Counter[Any]:
+    colours: dict[Any, Any] = dict(_kinds(goal))
+    terms = {(term.predicate, term.ids) for term in goal}
+    for _ in colours:
+        colours = {
+            id_: hash((colour, _around(id_, terms, colours))) for id_, colour in colours.items()
+        }
+    return Counter((predicate, tuple(colours[i] for i in ids)) for predicate, ids in terms)
+
+
+def _around(id_: Any, terms: set[tuple[str, tuple[Any, ...]]], colours: dict[Any, Any]) -> Any:
+    around = Counter(
+        (predicate, ids.index(id_), tuple(colours[i] for i in ids))
+        for predicate, ids in terms
+        if id_ in ids
+    )
+    return frozenset(around.items())
 
 
 SHOWN = ("station", "item", "container")
-"""The types of objects that are listed by kind."""
+"""Types of objects that are listed by kind."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One respect in which two things differ, and what each has; empty for nothing."""
+    """Aspect in which two things differ, with both values; empty for nothing."""
 
     aspect: str
     a: str
@@ -30,7 +127,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class TaskDifferences:
-    """A task of one pack and its like in the other; None where there is none."""
+    """Differences between a task and its counterpart; None if a pack lacks it."""
 
     a: str | None
     b: str | None
@@ -39,7 +136,7 @@ class TaskDifferences:
 
 @dataclass(frozen=True, slots=True)
 class PackDifferences:
-    """How two packs differ: as packs, in the words of their domains, and task by task."""
+    """Differences between two packs: in all, in the words of their domains, and by task."""
 
     a: str
     b: str
@@ -49,14 +146,14 @@ class PackDifferences:
 
     @property
     def none(self) -> bool:
-        """Whether they do not differ at all."""
+        """True if there are no differences."""
         alone = any(task.a is None or task.b is None for task in self.tasks)
         found = any(task.differences for task in self.tasks)
         return not (self.overall or self.wording or alone or found)
 
 
 def compare_packs(a: Pack, b: Pack) -> PackDifferences:
-    """How pack `b` differs from pack `a`."""
+    """Return the differences between two packs."""
     return PackDifferences(
         f"{a.name} {a.version}",
         f"{b.name} {b.version}",
@@ -84,7 +181,7 @@ def _overall(pack: Pack) -> dict[str, str]:
 
 
 def _words(pack: Pack) -> dict[str, str]:
-    """What the domain says of each predicate and action."""
+    """Return the domain's description of each predicate and action."""
     domain = validate(parse_json(pack.domain, pack.name), DomainFile, pack.name)
     words = {
         f"{predicate.name} of argument {which}": text
@@ -129,13 +226,13 @@ def _aspects(pack: Pack, task: PackTask, problem: ProblemFile) -> dict[str, str]
 
 
 def _conditions(problem: ProblemFile, other: ProblemFile) -> str:
-    """The conditions that the other goal has not."""
+    """Return the conditions that the other goal lacks."""
     own = Counter(goal_conditions(problem)) - Counter(goal_conditions(other))
     return ", ".join(own.elements())
 
 
 def _objects(problem: ProblemFile, kind: str) -> str:
-    """Kinds with their number; in brackets the predicates that they are given."""
+    """Return kinds with their number and, in brackets, their predicates."""
     return _counted(
         f"{thing.name} [{', '.join(sorted(thing.predicates))}]" if thing.predicates else thing.name
         for thing in problem.objects.get(kind, ())
@@ -143,13 +240,15 @@ def _objects(problem: ProblemFile, kind: str) -> str:
 
 
 def _players(problem: ProblemFile) -> str:
-    """How many may play."""
     listed = len(problem.objects.get("player", ()))
     return " or ".join(map(str, problem.seats or (listed,)))
 
 
 def _places(problem: ProblemFile) -> str:
-    """What does not begin on a table: where a table is makes no difference to a plan's length."""
+    """Return the objects that do not start on a table.
+
+    All tables are alike, so objects on them make no difference.
+    """
     stations = {(thing.x, thing.y): thing.name for thing in problem.objects.get("station", ())}
     things = [
         f"{thing.name} on {place}"
@@ -183,3 +282,62 @@ def _budget(pack: Pack, instances: Sequence[PackInstance]) -> str:
         return str(pack.budget(instances[0], "published").max_steps)
     except RobotouilleError:
         return ""
+
+
+NOTHING = "–"
+
+Row = tuple[str, str, str, str]
+
+
+def text_tables(found: PackDifferences) -> list[Table]:
+    """Return the tables with rows for a terminal: in all, by task, by word."""
+    tables = []
+    for title, rows in _sections(found):
+        names = (Text(printable(name)) for name in (found.a, found.b))
+        table = Table("", "", title=title, title_justify="left", show_lines=False)
+        for name in names:
+            table.add_column(name)
+        for row in rows:
+            table.add_row(*(Text(printable(cell)) for cell in row))
+        tables.append(table)
+    return tables
+
+
+def markdown_tables(found: PackDifferences) -> str:
+    """Return the same tables as Markdown, each with a heading."""
+    lines: list[str] = []
+    for title, rows in _sections(found):
+        lines += [
+            f"### {title}",
+            "",
+            f"| | | {_cell(found.a)} | {_cell(found.b)} |",
+            "| --- | --- | --- | --- |",
+        ]
+        lines += [f"| {' | '.join(map(_cell, row))} |" for row in rows]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _cell(text: str) -> str:
+    return printable(text).replace("|", "\\|").replace("[", "\\[").replace("]", "\\]")
+
+
+def _sections(found: PackDifferences) -> Iterator[tuple[str, Sequence[Row]]]:
+    sections = {
+        "In all": [_row("", difference) for difference in found.overall],
+        "By task": [row for task in found.tasks for row in _task_rows(task)],
+        "Words of the domain": [_row("", difference) for difference in found.wording],
+    }
+    return ((title, rows) for title, rows in sections.items() if rows)
+
+
+def _task_rows(task: TaskDifferences) -> Iterator[Row]:
+    """Yield a row with a task's names and a row for each difference; nothing without any."""
+    if task.differences or task.a is None or task.b is None:
+        yield "task", "", task.a or NOTHING, task.b or NOTHING
+    for difference in task.differences:
+        yield _row("", difference)
+
+
+def _row(task: str, difference: Difference) -> Row:
+    return task, difference.aspect, difference.a or NOTHING, difference.b or NOTHING

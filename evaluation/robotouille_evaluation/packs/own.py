@@ -1,52 +1,137 @@
-"""Our pack: the shipped tasks, their generated instances, and what certificates prove of them.
+"""Built-in pack: the shipped tasks, their generated instances, and plans from certificates.
 
-Ids look like paths: `asynchronous/06_potato_soup/free-252` is a layout drawn for the seed 252, and
-`…/default` the task's own. A published id (`asynchronous/5_potato_soup_252`) never has a second
-slash, so neither can be taken for the other; and ours is a good file name and a good URL as it is,
-which `#`, `@` and `:` would not be.
+Ids look like paths: `asynchronous/06_potato_soup/free-252` is the layout for the seed 252, and
+`…/default` is the task's own layout. Published ids (`asynchronous/5_potato_soup_252`) never have a
+second slash, so the two cannot be confused. Unlike `#`, `@` and `:`, slashes are safe in URLs.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
 
-from robotouille import Task
+from robotouille import State, Task, World, load_task
 from robotouille.certification.certificate import certificate_path, read_certificate
 from robotouille.certification.dataset import SUFFIX
 from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task, read_domain
 from robotouille.errors import Fault, FileError
-from robotouille.generation.paper_instances import paper_tasks
-from robotouille.resources import data_folder
+from robotouille.generation.generator import paper_tasks
+from robotouille.installation import data_folder
+from robotouille.planning import read_plan
 from robotouille_evaluation.packs.pack import (
+    ExampleEpisode,
+    Examples,
+    ExampleStep,
     InstanceKind,
     KnownPlan,
     Pack,
     PackInstance,
     PackTask,
+    Prompt,
     canonical_json,
 )
-from robotouille_evaluation.packs.prompting import own_examples, own_prompts
 
-__all__ = ["build_own_pack", "instance_id"]
+NAMES = (
+    *("react", "react-plan", "react-rules", "react-talk", "joint"),
+    *("plag", "io", "io-cot", "reflect", "rules"),
+)
+BETWEEN = "\n---\n"
+PLACEHOLDERS = ("kitchen", "rules")
+OMITTED = "..."
+
+
+def own_prompts(domain: DomainFile) -> tuple[Prompt, ...]:
+    """Return all prompts; `rules` has instructions only."""
+    return tuple(_prompt(name, domain) for name in NAMES)
+
+
+def _prompt(name: str, domain: DomainFile) -> Prompt:
+    system, between, instructions = _text(name).partition(BETWEEN)
+    if not between:
+        system, instructions = "", system
+    for word in PLACEHOLDERS:
+        instructions = instructions.replace(f"{{{word}}}", _text(word))
+    actions = "\n".join(f"- {action.language_description}" for action in domain.action_defs)
+    return Prompt(name, system, instructions.replace("{actions}", actions))
+
+
+def _text(name: str) -> str:
+    return (files(__package__) / "prompts" / f"{name}.md").read_text(encoding="utf-8").strip()
+
+
+def own_examples() -> tuple[Examples, ...]:
+    """Return the examples for each dataset and form of answer, such as `synchronous/react`."""
+    raw = json.loads((files(__package__) / "prompts/examples.json").read_text(encoding="utf-8"))
+    found = []
+    for dataset, example in raw.items():
+        world, plan = _training_plan(example["task"])
+        for form, steps in (
+            ("react", tuple(_react(world, plan, example["reasoning"]))),
+            ("io", (_io(world, plan),)),
+            ("io-cot", (_io_cot(world, plan),)),
+        ):
+            episode = ExampleEpisode(example["task"], steps)
+            found.append(Examples(f"{dataset}/{form}", (episode,)))
+    return tuple(found)
+
+
+def _training_plan(name: str) -> tuple[World, list[Any]]:
+    """Return the world of a training task and the actions of its plan."""
+    world = World(load_task(name))
+    path = data_folder("problems") / f"{name}.plan"
+    plan = read_plan(path.read_text(encoding="utf-8"), world, str(path))
+    return world, [step[0] for step in plan]
+
+
+def _react(world: World, plan: list[Any], reasoning: list[str]) -> Iterator[ExampleStep]:
+    state: State = world.initial
+    goal = f"Goal: {world.task.goal_description}"
+    seen = state.text_view(world.players[0])
+    for action, thought in zip(plan, reasoning, strict=True):
+        yield ExampleStep(seen, f"Reasoning: {thought}\nAction: {action.sentence}")
+        state = state.step(action).state
+        seen = f"{OMITTED}\n\nValid Actions:\n{OMITTED}\n\n{goal}"
+
+
+def _io(world: World, plan: list[Any]) -> ExampleStep:
+    lines = "\n".join(action.sentence for action in plan)
+    return ExampleStep(world.initial.text_view(world.players[0]), f"Plan:\n{lines}")
+
+
+def _io_cot(world: World, plan: list[Any]) -> ExampleStep:
+    state, lines = world.initial, []
+    for action in plan:
+        after = state.step(action).state
+        added = sorted(set(after.text().splitlines()) - set(state.text().splitlines()))
+        facts = [line for line in added if line not in _actions(after)]
+        lines += [f"Action: {action.sentence}", f"Then: {'; '.join(facts) or 'a step has passed'}"]
+        state = after
+    return ExampleStep(world.initial.text_view(world.players[0]), "\n".join(lines))
+
+
+def _actions(state: State) -> set[str]:
+    return {action.sentence for action in state.actions(state.world.players[0])}
+
 
 NAME = "ours"
 VERSION = "1"
 DOMAIN = "robotouille"
 
 Progress = Callable[[int, int], None]
-"""Called with the number of tasks that are read, and of all."""
+"""Called with the number of read tasks and of all."""
 
 
 def build_own_pack(progress: Progress | None = None) -> Pack:
-    """The pack of the shipped files: built once in a process, since these do not change.
+    """Return the built-in pack, which is built once per process.
 
     Raises:
-        FileError: A shipped file has faults.
+        FileError: A shipped file is invalid.
     """
     if not _built:
         _built.append(_build(progress))
@@ -71,12 +156,12 @@ def _build(progress: Progress | None) -> Pack:
         if progress is not None:
             progress(number, len(names))
     text = canonical_json(domain.model_dump(mode="json", by_alias=True, exclude_unset=True))
-    told = own_prompts(domain), own_examples()
-    return Pack(NAME, VERSION, text, tuple(tasks), tuple(instances), *told)
+    prompts, examples = own_prompts(domain), own_examples()
+    return Pack(NAME, VERSION, text, tuple(tasks), tuple(instances), prompts, examples)
 
 
 def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:
-    """What an instance of ours is called; see the module."""
+    """Return the id of a built-in instance."""
     return f"{task}/{kind}" if seed is None else f"{task}/{kind}-{seed}"
 
 
@@ -88,7 +173,7 @@ def _default(name: str, domain: DomainFile) -> PackInstance:
 
 
 def _generated(name: str, domain: DomainFile) -> Iterator[PackInstance]:
-    """The instances of a task among the generated files, by what these say of themselves."""
+    """Yield the instances of a task among the generated files, by the files' provenance."""
     folder = data_folder("problems") / "generated" / name.partition("/")[0]
     for path in folder.glob(f"{name.partition('/')[2]}_*.json"):
         if not path.name.endswith(SUFFIX):
@@ -125,7 +210,7 @@ def _in_order(instance: PackInstance) -> tuple[bool, int]:
 
 
 def _plans(path: Path, task: Task) -> Iterator[KnownPlan]:
-    """The plans of certificates beside a problem."""
+    """Yield the plans of the certificates next to a problem."""
     for seats in task.problem.seats or (task.seats,):
         found = _plan(path, replace(task, seats=seats))
         if found is not None:
@@ -133,7 +218,7 @@ def _plans(path: Path, task: Task) -> Iterator[KnownPlan]:
 
 
 def _plan(path: Path, task: Task) -> KnownPlan | None:
-    """The plan of a task's certificate; None if it has none, or is of another task."""
+    """Return the plan of a task's certificate, if there is one for exactly this task."""
     certificate_file = certificate_path(path, task)
     if not is_file(certificate_file):
         return None

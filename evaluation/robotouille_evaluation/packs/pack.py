@@ -1,17 +1,18 @@
-"""A pack: everything that is evaluated on, as one value with a hash.
+"""Pack: everything that a benchmark evaluates on, as one value with a hash.
 
     pack = read_pack(Path("packs/published"))
     instance = pack.instance("synchronous/0_cheese_sandwich_42")
     task = pack.load(instance)                      # a `robotouille.Task`
-    steps = pack.budget(instance, "published")      # how long a run may go on
+    budget = pack.budget(instance, "published")     # the step limit
 
-A pack holds texts, not files: it can be sent elsewhere, and two with one digest are the same.
+A pack contains texts, not files, so it can be sent elsewhere. Packs with equal digests are equal.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -20,38 +21,55 @@ from typing import Any, Literal, TypeVar
 from robotouille import Task, World
 from robotouille.domain.files import parse_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
-from robotouille.domain.shipped_names import names_meant
 from robotouille.domain.task import build_task
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille.installation import matching_names
 from robotouille.planning import Plan, read_plan
-from robotouille_evaluation.packs.budgets import Budget, BudgetKind, own_budget, published_budget
 
-__all__ = [
-    "ExampleEpisode",
-    "ExampleStep",
-    "Examples",
-    "Experiment",
-    "InstanceKind",
-    "KnownPlan",
-    "Pack",
-    "PackInstance",
-    "PackTask",
-    "Prompt",
-    "canonical_json",
-    "fields_of",
-]
+BudgetKind = Literal["published", "own"]
+
+MULTIPLIER = 1.5
+"""Factor of the optimum (paper, section 4)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Limit of steps, which may be a fraction such as 31.5.
+
+    Results under budgets of different kinds are not comparable, so results name the kind.
+    """
+
+    kind: BudgetKind
+    optimal: int
+    steps: float
+
+    @property
+    def max_steps(self) -> int:
+        """Most steps that are taken: 32 for a limit of 31.5."""
+        return math.ceil(self.steps)
+
+
+def published_budget(constant: int, multiplier: float = MULTIPLIER) -> Budget:
+    """Return the published budget: one constant per task for all layouts, without rounding."""
+    return Budget("published", constant, constant * multiplier)
+
+
+def own_budget(optimal: int, multiplier: float = MULTIPLIER) -> Budget:
+    """Return the budget for the length of an instance's shortest known plan."""
+    return Budget("own", optimal, optimal * multiplier)
+
 
 InstanceKind = Literal["default", "free", "noisy"]
-"""Where objects are: as the task has them; anywhere; or moved in groups, so that it is easier."""
+"""Layout of objects: as in the task, anywhere, or moved in groups, which is easier."""
 
 N = TypeVar("N")
 MAX_NAMED = 10
-"""Tasks that an error names."""
+"""Most tasks that an error names."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """The first two messages to a model. The id is `GROUP/VERSION-DESCRIPTION`."""
+    """First two messages to a model. The id is `GROUP/VERSION-DESCRIPTION`."""
 
     id: str
     system: str
@@ -60,7 +78,7 @@ class Prompt:
 
 @dataclass(frozen=True, slots=True)
 class ExampleStep:
-    """One exchange of an example: what the model would be sent, and a good answer."""
+    """Exchange of an example: a request and a good answer."""
 
     user: str
     assistant: str
@@ -68,7 +86,7 @@ class ExampleStep:
 
 @dataclass(frozen=True, slots=True)
 class ExampleEpisode:
-    """An episode played well, to be shown to a model."""
+    """Well played episode that a model is shown."""
 
     name: str
     steps: tuple[ExampleStep, ...]
@@ -76,7 +94,7 @@ class ExampleEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Examples:
-    """Episodes that are shown together, e.g. `synchronous/io_examples`."""
+    """Episodes that are shown together, such as `synchronous/io_examples`."""
 
     name: str
     episodes: tuple[ExampleEpisode, ...]
@@ -84,8 +102,10 @@ class Examples:
 
 @dataclass(frozen=True, slots=True)
 class KnownPlan:
-    """The shortest plan known for a number of players, a line for each step. Every plan takes
-    `bound` steps at least; 0 says that nothing is known of that."""
+    """Shortest known plan for a number of players, with a line for each step.
+
+    Every plan takes at least `bound` steps; 0 if no bound is known.
+    """
 
     seats: int
     plan: tuple[str, ...]
@@ -93,21 +113,21 @@ class KnownPlan:
 
     @property
     def proven(self) -> bool:
-        """Whether no plan is shorter."""
+        """True if it is proven that no plan is shorter."""
         return self.bound == len(self.plan)
 
     @property
     def steps(self) -> int:
-        """Its length."""
+        """Length of the plan."""
         return len(self.plan)
 
 
 @dataclass(frozen=True, slots=True)
 class PackTask:
-    """A task: the problem as its file has it.
+    """Task with the text of its problem file.
 
-    `optimal` is the number of steps that a run's length is compared with, for the problem as it
-    is; `optimal_from` says whose number it is. A published constant need not be optimal.
+    `optimal` is the number of steps to compare with, and `optimal_from` its origin. A published
+    constant need not be optimal.
     """
 
     name: str
@@ -119,10 +139,10 @@ class PackTask:
 
 @dataclass(frozen=True, slots=True)
 class PackInstance:
-    """One layout of a task, to be played.
+    """Layout of a task.
 
-    `seed` is the one asked for (None for a default), `seed_used` the one that gave the layout;
-    `seats` the usual number of players. `plans` has the shortest that are known.
+    `seed` is the requested seed (None for the default layout) and `seed_used` the seed that gave
+    the layout. `seats` is the usual number of players. `plans` are the shortest known plans.
     """
 
     id: str
@@ -135,21 +155,21 @@ class PackInstance:
     plans: tuple[KnownPlan, ...] = ()
 
     def best(self, seats: int | None = None) -> KnownPlan | None:
-        """The shortest plan known for so many players (the usual number if None), or None."""
+        """Return the shortest known plan for a number of players, by default the usual one."""
         wanted = self.seats if seats is None else seats
         return next((found for found in self.plans if found.seats == wanted), None)
 
     def optimal(self, seats: int | None = None) -> int | None:
-        """The proven length for so many players (the usual number if None), or None."""
+        """Return the proven optimum for a number of players, by default the usual one."""
         best = self.best(seats)
         return best.steps if best is not None and best.proven else None
 
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A published set-up: an agent, the tasks with their constants, the seeds, all settings.
+    """Published experiment: agent, tasks with their constants, seeds and settings.
 
-    `settings` has `evaluation`, `game` and `llm` as the published code hands them over.
+    `settings` has the groups `evaluation`, `game` and `llm` of the published code.
     """
 
     id: str
@@ -161,7 +181,7 @@ class Experiment:
 
     @property
     def prompt_ids(self) -> tuple[str, ...]:
-        """The prompts that it names."""
+        """Ids of the prompts that the settings name."""
         prompts = self.settings["llm"]["prompts"]
         named = (prompt for prompt in prompts.values() if isinstance(prompt, Mapping))
         return tuple(
@@ -172,16 +192,16 @@ class Experiment:
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """The examples that it names."""
+        """Names of the examples that the settings name."""
         folder = self.settings["llm"].get("example_dir_path")
         return (folder,) if isinstance(folder, str) and folder else ()
 
 
 @dataclass(frozen=True)
 class Pack:
-    """Tasks of one domain, their instances, and what models are told; see the module.
+    """Tasks of one domain with their instances, prompts and examples.
 
-    `domain` is the text of a domain file that extends none.
+    `domain` is the text of a domain file that extends no other.
     """
 
     name: str
@@ -195,60 +215,61 @@ class Pack:
 
     @cached_property
     def digest(self) -> str:
-        """The SHA-256 of all of it, 64 hex digits."""
+        """SHA-256 of the whole content, in 64 hexadecimal digits."""
         text = json.dumps(fields_of(self), default=fields_of, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
 
     @cached_property
     def datasets(self) -> tuple[str, ...]:
-        """The data sets of its tasks, each once."""
+        """Datasets of the tasks, each once."""
         return tuple(dict.fromkeys(task.dataset for task in self.tasks))
 
     def task(self, name: str) -> PackTask:
-        """The task of a name, or the only one that begins so (`synchronous/01`, `01`, `hamburger`).
+        """Return the task with a name or unambiguous part (`synchronous/01`, `01`, `hamburger`).
 
         Raises:
-            UnknownNameError: There is none, with the nearest name or all of the data set, or there
-                are several.
+            UnknownNameError: The name is unknown or ambiguous.
         """
-        found = names_meant(name, self._tasks)
+        found = matching_names(name, self._tasks)
         if len(found) > 1:
-            raise UnknownNameError(f"{name!r} is not one task but {len(found)}: {', '.join(found)}")
+            raise UnknownNameError(f"{name!r} is ambiguous; choose {', '.join(found)}")
         if not found:
-            raise UnknownNameError(f"there is no task {name!r}{self._tasks_meant(name)}")
+            raise UnknownNameError(f"unknown task {name!r}{self._suggestion(name)}")
         return self._tasks[found[0]]
 
-    def _tasks_meant(self, name: str) -> str:
-        """The clause that names the nearest task, or those of the data set. For a number it is
-        those: tasks may be numbered otherwise here."""
+    def _suggestion(self, name: str) -> str:
+        """Return the end of an error that names the nearest task or those of the dataset.
+
+        Numbers get the whole list, because packs may number the same task differently.
+        """
         dataset, _, rest = name.rpartition("/")
         near = "" if rest.isdecimal() else did_you_mean(name, self._tasks)
         listed = [task.name for task in self.tasks if task.dataset == dataset]
         return f"; {dataset} has {', '.join(listed)}" if listed and not near else near
 
     def instance(self, id_: str) -> PackInstance:
-        """The instance of an id; UnknownNameError names the nearest."""
+        """Return the instance with an id, or raise UnknownNameError."""
         return _named("instance", id_, self._instances)
 
     def prompt(self, id_: str) -> Prompt:
-        """The prompt of an id; UnknownNameError names the nearest."""
+        """Return the prompt with an id, or raise UnknownNameError."""
         return _named("prompt", id_, {prompt.id: prompt for prompt in self.prompts})
 
     def example_set(self, name: str) -> Examples:
-        """The examples of a name; UnknownNameError names the nearest."""
+        """Return the examples with a name, or raise UnknownNameError."""
         return _named("examples", name, {found.name: found for found in self.examples})
 
     def experiment(self, id_: str) -> Experiment:
-        """The experiment of an id; UnknownNameError names the nearest."""
+        """Return the experiment with an id, or raise UnknownNameError."""
         return _named("experiment", id_, {found.id: found for found in self.experiments})
 
     def instances_of(
         self, tasks: Iterable[str] | None = None, kinds: Iterable[InstanceKind] | None = None
     ) -> tuple[PackInstance, ...]:
-        """The instances of some tasks (all if None) and kinds (all if None), in their order.
+        """Return the instances of some tasks and kinds, by default of all.
 
         Raises:
-            UnknownNameError: There is no such task.
+            UnknownNameError: A task is unknown.
         """
         names = None if tasks is None else {self.task(name).name for name in tasks}
         wanted = None if kinds is None else set(kinds)
@@ -260,41 +281,42 @@ class Pack:
         )
 
     def load(self, instance: PackInstance | str, *, seats: int | None = None) -> Task:
-        """An instance as a task of the game, called by its id.
+        """Return an instance as a task, named by its id.
 
         Raises:
-            UnknownNameError: There is no such instance.
-            FileError: Its problem has faults, or is not for so many seats.
+            UnknownNameError: The instance is unknown.
+            FileError: Its problem is invalid, or not for that many seats.
         """
         if isinstance(instance, str):
             instance = self.instance(instance)
         source = f"{self.name}: {instance.id}"
+        # Validated each time: packs are read from files that anyone may have written.
         problem = validate(parse_json(instance.problem, source), ProblemFile, source)
         return build_task(instance.id, self._domain, problem, seats=seats, source=source)
 
     def require_seats(self, instances: Iterable[PackInstance], seats: int) -> None:
-        """Raises RobotouilleError, which names the tasks, if some cannot be played by so many."""
-        refused: dict[str, str] = {}
+        """Raise RobotouilleError if some tasks cannot be played by this many players."""
+        impossible: dict[str, str] = {}
         for instance in instances:
             task = self.load(instance)
             possible = task.problem.seats or (task.seats,)
             if seats not in possible:
-                refused[instance.task] = ", ".join(map(str, possible))
-        if refused:
-            named = [f"{task} (possible: {counts})" for task, counts in refused.items()]
+                impossible[instance.task] = ", ".join(map(str, possible))
+        if impossible:
+            named = [f"{task} (possible: {counts})" for task, counts in impossible.items()]
             more = f"; and {len(named) - MAX_NAMED} more" if len(named) > MAX_NAMED else ""
             raise RobotouilleError(
                 f"{seats} players are not possible for {'; '.join(named[:MAX_NAMED])}{more}: "
-                "leave these tasks out"
+                "exclude these tasks"
             )
 
     def plan(self, instance: PackInstance | str, world: World) -> Plan:
-        """The shortest plan known of an instance, for as many players as its world has.
+        """Return the shortest known plan of an instance for the number of players in its world.
 
         Raises:
-            UnknownNameError: There is no such instance.
-            RobotouilleError: No plan of it is known.
-            FileError: The plan is not one of this world.
+            UnknownNameError: The instance is unknown.
+            RobotouilleError: No plan is known.
+            FileError: The plan does not fit the world.
         """
         if isinstance(instance, str):
             instance = self.instance(instance)
@@ -306,10 +328,10 @@ class Pack:
     def budget(
         self, instance: PackInstance, kind: BudgetKind, *, seats: int | None = None
     ) -> Budget:
-        """The steps a run of an instance may take.
+        """Return the step budget of an instance.
 
         Raises:
-            RobotouilleError: No number is known that such a budget could be made of.
+            RobotouilleError: The instance has no constant or known plan for this kind of budget.
         """
         if kind == "published":
             constant = self.task(instance.task).optimal
@@ -320,7 +342,7 @@ class Pack:
             if best is not None:
                 return own_budget(best.steps)
         missing = "constant" if kind == "published" else "known plan"
-        raise RobotouilleError(f"{instance.id}: has no {missing}, so there is no {kind} budget")
+        raise RobotouilleError(f"{instance.id}: no {missing}, so no {kind} budget")
 
     @cached_property
     def _domain(self) -> DomainFile:
@@ -337,17 +359,19 @@ class Pack:
 
 
 def fields_of(part: Any) -> dict[str, Any]:
-    """The fields of a pack or one of its parts, as `default` of `json.dumps`: a copy of all of it,
-    as `asdict` makes one, takes longer than its text."""
+    """Return the fields of a pack or one of its parts, for `default` of `json.dumps`.
+
+    `asdict` would copy all of it, which takes longer than writing its JSON.
+    """
     return {field.name: getattr(part, field.name) for field in fields(part)}
 
 
 def canonical_json(value: object) -> str:
-    """A JSON value as packs hold it: no spaces, and the order of the file, which can matter."""
+    """Return JSON without spaces, in the order of the value, which can matter."""
     return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
 
 
 def _named(what: str, name: str, found: Mapping[str, N]) -> N:
     if name not in found:
-        raise UnknownNameError(f"there is no {what} {name!r}{did_you_mean(name, found)}")
+        raise UnknownNameError(f"unknown {what} {name!r}{did_you_mean(name, found)}")
     return found[name]

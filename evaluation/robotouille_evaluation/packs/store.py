@@ -1,9 +1,9 @@
-"""A pack as a folder: JSON files that one can read and compare, and a manifest of their hashes.
+"""Folders of packs: JSON files that can be read and compared, and a manifest of their hashes.
 
     manifest.json             format, name, version, digest, and the hash of every file
     domain.json tasks.json instances.json prompts.json examples.json experiments.json
 
-Problems are JSON values in there, not strings.
+Problems are stored as JSON values, not as strings.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 from robotouille.domain.files import is_file, parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
 from robotouille_evaluation.packs.pack import Pack, canonical_json, fields_of
-from robotouille_evaluation.packs.published.experiment_settings import setting_faults
-
-__all__ = ["FORMAT", "MANIFEST", "default_folder", "read_pack", "write_pack"]
+from robotouille_evaluation.packs.published_configuration import setting_faults
 
 FORMAT = "robotouille-pack/1"
 MANIFEST = "manifest.json"
@@ -35,18 +33,19 @@ _PACKS = TypeAdapter(Pack)
 
 
 def default_folder(name: str) -> Path:
-    """Where a pack goes if nobody says: `packs/NAME` in the working folder."""
+    """Return the default folder of a pack: `packs/NAME` in the working folder."""
     return Path("packs") / name
 
 
 def write_pack(pack: Pack, folder: Path) -> None:
-    """Write a pack to a folder, whole or not at all; a pack that is there is replaced.
+    """Write a pack to a folder completely or not at all, replacing an earlier pack.
 
     Raises:
-        FileError: It cannot be written, or the folder holds something that is no pack.
+        FileError: The pack cannot be written, or the folder contains something else.
     """
     if folder.exists() and not _replaceable(folder):
-        _fail(folder, "is there, and is no pack; choose another folder")
+        _fail(folder, "already contains something that is not a pack; choose another folder")
+    # Next to the folder: a rename must not cross file systems.
     draft = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     try:
@@ -63,17 +62,18 @@ def write_pack(pack: Pack, folder: Path) -> None:
             if old.exists() and not folder.exists():
                 old.replace(folder)
         shutil.rmtree(draft, ignore_errors=True)
+        # After the new pack is in place, a failure to delete the old one does no harm.
         shutil.rmtree(old, ignore_errors=True)
 
 
 def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
-    """The pack in a folder, once every file has the hash that the manifest gives.
+    """Return the pack in a folder after checking its hashes.
 
     Args:
-        digest: The digest that it has to have, e.g. that of the pack a result came from.
+        digest: Expected digest, such as that of a run's pack.
 
     Raises:
-        FileError: It is no pack, of another format, damaged, or of another digest.
+        FileError: The folder is not a pack, has another format or digest, or is damaged.
     """
     manifest = _read_manifest(folder)
     texts = _checked(folder, manifest["files"])
@@ -81,7 +81,7 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
         values = {name: parse_json(text, str(folder / name)) for name, text in texts.items()}
         pack = _PACKS.validate_python(_raw(manifest, values))
     except (ValidationError, LookupError, TypeError) as error:
-        _fail(folder, f"is not laid out as a pack: {str(error).splitlines()[0]}")
+        _fail(folder, f"invalid pack: {str(error).splitlines()[0]}")
     faults = [
         Fault(f"experiment {experiment.id}", fault)
         for experiment in pack.experiments
@@ -92,7 +92,7 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
     if pack.digest != manifest["digest"]:
         _fail(folder / MANIFEST, f"digest: expected {pack.digest}, found {manifest['digest']}")
     if digest is not None and pack.digest != digest:
-        _fail(folder, f"is another pack: expected the digest {digest}, found {pack.digest}")
+        _fail(folder, f"another pack: expected the digest {digest}, found {pack.digest}")
     return pack
 
 
@@ -101,7 +101,7 @@ def _replaceable(folder: Path) -> bool:
 
 
 def _files(pack: Pack) -> dict[str, str]:
-    """The texts of all files, the manifest's last."""
+    """Return the texts of all files, the manifest last."""
     values: dict[str, Any] = {"domain.json": json.loads(pack.domain)}
     for name in LISTS:
         rows = [fields_of(part) for part in getattr(pack, name)]
@@ -120,7 +120,7 @@ def _files(pack: Pack) -> dict[str, str]:
 
 
 def _text(value: Any) -> str:
-    """A line for each entry of a list: files of two packs can be compared line by line."""
+    """Return a value as JSON, with a line for each entry of a list, so that `diff` is useful."""
     if not isinstance(value, list):
         return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
     rows = (json.dumps(row, ensure_ascii=False, default=fields_of) for row in value)
@@ -134,14 +134,14 @@ def _hash(content: bytes) -> str:
 def _read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     if not is_file(path):
-        hint = did_you_mean(folder.name, _packs_beside(folder))
+        hint = did_you_mean(folder.name, _neighbours(folder))
         if is_file(folder / "domain/robotouille.json"):
-            hint = f"; `robotouille pack import {folder}` makes one of a checkout"
-        _fail(folder, f"is no pack: it has no {MANIFEST}{hint}")
+            hint = f"; convert a checkout with `robotouille pack import {folder}`"
+        _fail(folder, f"not a pack: it has no {MANIFEST}{hint}")
     manifest = parse_json(_read(path).decode(errors="replace"), str(path))
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         found = manifest.get("format") if isinstance(manifest, dict) else manifest
-        _fail(path, f"format: expected {FORMAT!r}, found {found!r}; make the pack anew")
+        _fail(path, f"format: expected {FORMAT!r}, found {found!r}; build the pack again")
     files = manifest.get("files")
     if not isinstance(files, dict) or not all(map(_inside, files)):
         _fail(path, "files: expected file names with their hashes")
@@ -151,7 +151,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def _packs_beside(folder: Path) -> list[str]:
+def _neighbours(folder: Path) -> list[str]:
     with suppress(OSError):
         return [path.parent.name for path in folder.parent.glob(f"*/{MANIFEST}")]
     return []
@@ -163,7 +163,7 @@ def _inside(name: str) -> bool:
 
 
 def _checked(folder: Path, hashes: dict[str, str]) -> dict[str, str]:
-    """The texts of all files; FileError lists those that are missing or changed."""
+    """Return the texts of all files, or raise FileError for missing or changed ones."""
     texts: dict[str, str] = {}
     faults: list[Fault] = []
     for name, expected in hashes.items():
@@ -191,7 +191,7 @@ def _read(path: Path) -> bytes:
 
 
 def _raw(manifest: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a pack; texts again where the files have JSON values."""
+    """Return the fields of a pack, with JSON values converted to texts."""
     raw: dict[str, Any] = {name: values[f"{name}.json"] for name in LISTS}
     for name in WITH_PROBLEMS:
         raw[name] = [{**row, "problem": canonical_json(row["problem"])} for row in raw[name]]

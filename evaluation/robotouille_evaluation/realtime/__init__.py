@@ -1,36 +1,39 @@
-"""Models in real time: what thinking costs, what becomes of late answers, who acts meanwhile."""
+"""Models in real time: cost of thinking, late answers, and helpers that act in the meantime."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille_evaluation.realtime.changes import digest, estimated_tokens
-    from robotouille_evaluation.realtime.charge import Charge, ChargeKind
-    from robotouille_evaluation.realtime.late import Late, Look, holds
-    from robotouille_evaluation.realtime.seat import Choice, RealTimeSeat
+    from robotouille_evaluation.realtime.observation import (
+        Charge,
+        ChargeKind,
+        LatePolicy,
+        ObservedStep,
+        digest,
+        estimated_tokens,
+        still_holds,
+    )
+    from robotouille_evaluation.realtime.seat import RealTimeSeat, SeatDecision
     from robotouille_evaluation.realtime.thoughts import Thought
 else:
     from robotouille.lazy_exports import lazy_exports
 
     __getattr__ = lazy_exports(
         __name__,
-        "robotouille_evaluation.realtime.thoughts",
-        "robotouille_evaluation.realtime.changes",
-        "robotouille_evaluation.realtime.late",
-        "robotouille_evaluation.realtime.charge",
         "robotouille_evaluation.realtime.seat",
+        "robotouille_evaluation.realtime.observation",
     )
 
 __all__ = [
     "Charge",
     "ChargeKind",
-    "Choice",
-    "Late",
-    "Look",
+    "LatePolicy",
+    "ObservedStep",
     "RealTimeSeat",
+    "SeatDecision",
     "Thought",
     "digest",
     "estimated_tokens",
-    "holds",
+    "still_holds",
 ]

@@ -1,7 +1,7 @@
-"""A language model in a seat on a server whose world does not wait: it thinks in a task of its own,
-steps go by, and a helper may act meanwhile, which thinks in another task.
+"""Language model in a seat on a server whose world does not wait.
 
-The game is joined with both views: the model reads the text, the helper plans on the state.
+The model thinks in one asyncio task. Meanwhile steps pass, and a helper in another task may act.
+The game is joined with both views: the model reads the text, and the helper plans on the state.
 """
 
 from __future__ import annotations
@@ -18,52 +18,52 @@ from robotouille.replay.model_calls import CallNotes
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_client import Game
 from robotouille_client.bots.seat_policy import MakePolicy, SeatPolicy
-from robotouille_client.game import ActionRequest
-from robotouille_client.sansio.game_events import ActResult, Changed, GameEvent
-from robotouille_evaluation.agents.asking import Complete, answer_all
-from robotouille_evaluation.agents.exchange_rows import exchange_note
-from robotouille_evaluation.agents.network import GameChat, give_up, refused_words
+from robotouille_client.game import RequestedAction
+from robotouille_client.sansio.game_events import ActResult, GameEvent, StateChanged
+from robotouille_evaluation.agents.network import GameChat, give_up, rejected_text
 from robotouille_evaluation.agents.proposal import (
     MAX_REASONING,
+    Complete,
     Exchange,
     Proposal,
     Strategy,
+    answer_all,
+    exchange_note,
 )
-from robotouille_evaluation.realtime.charge import Charge, ChargeKind
-from robotouille_evaluation.realtime.late import Late, Look
-from robotouille_evaluation.realtime.seat import Choice, RealTimeSeat
+from robotouille_evaluation.realtime.observation import Charge, ChargeKind, LatePolicy, ObservedStep
+from robotouille_evaluation.realtime.seat import RealTimeSeat, SeatDecision
 from robotouille_evaluation.realtime.thoughts import TOPIC as THINKING
-
-__all__ = ["RealTimeAgent", "RealTimeOptions"]
-
 
 WALL = Charge(ChargeKind.WALL)
 
 
 @dataclass(frozen=True, slots=True)
 class RealTimeOptions:
-    """How a model plays in real time.
+    """Options of a model in real time.
 
     Args:
-        late: What becomes of late answers.
-        digest_tokens: How long the digest may be of what has changed; none if 0.
-        helper: Makes who acts while the model thinks; nobody if None.
-        charge: What thinking costs where it is declared. By the wall clock the world goes on by
-            itself, and nothing is charged.
+        late: Rule for late answers.
+        digest_tokens: Longest digest of changes; no digest if 0.
+        helper: Returns the policy that acts while the model thinks; None for no helper.
+        charge: Cost of thinking if the episode's rules let players declare it. With the wall
+            clock, time passes by itself and nothing is charged.
     """
 
-    late: Late = Late.APPLY
+    late: LatePolicy = LatePolicy.APPLY
     digest_tokens: int = 0
     helper: MakePolicy | None = None
     charge: Charge = WALL
 
 
 class RealTimeAgent:
-    """Plays a seat with a strategy; `told` hears of each exchange with the model.
+    """Plays a seat with a strategy.
 
-    Where thinking is declared and nothing happens meanwhile (no helper, late answers are applied),
-    an action is sent with its `think_ms`. Otherwise the seat passes, or its helper acts, in the
-    steps that the thought has cost, and the answer counts after them.
+    If thinking is declared, and there is no helper and no rule for late answers, an action is sent
+    with its `think_ms`. Otherwise the seat passes, or its helper acts, during the steps that the
+    thought costs. The answer takes effect after them.
+
+    Args:
+        exchanged: Observer of each exchange with the model.
     """
 
     def __init__(
@@ -72,19 +72,19 @@ class RealTimeAgent:
         strategy: Strategy,
         complete: Complete,
         options: RealTimeOptions | None = None,
-        told: Callable[[Exchange], None] = lambda _: None,
+        exchanged: Callable[[Exchange], None] = lambda _: None,
     ) -> None:
         self._game = game
         self._complete = complete
         self._options = options or RealTimeOptions()
-        self._told = told
+        self._exchanged = exchanged
         self._declared = game.clock.get("thinking") == "declared"
         late, tokens = self._options.late, self._options.digest_tokens
         self._seat = RealTimeSeat(game.seat or "", strategy, late, tokens)
         self._calls = CallNotes()
         self._chat = GameChat(game)
         self._thought: asyncio.Task[Proposal] | None = None
-        self._news: asyncio.Task[GameEvent] | None = None
+        self._event: asyncio.Task[GameEvent] | None = None
         self._basis = 0
         self._due = 0
         self._think_ms = 0
@@ -95,56 +95,55 @@ class RealTimeAgent:
         self._help: asyncio.Task[GroundAction | None] | None = None
 
     async def play(self) -> Mapping[str, Any]:
-        """Play to the end; the outcome, empty if the connection was lost for good. A thought that
-        is not finished then is given up."""
+        """Play to the end and return the outcome, or {} if the connection was lost for good.
+
+        A thought that is not finished then is cancelled.
+        """
         game = self._game
         try:
             if self._helper is not None:
-                self._helper.begin()  # Now: it takes a moment, for which no answer is to wait.
+                self._helper.begin()  # Starting takes a moment that no answer should wait for.
             while not game.ended:
                 self._catch_up()
                 if not await self._act() and not game.ended:
                     await self._wait()
         finally:
-            for task in (self._thought, self._help, self._news):
+            for task in (self._thought, self._help, self._event):
                 await give_up(task)
         return game.outcome or {}
 
     def _catch_up(self) -> None:
-        """Heed what has happened, in its order: the oldest may have been taken by the one that
-        waits for it."""
-        if self._news is not None and self._news.done():
-            self._heed(self._news.result())
-            self._news = None
+        # The oldest event may have gone to the task that waits for events.
+        if self._event is not None and self._event.done():
+            self._heed(self._event.result())
+            self._event = None
         for event in self._game.poll():
             self._heed(event)
 
     def _heed(self, event: GameEvent) -> None:
-        if isinstance(event, Changed) and event.did:
+        if isinstance(event, StateChanged) and event.did:
             self._seat.observe(event.did)
         self._chat.heed(event)
         if self._helper is not None:
             self._helper.heed(event)
 
     async def _wait(self) -> None:
-        """Until something happens in the game, the model has answered, or its helper decided."""
-        if self._news is None:
-            self._news = asyncio.ensure_future(self._game.next_event())
-        awaited: list[asyncio.Future[Any]] = [self._news]
+        """Wait for an event of the game, the model's answer, or the helper's decision."""
+        if self._event is None:
+            self._event = asyncio.ensure_future(self._game.next_event())
+        awaited: list[asyncio.Future[Any]] = [self._event]
         for task in (self._thought, self._help):
             if task is not None and not task.done():
                 awaited.append(task)
         await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
 
-    # One step
-
     async def _act(self) -> bool:
-        """Do what there is to do now; whether anything was."""
-        now = self._look()
+        """Do the next thing, if any, and return whether there was one."""
+        now = self._observed()
         if now is None or not self._game.my_move or now.step <= self._acted:
             return False
         if self._declared and self._thought is not None and not self._thought.done():
-            return False  # The world waits for everybody: what it costs comes afterwards.
+            return False  # The world waits for all players; the thought is charged afterwards.
         if await self._arrive(now):
             return True
         choice = self._seat.choose(now)
@@ -158,35 +157,36 @@ class RealTimeAgent:
             return True
         return await self._pass_time(now)
 
-    def _look(self) -> Look | None:
-        """What the model would be shown; None while the text of this step is on its way."""
+    def _observed(self) -> ObservedStep | None:
+        """Return the current observation, or None if its text has not arrived."""
         seen = self._game.observation
         if seen is None or not self._game.has_state or seen.step != self._game.step:
             return None
-        return Look(seen.step, seen.text, seen.actions)
+        return ObservedStep(seen.step, seen.text, seen.actions)
 
-    def _ask(self, now: Look) -> None:
+    def _ask(self, now: ObservedStep) -> None:
         shown = replace(self._seat.look(now), heard=self._chat.read())
         self._note()
         self._basis = self._due = now.step
+        # The wall clock needs no charge: its time has passed when the answer comes.
         self._think_ms, self._charged = 0, not self._declared
         proposing = answer_all(self._seat.strategy.propose(shown), self._complete)
         self._thought = asyncio.ensure_future(proposing)
 
     def _charge(self, proposal: Proposal) -> None:
-        """What a thought has cost: with the action that it led to, or else in steps that pass."""
+        """Charge a thought, with its action or in steps that pass."""
         self._charged = True
         ms = self._options.charge.milliseconds(proposal.exchanges)
-        simple = self._options.helper is None and self._options.late is Late.APPLY
+        simple = self._options.helper is None and self._options.late is LatePolicy.APPLY
         if simple and proposal.actions:
             self._think_ms = ms
             return
+        # Rounding removes floating-point noise, which could cost an extra step.
         steps = ms / 1000 * float(self._game.clock["step_rate"])
         self._due = self._basis + math.ceil(round(steps, 9))
 
-    async def _arrive(self, now: Look) -> bool:
-        """Whether the model's answer counts from now on. What its helper has not decided by then
-        is given up."""
+    async def _arrive(self, now: ObservedStep) -> bool:
+        """Let the model's answer take effect if it is due, and return whether it did."""
         if self._thought is None or not self._thought.done():
             return False
         proposal = self._thought.result()
@@ -195,13 +195,14 @@ class RealTimeAgent:
         if now.step < self._due:
             return False
         self._thought = None
+        # The model's answer takes precedence over the helper's decision.
         await give_up(self._help)
         self._help = None
         for exchange in proposal.exchanges:
-            self._told(exchange)
+            self._exchanged(exchange)
             self._game.note(CALLS, exchange_note(self._calls, exchange))
         self._chat.say(proposal.say)
-        # Only now: the server may take for an action what was refused here, and the game may end.
+        # Last, because the server may accept a rejected answer, and the game may end with it.
         for exchange in proposal.exchanges:
             if await self._record(exchange):
                 proposal = replace(proposal, actions=())
@@ -210,9 +211,8 @@ class RealTimeAgent:
         return True
 
     async def _record(self, exchange: Exchange) -> bool:
-        """Let the server refuse what was no action, so that it is in the recording. Whether the
-        server has read it better, and it was done."""
-        said = refused_words(exchange)
+        """Send a rejected answer, so that it is recorded, and return whether it was applied."""
+        said = rejected_text(exchange)
         if said is None or not self._game.my_move:
             return False
         reasoning = exchange.reasoning[:MAX_REASONING]
@@ -221,7 +221,7 @@ class RealTimeAgent:
             self._acted = result.step - 1
         return result.applied
 
-    async def _carry_out(self, choice: Choice) -> None:
+    async def _carry_out(self, choice: SeatDecision) -> None:
         step, think_ms = self._game.step, self._think_ms
         self._think_ms = 0
         action = choice.action or None
@@ -230,11 +230,13 @@ class RealTimeAgent:
             self._acted = max(step, result.step - 1)
         else:
             reasons = [unmet.words for unmet in result.unmet]
-            self._seat.refused(choice.action, reasons)
+            self._seat.rejected(choice.action, reasons)
 
-    async def _pass_time(self, now: Look) -> bool:
-        """What the helper does while the model thinks. Where the world waits for everybody, and
-        nothing is to be done, that is said."""
+    async def _pass_time(self, now: ObservedStep) -> bool:
+        """Let the helper act while the model thinks, and return whether anything was done.
+
+        A world that waits for all players needs a message even if the seat does nothing.
+        """
         action = None
         if self._helper is not None and self._seat.thinking:
             if self._help is None and self._helped < now.step:
@@ -245,7 +247,7 @@ class RealTimeAgent:
                     return False
                 action, self._help = self._still_valid(self._help.result()), None
                 if action is None and self._helped < now.step:
-                    return True  # That was about a step that is over: it decides anew.
+                    return True  # The decision was about an earlier step, so ask again.
         if action is None and not self._declared:
             return False
         result = await self._send(action, None)
@@ -258,9 +260,9 @@ class RealTimeAgent:
         return action if valid else None
 
     async def _send(
-        self, action: ActionRequest, basis: int | None, reasoning: str = "", think_ms: int = 0
+        self, action: RequestedAction, basis: int | None, reasoning: str = "", think_ms: int = 0
     ) -> ActResult:
-        """Without the reasoning where no more of it is recorded."""
+        """Send an action, without the reasoning if the server's quota for it is used up."""
         game = self._game
         result = await game.act(action, think_ms=think_ms, basis=basis, reasoning=reasoning or None)
         if reasoning and result.code == ErrorCode.RATE_WORDS:

@@ -1,8 +1,8 @@
-"""One seat in real time, without input or output: a slow model, and a fast helper.
+"""State of one seat in real time, without input or output.
 
-The shell tells what was done in a step (`observe`), asks the model when the seat wants to look
-(`wants_to_look`, `look`), hands the answer over when its time has come (`answer`), and does what
-the seat chooses (`choose`).
+The caller reports each step (`observe`), asks the model when the seat wants to (`wants_to_look`,
+`look`), passes on the answer when it takes effect (`answer`), and sends what the seat chooses
+(`choose`).
 """
 
 from __future__ import annotations
@@ -12,21 +12,27 @@ from dataclasses import dataclass
 
 from robotouille import State
 from robotouille.planning.policies import Did
-from robotouille_evaluation.agents.proposal import MAX_REASONING, Observation, Proposal, Strategy
-from robotouille_evaluation.realtime.changes import digest
-from robotouille_evaluation.realtime.late import Late, Look, holds
-from robotouille_evaluation.realtime.thoughts import Fate, begun_note, ended_note
+from robotouille_evaluation.agents.proposal import (
+    MAX_REASONING,
+    AgentObservation,
+    Proposal,
+    Strategy,
+)
+from robotouille_evaluation.realtime.observation import (
+    LatePolicy,
+    ObservedStep,
+    digest,
+    still_holds,
+)
+from robotouille_evaluation.realtime.thoughts import AnswerFate, begun_note, ended_note
 
-__all__ = ["Choice", "RealTimeSeat"]
-
-MAX_DEEDS = 200
-"""That are remembered for the digest."""
+MAX_EVENTS = 200
+"""Actions of players that are kept for the digest."""
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
-    """An action of the model's, as a sentence (nothing if it is empty), the step on which it is
-    based, and whether it is valid now."""
+class SeatDecision:
+    """Action of a model; an empty sentence does nothing. `basis` is the step that it answers."""
 
     action: str
     basis: int
@@ -35,120 +41,121 @@ class Choice:
 
 
 class RealTimeSeat:
-    """What a seat does with its model's answers.
+    """Seat of a model whose answers may come late.
 
-    `notes` are for the recording, of the topic `thinking`; the shell takes them away. `done` says
-    that the model wants no further turn.
+    `notes` are notes of the topic `thinking` for the recording, which the caller removes. `done`
+    means that the model has finished.
 
     Args:
-        late: Which late answers are acted upon.
-        digest_tokens: How long the digest may be that goes before what the model is shown; none
-            if 0.
+        late: Rule for late answers.
+        digest_tokens: Longest digest of changes above an observation; no digest if 0.
     """
 
     def __init__(
-        self, player: str, strategy: Strategy, late: Late = Late.APPLY, digest_tokens: int = 0
+        self,
+        player: str,
+        strategy: Strategy,
+        late: LatePolicy = LatePolicy.APPLY,
+        digest_tokens: int = 0,
     ) -> None:
         self._player = player
         self._strategy = strategy
         self._late = late
         self._digest_tokens = digest_tokens
-        self._look: Look | None = None
+        self._look: ObservedStep | None = None
         self._thinking = False
         self._plan: list[str] = []
         self._reasoning = ""
         self._fresh = False
         self._asked_at = -1
-        self._deeds: list[str] = []
-        self._news: list[str] = []
+        self._events: list[str] = []
+        self._feedback: list[str] = []
         self.done = False
         self.notes: list[str] = []
 
     @property
     def strategy(self) -> Strategy:
-        """How the model is asked."""
+        """Strategy that asks the model."""
         return self._strategy
 
     @property
     def thinking(self) -> bool:
-        """Whether the model has been asked, and its answer has not come."""
+        """True while the model has been asked and has not answered."""
         return self._thinking
 
     @property
     def over(self) -> bool:
-        """Whether there is nothing more to come of it."""
+        """True if the seat will not act again."""
         return self.done and not self._plan and not self._thinking
 
     def observe(self, did: Did) -> None:
-        """What everybody did in a step."""
+        """Observe what all players did in a step."""
         self._strategy.observe(did)
         for player, action, applied in did:
-            refused = "" if applied else " (refused)"
+            rejected = "" if applied else " (refused)"
             who = "you" if player == self._player else player
-            self._deeds.append(f"{who}: {action.sentence}{refused}")
-        del self._deeds[:-MAX_DEEDS]
-
-    # Thinking
+            self._events.append(f"{who}: {action.sentence}{rejected}")
+        # A model that never answers must not make the list grow without limit.
+        del self._events[:-MAX_EVENTS]
 
     def wants_to_look(self, step: int) -> bool:
-        """Whether the model is to be asked now: once a step at most."""
+        """Return whether to ask the model now, which happens at most once per step."""
         free = not (self._thinking or self._plan or self.done)
         return free and step > self._asked_at
 
-    def look(self, now: Look, state: State | None = None) -> Observation:
-        """What the model is shown; it thinks from now on."""
-        text = "\n\n".join(filter(None, [self._told(now), now.text]))
+    def look(self, now: ObservedStep, state: State | None = None) -> AgentObservation:
+        """Return the model's observation, and count the model as thinking from now on."""
+        text = "\n\n".join(filter(None, [self._digest(now), now.text]))
         self._look, self._thinking, self._asked_at = now, True, now.step
-        self._deeds.clear()
-        self._news.clear()
+        self._events.clear()
+        self._feedback.clear()
         self.notes.append(begun_note(now.step))
-        return Observation(text, now.valid, self._player, state)
+        return AgentObservation(text, now.valid, self._player, state)
 
-    def _told(self, now: Look) -> str:
+    def _digest(self, now: ObservedStep) -> str:
         then = self._look
         if then is None or not self._digest_tokens or then.step == now.step:
             return ""
-        deeds = [*self._deeds, *self._news]
-        return digest(then.text, now.text, now.step - then.step, deeds, self._digest_tokens)
+        events = [*self._events, *self._feedback]
+        return digest(then.text, now.text, now.step - then.step, events, self._digest_tokens)
 
     def answer(self, proposal: Proposal) -> None:
-        """The model's answer has come, and counts from now on."""
+        """Let the model's answer take effect."""
         self._thinking = False
         self._plan = list(proposal.actions)
         self._reasoning = proposal.reasoning[:MAX_REASONING]
         self._fresh = True
         self.done = proposal.done
         if not self._plan and self._look is not None:
-            self._end(self._look, Fate.NONE)
+            self._end(self._look, AnswerFate.NONE)
 
-    # Acting
-
-    def choose(self, now: Look) -> Choice | None:
-        """What to do by the model's last answer; None where there is none, or it is dropped."""
+    def choose(self, now: ObservedStep) -> SeatDecision | None:
+        """Return the next action of the last answer; None without one, or if it is dropped."""
         if not self._plan or self._look is None:
             return None
         action, look = self._plan[0], self._look
+        # Only the first action of an answer can be late; the others follow it.
         if self._fresh:
             self._fresh = False
-            if action and not holds(self._late, action, look, now):
+            if action and not still_holds(self._late, action, look, now):
                 self._drop(look, action)
                 return None
-            self._end(look, Fate.USED)
+            self._end(look, AnswerFate.USED)
         self._plan.pop(0)
         reasoning, self._reasoning = self._reasoning, ""
-        return Choice(action, look.step, reasoning, not action or action in now.valid)
+        return SeatDecision(action, look.step, reasoning, not action or action in now.valid)
 
-    def refused(self, action: str, reasons: Sequence[str] = ()) -> None:
-        """What it chose was not valid any more: what was to follow is worth nothing."""
+    def rejected(self, action: str, reasons: Sequence[str] = ()) -> None:
+        """Drop the rest of the plan after a rejected action, and keep the reasons as feedback."""
         self._plan.clear()
         why = f": {'; '.join(reasons)}" if reasons else ""
-        self._news.append(f"your answer was refused, {action!r}{why}")
+        self._feedback.append(f"your answer was refused, {action!r}{why}")
 
-    def _drop(self, look: Look, action: str) -> None:
+    def _drop(self, look: ObservedStep, action: str) -> None:
         self._plan.clear()
         self._reasoning, self.done = "", False
-        self._news.append(f"your answer came too late and was dropped, {action!r}")
-        self._end(look, Fate.DROPPED, action)
+        self._feedback.append(f"your answer came too late and was dropped, {action!r}")
+        self._end(look, AnswerFate.DROPPED, action)
 
-    def _end(self, look: Look, fate: Fate, action: str = "") -> None:
+    def _end(self, look: ObservedStep, fate: AnswerFate, action: str = "") -> None:
         self.notes.append(ended_note(look.step, fate, action))

@@ -1,9 +1,4 @@
-"""When models thought, in the notes of the seats that they play.
-
-A note of the topic `thinking` is a JSON object. `basis` alone says that the model was shown that
-step and is asked now; with `fate` that its answer has come: `used`, `dropped` (and then `action`),
-or `none`, if no action was in it.
-"""
+"""Notes in recordings on when models think, and the thoughts that they describe."""
 
 from __future__ import annotations
 
@@ -13,13 +8,11 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-__all__ = ["TOPIC", "Fate", "Thought", "begun_note", "ended_note", "thoughts"]
-
 TOPIC = "thinking"
 
 
-class Fate(StrEnum):
-    """What became of an answer, before the world had its say."""
+class AnswerFate(StrEnum):
+    """Use that a seat made of an answer, before the world applied or rejected it."""
 
     USED = "used"
     DROPPED = "dropped"
@@ -28,8 +21,11 @@ class Fate(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Thought:
-    """A model of `seat` thought from step `basis` until its answer came at step `arrived`; None
-    if it never came. `dropped` is the action that it was too late for."""
+    """Period in which a seat's model thought.
+
+    `basis` is the step that it was shown. `arrived` is the step of its answer, or None if there was
+    none. `dropped` is the action that came too late.
+    """
 
     seat: str
     basis: int
@@ -38,18 +34,18 @@ class Thought:
 
 
 def begun_note(basis: int) -> str:
-    """A model was shown the state after so many steps, and is asked."""
+    """Return the note for a model that is asked about the state of step `basis`."""
     return json.dumps({"basis": basis})
 
 
-def ended_note(basis: int, fate: Fate, action: str = "") -> str:
-    """Its answer has come."""
-    told = {"action": action} if fate is Fate.DROPPED else {}
-    return json.dumps({"basis": basis, "fate": fate.value, **told}, ensure_ascii=False)
+def ended_note(basis: int, fate: AnswerFate, action: str = "") -> str:
+    """Return the note for the answer about step `basis`."""
+    details = {"action": action} if fate is AnswerFate.DROPPED else {}
+    return json.dumps({"basis": basis, "fate": fate.value, **details}, ensure_ascii=False)
 
 
 def thoughts(notes: Iterable[Mapping[str, Any]]) -> tuple[Thought, ...]:
-    """All thoughts that notes of a recording tell of, in order; each note has its `step`."""
+    """Return all thoughts that the notes of a recording describe, in order."""
     found: list[Thought] = []
     open_: dict[str, int] = {}
     for note in notes:
@@ -68,13 +64,14 @@ def thoughts(notes: Iterable[Mapping[str, Any]]) -> tuple[Thought, ...]:
 
 
 def _row(note: Mapping[str, Any]) -> dict[str, Any] | None:
-    """What a note says; None where it is another, or none that this module has written."""
+    """Return the content of a note, or None if this module did not write it."""
     if note["note"] != "noted" or note["topic"] != TOPIC:
         return None
     try:
         row = json.loads(note["text"])
     except ValueError:
         return None
+    # Recordings come from anyone; `type` because bool is an int.
     if not isinstance(row, dict) or type(row.get("basis")) is not int:
         return None
     return row if 0 <= row["basis"] <= note["step"] else None

@@ -1,7 +1,7 @@
-"""The dependency graph of a task, from a plan (paper, appendix "Task Dependency Graphs").
+"""Dependency graph of a task, derived from a plan (paper, appendix "Task Dependency Graphs").
 
-Nodes are the things that a recipe begins with and the work on them; an edge says that work needs
-what comes from there. Walking and carrying are left out: they are no part of a recipe.
+Nodes are the objects that a recipe starts with and the work on them. An edge leads from an object
+or work to the work that needs it. Walking and carrying are not part of a recipe and are left out.
 """
 
 from __future__ import annotations
@@ -10,30 +10,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robotouille.planning import Plan
-from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import World
-from robotouille_client.console.pages.drawing import (
+from robotouille.html_report.figures import (
     COLOURS,
     FAINT,
     INK,
     SOFT,
-    Picture,
-    drawn,
-    plain,
+    ReportFigure,
+    draw_figure,
+    short_label,
 )
-from robotouille_evaluation.metrics.action_kinds import is_asynchronous, is_work
+from robotouille.planning import Plan
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import World
+from robotouille_evaluation.metrics.asynchrony import is_asynchronous, is_work
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["DependencyGraph", "Node", "dependency_graph", "draw_graph"]
-
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A thing, or work on things; `asynchronous` work goes on by itself."""
+    """Object, or work on objects. Asynchronous work continues without a player."""
 
     label: str
     work: bool = True
@@ -42,7 +40,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class DependencyGraph:
-    """Nodes, and edges between their numbers: each from what is needed to what needs it."""
+    """Nodes, and edges between their indices, each from a need to the work that needs it."""
 
     title: str
     nodes: tuple[Node, ...]
@@ -50,7 +48,7 @@ class DependencyGraph:
 
 
 def dependency_graph(world: World, plan: Plan) -> DependencyGraph:
-    """The graph of a task's work, in the order in which a plan of it does it."""
+    """Return the graph of a task's work, with nodes in the order of the plan."""
     building = _Building(world)
     for joint in plan:
         for action in joint:
@@ -61,8 +59,10 @@ def dependency_graph(world: World, plan: Plan) -> DependencyGraph:
 
 
 class _Building:
-    """A graph that grows with a plan. `_latest` is the last node about each thing, `_work` what was
-    done in it."""
+    """Graph under construction.
+
+    `_latest` maps an object to its last node, `_work` a node to its action name and objects.
+    """
 
     def __init__(self, world: World) -> None:
         domain = world.task.domain
@@ -77,7 +77,7 @@ class _Building:
         things = [a for a in action.arguments if self._world.thing(a).type not in self._places]
         work = (action.name, tuple(things))
         if not things or self._work.get(self._latest.get(things[0], -1)) == work:
-            return  # three cuts are one cutting
+            return  # Three cuts are one node.
         before = [self._node_of(thing) for thing in things]
         label = f"{action.name} {self._kind(things[0])}"
         number = len(self.nodes)
@@ -96,7 +96,7 @@ class _Building:
         return self._latest[thing]
 
     def _maker(self, thing: str) -> int | None:
-        """The last asynchronous work, for a thing that was not there at first."""
+        """Return the last asynchronous work, for an object that did not exist at the start."""
         if any(thing == placed.name for placed in self._world.placed):
             return None
         late = [i for i, node in enumerate(self.nodes) if node.asynchronous]
@@ -106,8 +106,8 @@ class _Building:
         return self._world.thing(thing).kind
 
 
-def draw_graph(name: str, graph: DependencyGraph) -> Picture:
-    """A graph from left to right; work that goes on by itself has a dashed border."""
+def draw_graph(name: str, graph: DependencyGraph) -> ReportFigure:
+    """Draw the graph from left to right. Asynchronous work has a dashed border."""
     layers, rows = _layers(graph), _rows(graph)
     width, height = 1 + max(layers, default=0), 1 + max(rows.values(), default=0)
     places = [(layer, rows[number]) for number, layer in enumerate(layers)]
@@ -119,11 +119,11 @@ def draw_graph(name: str, graph: DependencyGraph) -> Picture:
         axes.set_xlim(-0.5, width - 0.5)
         axes.set_ylim(height - 0.5, -0.5)
 
-    return drawn(name, graph.title, (max(3.2, 1.12 * width), max(1.3, 0.5 * height)), draw)
+    return draw_figure(name, graph.title, (max(3.2, 1.12 * width), max(1.3, 0.5 * height)), draw)
 
 
 def _layers(graph: DependencyGraph) -> list[int]:
-    """How far each node is from the left: as near as it can be to what it is needed for."""
+    """Return the column of each node, as close as possible to the work that needs it."""
     left = [0] * len(graph.nodes)
     for a, b in sorted(graph.edges, key=lambda edge: -edge[1]):
         left[a] = max(left[a], left[b] + 1)
@@ -131,8 +131,7 @@ def _layers(graph: DependencyGraph) -> list[int]:
 
 
 def _rows(graph: DependencyGraph) -> dict[int, float]:
-    """How far each node is from the top, as in a tree: things below each other, and work in the
-    middle of what it needs."""
+    """Return the row of each node: leaves below each other, and work centred on its needs."""
     before: dict[int, list[int]] = {}
     for a, b in sorted(graph.edges):
         before.setdefault(b, []).append(a)
@@ -166,7 +165,7 @@ def _draw(axes: Axes, graph: DependencyGraph, places: Sequence[tuple[float, floa
                                   "linewidth": 0.9})  # fmt: skip
     for number, node in enumerate(graph.nodes):
         colour = COLOURS[1] if node.asynchronous else COLOURS[0] if node.work else FAINT
-        axes.text(*places[number], plain(node.label, 30).replace(" ", "\n"),
+        axes.text(*places[number], short_label(node.label, 30).replace(" ", "\n"),
                   ha="center", va="center", fontsize=7.5, color=INK, linespacing=1.0,
                   bbox={"boxstyle": "round,pad=0.35" if node.work else "square,pad=0.3",
                         "facecolor": "none", "edgecolor": colour, "linewidth": 1.2,

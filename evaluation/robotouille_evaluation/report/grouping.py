@@ -1,52 +1,21 @@
-"""Rows in groups that may be compared: by player, data set and task, and what else differs."""
+"""Groups of rows that can be compared: by player, data set and task."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
 
-from robotouille_evaluation.metrics.intervals import Interval, bootstrap
-from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille.html_report.intervals import Interval
+from robotouille_evaluation.metrics.rows import ResultRow
+from robotouille_evaluation.metrics.statistics import bootstrap
 from robotouille_evaluation.report import published
 
-__all__ = ["by", "datasets", "interval", "named", "part_played", "task_number", "tasks"]
-
-Group = dict[str, list[EpisodeRow]]
+RowGroups = dict[str, list[ResultRow]]
 
 DATASETS = ("synchronous", "asynchronous", "multi_agent")
-"""The order in which the paper has them; others follow by name."""
+"""The paper's order. Other data sets follow in alphabetical order."""
 
-
-def by(rows: Iterable[EpisodeRow], key: Callable[[EpisodeRow], str]) -> Group:
-    """Rows by a key, in the order in which the keys first occur."""
-    found: Group = {}
-    for row in rows:
-        found.setdefault(key(row), []).append(row)
-    return found
-
-
-def named(rows: Sequence[EpisodeRow]) -> Group:
-    """Rows by player. Where packs, variants, kinds of instances, timings, budgets, what the world
-    does meanwhile, or the size of an instance's team differ, they are groups of their own and named
-    so: a mean over them would say nothing."""
-    played: dict[str, set[int]] = {}
-    for row in rows:
-        played.setdefault(row.instance, set()).add(row.seats)
-
-    def team(row: EpisodeRow) -> str:
-        if len(played[row.instance]) == 1:
-            return ""
-        return f"{row.seats} players" if row.seats > 1 else "alone"
-
-    differing = [get for get in (*_SETTINGS, team) if len({get(row) for row in rows}) > 1]
-
-    def name(row: EpisodeRow) -> str:
-        return " · ".join([row.player, *filter(None, (get(row) for get in differing))])
-
-    return dict(sorted(by(rows, name).items()))
-
-
-_SETTINGS: tuple[Callable[[EpisodeRow], str], ...] = (
+SETTINGS: tuple[Callable[[ResultRow], str], ...] = (
     lambda row: f"{row.pack.name} {row.pack.version} {row.pack.digest[:8]}",
     lambda row: row.variant,
     lambda row: row.kind,
@@ -56,8 +25,40 @@ _SETTINGS: tuple[Callable[[EpisodeRow], str], ...] = (
 )
 
 
-def datasets(rows: Iterable[EpisodeRow]) -> Group:
-    """Rows by data set, in the paper's order."""
+def by(rows: Iterable[ResultRow], key: Callable[[ResultRow], str]) -> RowGroups:
+    """Return the rows by a key, in the order in which the keys first occur."""
+    found: RowGroups = {}
+    for row in rows:
+        found.setdefault(key(row), []).append(row)
+    return found
+
+
+def named(rows: Sequence[ResultRow]) -> RowGroups:
+    """Return the rows by player.
+
+    A mean over different settings would be meaningless. If rows differ in pack, variant, kind of
+    instance, timing, pace, step budget or team size, each combination is a group of its own whose
+    name includes the settings that differ.
+    """
+    sizes: dict[str, set[int]] = {}
+    for row in rows:
+        sizes.setdefault(row.instance, set()).add(row.seats)
+
+    def team(row: ResultRow) -> str:
+        if len(sizes[row.instance]) == 1:
+            return ""
+        return f"{row.seats} players" if row.seats > 1 else "alone"
+
+    differing = [get for get in (*SETTINGS, team) if len({get(row) for row in rows}) > 1]
+
+    def name(row: ResultRow) -> str:
+        return " · ".join([row.player, *filter(None, (get(row) for get in differing))])
+
+    return dict(sorted(by(rows, name).items()))
+
+
+def datasets(rows: Iterable[ResultRow]) -> RowGroups:
+    """Return the rows by data set, in the paper's order."""
 
     def place(name: str) -> tuple[int, str]:
         return (DATASETS.index(name) if name in DATASETS else len(DATASETS), name)
@@ -66,14 +67,17 @@ def datasets(rows: Iterable[EpisodeRow]) -> Group:
     return {name: groups[name] for name in sorted(groups, key=place)}
 
 
-def tasks(rows: Iterable[EpisodeRow]) -> Group:
-    """Rows by task, in the order of their numbers."""
+def tasks(rows: Iterable[ResultRow]) -> RowGroups:
+    """Return the rows by task, in the order of the tasks' numbers."""
     groups = by(rows, lambda row: row.task)
     return {name: groups[name] for name in sorted(groups, key=lambda t: (task_number(t) or 0, t))}
 
 
 def task_number(task: str) -> int | None:
-    """Which of the paper's ten tasks it is, 1 to 10: ours are named `01_…`, the published `0_…`."""
+    """Return the number of the task in the paper, 1 to 10.
+
+    Names of shipped tasks begin with `01_`, names in the published package with `0_`.
+    """
     found = re.match(r"(\d{1,9})_", task.rpartition("/")[2])
     if not found:
         return None
@@ -81,9 +85,11 @@ def task_number(task: str) -> int | None:
     return int(digits) if len(digits) > 1 else int(digits) + 1
 
 
-def part_played(dataset: str, rows: Iterable[EpisodeRow]) -> str:
-    """Of a data set that the paper has too, how much was played: `2 of 10 tasks`; nothing for all
-    of it."""
+def part_played(dataset: str, rows: Iterable[ResultRow]) -> str:
+    """Return which part of a data set of the paper was played, such as `2 of 10 tasks`.
+
+    The result is empty for a whole data set, and for data sets that the paper does not have.
+    """
     known = published.SUCCESS_BY_TASK.get(dataset)
     if known is None:
         return ""
@@ -93,9 +99,9 @@ def part_played(dataset: str, rows: Iterable[EpisodeRow]) -> str:
 
 
 def interval(
-    rows: Iterable[EpisodeRow], value: Callable[[EpisodeRow], float | None]
+    rows: Iterable[ResultRow], value: Callable[[ResultRow], float | None]
 ) -> Interval | None:
-    """The mean of a value with its bootstrap interval; the trials of an instance are one draw."""
+    """Return the mean of a value with its bootstrap interval, clustered by instance."""
     clusters: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         found = value(row)

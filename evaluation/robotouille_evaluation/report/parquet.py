@@ -1,4 +1,4 @@
-"""The rows of a report as Parquet: one column a number, its type the same in every file."""
+"""Rows of a report as Parquet, one column for each number, with fixed types."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel
 
-from robotouille_evaluation.metrics.rows import Category, EpisodeRow, Number
-
-__all__ = ["SCHEMA", "write_parquet"]
+from robotouille_evaluation.metrics.rows import Category, Number, ResultRow
 
 TYPES: Mapping[object, pa.DataType] = {
     bool: pa.bool_(),
@@ -27,7 +25,7 @@ TYPES: Mapping[object, pa.DataType] = {
 
 
 def _bare(annotation: object) -> Any:
-    """A type without None and without limits."""
+    """Return the type without `None` and without constraints."""
     if get_origin(annotation) in (Union, UnionType):
         (annotation,) = (part for part in get_args(annotation) if part is not type(None))
     if get_origin(annotation) is Annotated:
@@ -36,7 +34,7 @@ def _bare(annotation: object) -> Any:
 
 
 def _fields(model: type[BaseModel], prefix: str = "") -> Iterator[pa.Field]:
-    """Parts of a row are taken apart: `outcome.steps` is the column `outcome_steps`."""
+    """Yield the columns. Nested fields are flattened: `outcome.steps` is `outcome_steps`."""
     for name, field in model.model_fields.items():
         kind = _bare(field.annotation)
         if isinstance(kind, type) and issubclass(kind, BaseModel):
@@ -45,8 +43,8 @@ def _fields(model: type[BaseModel], prefix: str = "") -> Iterator[pa.Field]:
             yield pa.field(prefix + name, TYPES[kind])
 
 
-SCHEMA = pa.schema(_fields(EpisodeRow))
-"""That of every file, also where a column is empty."""
+SCHEMA = pa.schema(_fields(ResultRow))
+"""Schema of every file. A column without values keeps its type, so files can be concatenated."""
 
 
 def _flat(part: BaseModel, prefix: str = "") -> Iterator[tuple[str, object]]:
@@ -58,8 +56,8 @@ def _flat(part: BaseModel, prefix: str = "") -> Iterator[tuple[str, object]]:
             yield prefix + name, value
 
 
-def write_parquet(rows: Sequence[EpisodeRow], path: Path) -> None:
-    """Write the rows to a file; equal rows give equal bytes.
+def write_parquet(rows: Sequence[ResultRow], path: Path) -> None:
+    """Write the rows to a file. Equal rows give equal bytes.
 
     Raises:
         OSError: The file cannot be written.

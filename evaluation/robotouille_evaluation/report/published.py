@@ -1,37 +1,20 @@
-"""The published figures, as data: what the Robotouille paper reports of its evaluation.
+"""Results published in the Robotouille paper, for comparison.
 
 Gonzalez-Pumariega, Yean, Sunkara, Choudhury: "Robotouille: An Asynchronous Planning Benchmark for
-LLM Agents" (ICLR 2025). They are facts for reference, measured by others on other instances; a
-report shows them beside its own results and marks them. Numbers are as printed, also where a
-table's total is not the mean of its lines.
+LLM Agents" (ICLR 2025). The paper used other instances, so reports mark these numbers. Numbers are
+as printed, even where a table's total is not the mean of its rows.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = [
-    "ABLATIONS",
-    "ABLATION_TASKS",
-    "ASYNCHRONOUS_FIRST",
-    "FAILURES",
-    "OPTIMALITY",
-    "SOURCE",
-    "STEPS_TO_GO",
-    "STOCHASTIC",
-    "SUCCESS",
-    "SUCCESS_BY_TASK",
-    "SYNCHRONOUS_VARIANTS",
-    "PublishedAblation",
-    "PublishedSuccess",
-]
-
 SOURCE = "Gonzalez-Pumariega et al., Robotouille, ICLR 2025"
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedSuccess:
-    """Success rates in per cent of one model and strategy; None where the paper has no number."""
+    """Success rates in per cent of a model and strategy. None: not in the paper."""
 
     model: str
     strategy: str
@@ -77,13 +60,13 @@ OPTIMALITY = {
     "synchronous": {"1": 55.3},
     "asynchronous": {"1": 9.1, "1 to 1.25": 63.6},
 }
-"""Section 4.2.2, finding 2: gpt-4o ReAct, per cent of the successes in some bins."""
+"""Section 4.2.2, finding 2: gpt-4o ReAct, per cent of successes by bin."""
 
 STEPS_TO_GO = {
     "synchronous": {"0.5 to 1": 41.5, "more than 1": 45.3},
     "asynchronous": {"0.5 to 1": 58.6, "more than 1": 25.3},
 }
-"""Section 4.2.2, finding 3: gpt-4o ReAct, per cent of the failures in some bins."""
+"""Section 4.2.2, finding 3: gpt-4o ReAct, per cent of failures by bin."""
 
 FAILURES = {
     "synchronous": {
@@ -98,7 +81,7 @@ FAILURES = {
         "transition: one item at a station": 53.4,
     },
 }
-"""Section 4.2.3, finding 4: gpt-4o ReAct, per cent of the failures, annotated by people."""
+"""Section 4.2.3, finding 4: gpt-4o ReAct, per cent of failures, annotated by people."""
 
 ASYNCHRONOUS_FIRST = (16.0, 6.0)
 """Section 4.2.4, finding 6: success in per cent with asynchronous work first, and without."""
@@ -106,7 +89,7 @@ ASYNCHRONOUS_FIRST = (16.0, 6.0)
 
 @dataclass(frozen=True, slots=True)
 class PublishedAblation:
-    """One line of table "ablation1": of 9 tasks so many solved, mean steps, US dollars."""
+    """Row of table "ablation1": solved tasks out of 9, mean steps, cost in US dollars."""
 
     name: str
     solved: int
@@ -128,7 +111,7 @@ ABLATION_TASKS = 9
 
 STOCHASTIC = {2: (80.0, 10.0), 3: (80.0, 20.0), 7: (50.0, 0.0), 8: (30.0, 10.0), 9: (20.0, 10.0),
               10: (20.0, 0.0)}  # fmt: skip
-"""Table "stochastic-results": synchronous tasks, per cent without and with chance."""
+"""Table "stochastic-results": synchronous tasks, per cent without and with random reversals."""
 
 SYNCHRONOUS_VARIANTS = {1: (50.0, 20.0), 2: (60.0, 30.0), 3: (50.0, 40.0)}
 """Table "dataset-comparison": asynchronous tasks, per cent without and with delays."""

@@ -1,18 +1,19 @@
-"""The tables of a report, as values: own results first, published ones after them and marked."""
+"""Tables of a report. Published results follow the results of the run, marked as references."""
 
 from __future__ import annotations
 
 import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from io import StringIO
 from statistics import fmean
 
+from robotouille.html_report.intervals import Interval
+from robotouille.html_report.page import Cell, Table, TableRow
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.asynchrony import success_by_asynchronous_first
-from robotouille_evaluation.metrics.intervals import Interval, mcnemar_test
-from robotouille_evaluation.metrics.rows import EpisodeRow, Measures
+from robotouille_evaluation.metrics.rows import EpisodeMeasures, ResultRow
+from robotouille_evaluation.metrics.statistics import mcnemar_test
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import (
     by,
@@ -24,52 +25,18 @@ from robotouille_evaluation.report.grouping import (
     tasks,
 )
 
-__all__ = ["Line", "Table", "all_tables", "csv_text"]
-
 NONE = "–"
+WORDS = frozenset(
+    {"data set", "category", "subcategory", "other", "result", "failure", "recording"}
+)
 MAX_COMPARED = 30
-"""Players that are compared pair by pair; those with most episodes."""
+"""Players compared in pairs. The table has a row for each pair, so it grows quadratically."""
+STEPS_TO_GO_BINS = ("0 to 0.5", "0.5 to 1", "more than 1", "out of reach")
+REACT = "gpt-4o, ReAct"
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A line of a table; `reference` marks what others have published."""
-
-    cells: tuple[str, ...]
-    reference: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table: `name` is that of its file, `note` says what its numbers are."""
-
-    name: str
-    title: str
-    columns: tuple[str, ...]
-    lines: tuple[Line, ...]
-    note: str = ""
-
-
-def csv_text(table: Table) -> str:
-    """A table as CSV, with a last column that says which lines are published ones."""
-    output = StringIO()
-    writer = csv.writer(output, lineterminator="\n")
-    writer.writerow(map(_inert, (*table.columns, "source")))
-    for line in table.lines:
-        source = published.SOURCE if line.reference else "own"
-        writer.writerow([_inert(cell) for cell in (*line.cells, source)])
-    return output.getvalue()
-
-
-def _inert(cell: str) -> str:
-    """A cell that no spreadsheet takes for a formula, or for several lines."""
-    cell = cell.replace("\r", " ").replace("\n", " ")
-    formula = cell[:1] == "\t" or cell.lstrip()[:1] in ("=", "+", "-", "@")
-    return f"'{cell}" if formula else cell
-
-
-def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
-    """Every table for which there are rows."""
+def all_tables(rows: Sequence[ResultRow]) -> list[Table]:
+    """Return every table for which there is data."""
     found = [
         success_by_dataset(rows),
         *success_by_task(rows),
@@ -84,15 +51,33 @@ def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
         variants(rows),
         comparisons(rows),
     ]
-    return [table for table in found if table.lines]
+    return [table for table in found if table.rows]
+
+
+def csv_text(table: Table) -> str:
+    """Return the table as CSV. The last column, `source`, identifies published rows."""
+    output = StringIO()
+    writer = csv.writer(output, lineterminator="\n")
+    writer.writerow(map(_inert, (*table.columns, "source")))
+    for row in table.rows:
+        source = published.SOURCE if row.reference else "own"
+        writer.writerow([_inert(cell) for cell in (*row.cells, source)])
+    return output.getvalue()
+
+
+def _inert(cell: str | Cell) -> str:
+    """Return the cell as one line that no spreadsheet interprets as a formula."""
+    text = cell if isinstance(cell, str) else cell.text
+    text = text.replace("\r", " ").replace("\n", " ")
+    formula = text[:1] == "\t" or text.lstrip()[:1] in ("=", "+", "-", "@")
+    return f"'{text}" if formula else text
 
 
 def percent(interval: Interval | None) -> str:
-    """A rate with its interval, if one is known: `47 % (37–57)`."""
-    if interval is None or interval.low is None or interval.high is None:
-        return _percent(interval.mean if interval else None)
-    low, high = round(100 * interval.low), round(100 * interval.high)
-    return f"{_percent(interval.mean)} ({low}–{high})"
+    """Return a rate with its interval, such as `47 % (37–57)`."""
+    if interval is None:
+        return NONE
+    return interval.text(_percent, lambda bound: str(round(100 * bound)))
 
 
 def _percent(share: float | None) -> str:
@@ -103,7 +88,7 @@ def _published(value: float | None) -> str:
     return NONE if value is None else f"{value:g} %"
 
 
-def _number(value: float | None, form: str = ".2f") -> str:
+def _number(value: float | None, form: str = ".3g") -> str:
     return NONE if value is None else format(value, form)
 
 
@@ -112,93 +97,99 @@ def _mean(values: Iterable[float | None]) -> float | None:
     return fmean(known) if known else None
 
 
-def success_by_dataset(rows: Sequence[EpisodeRow]) -> Table:
-    """Success by data set (paper, table "successes")."""
-    sets = list(datasets(rows))
-    lines = []
-    for name, group in named(rows).items():
-        own = datasets(group)
-        cells = [_success_and_part(each, own.get(each, ())) for each in sets]
-        lines.append(Line((name, *cells, str(len(group)))))
-    for each in published.SUCCESS:
-        known = {"synchronous": each.synchronous, "asynchronous": each.asynchronous}
-        if any(known.get(one) is not None for one in sets):
-            cells = [_published(known.get(one)) for one in sets]
-            lines.append(Line((f"{each.model}, {each.strategy}", *cells, NONE), reference=True))
-    note = (
-        "Episodes that reached the goal within their budget, with 95 % bootstrap intervals over "
-        "instances. Published ones: 100 episodes each. A part of a data set does not compare with "
-        "the whole: its tasks differ in how hard they are."
-    )
-    columns = ("player", *sets, "episodes")
-    return Table("success", "Success by data set", columns, tuple(lines), note)
+def _table(
+    name: str, title: str, columns: Sequence[str], rows: Iterable[TableRow], note: str = ""
+) -> Table:
+    return Table(tuple(columns), tuple(rows), name, title, note, WORDS)
 
 
-def _success_and_part(dataset: str, rows: Sequence[EpisodeRow]) -> str:
-    rate, part = percent(interval(rows, outcomes.succeeded)), part_played(dataset, rows)
-    return f"{rate}, {part}" if rows and part else rate
-
-
-def success_by_task(rows: Sequence[EpisodeRow]) -> Iterator[Table]:
-    """Success by task, a table a data set (paper, table "tasks-results")."""
-    for dataset, group in datasets(rows).items():
-        names = list(named(rows))
-        theirs = published.SUCCESS_BY_TASK.get(dataset, {})
-        lines = []
-        for task, episodes in tasks(group).items():
-            own = _named_as(rows, episodes)
-            cells = [percent(interval(own.get(n, ()), outcomes.succeeded)) for n in names]
-            optimum = _mean(row.optimum.steps for row in episodes)
-            number = task_number(task)
-            known = number is not None and 1 <= number <= 10
-            other = [_published(each[number - 1]) if known and number else NONE
-                     for each in theirs.values()]  # fmt: skip
-            lines.append(Line((task.rpartition("/")[2], _number(optimum, ".3g"), *cells, *other)))
-        columns = ("task", "optimum", *names, *(f"gpt-4o, {s} (published)" for s in theirs))
-        title = f"Success by task: {dataset.replace('_', '-')}"
-        note = "The optimum is the mean of the fewest steps of the instances played."
-        yield Table(f"success_{dataset}", title, columns, tuple(lines), note)
-
-
-def _named_as(
-    rows: Sequence[EpisodeRow], some: Sequence[EpisodeRow]
-) -> dict[str, list[EpisodeRow]]:
-    """Some rows by the names that they have among all rows."""
-    chosen = set(map(id, some))
-    found = {
-        name: [row for row in group if id(row) in chosen] for name, group in named(rows).items()
-    }
-    return {name: group for name, group in found.items() if group}
+def _reference(*cells: str) -> TableRow:
+    return TableRow(cells, reference=True)
 
 
 def _by_player_and_set(
-    rows: Sequence[EpisodeRow],
-) -> Iterator[tuple[str, str, list[EpisodeRow]]]:
+    rows: Sequence[ResultRow],
+) -> Iterator[tuple[str, str, list[ResultRow]]]:
     for name, group in named(rows).items():
         for dataset, episodes in datasets(group).items():
             yield name, dataset, episodes
 
 
-def optimality(rows: Sequence[EpisodeRow]) -> Table:
-    """How long successes took beside the optimum (paper, finding 2)."""
+# Success
+
+
+def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
+    """Return success by data set (paper, table "successes")."""
+    sets = list(datasets(rows))
+    lines = []
+    for name, group in named(rows).items():
+        own = datasets(group)
+        cells = [_success_and_part(each, own.get(each, ())) for each in sets]
+        lines.append(TableRow((name, *cells, str(len(group)))))
+    for each in published.SUCCESS:
+        known = {"synchronous": each.synchronous, "asynchronous": each.asynchronous}
+        if any(known.get(one) is not None for one in sets):
+            cells = [_published(known.get(one)) for one in sets]
+            lines.append(_reference(f"{each.model}, {each.strategy}", *cells, NONE))
+    note = (
+        "Share of episodes that reached the goal within their step budget, with 95 % bootstrap "
+        "intervals over instances. Each published number is from 100 episodes. Do not compare a "
+        "part of a data set with the whole: its tasks differ in difficulty."
+    )
+    return _table("success", "Success by data set", ("player", *sets, "episodes"), lines, note)
+
+
+def _success_and_part(dataset: str, rows: Sequence[ResultRow]) -> str:
+    rate, part = percent(interval(rows, outcomes.succeeded)), part_played(dataset, rows)
+    return f"{rate}, {part}" if rows and part else rate
+
+
+def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
+    """Yield a table of success by task for each data set (paper, table "tasks-results")."""
+    players = named(rows)
+    for dataset, group in datasets(rows).items():
+        theirs = published.SUCCESS_BY_TASK.get(dataset, {})
+        lines = []
+        for task, episodes in tasks(group).items():
+            chosen = set(map(id, episodes))
+            cells = [
+                percent(interval([r for r in own if id(r) in chosen], outcomes.succeeded))
+                for own in players.values()
+            ]
+            optimum = _number(_mean(row.optimum.steps for row in episodes))
+            number = task_number(task)
+            known = number is not None and 1 <= number <= 10
+            other = [_published(each[number - 1]) if known and number else NONE
+                     for each in theirs.values()]  # fmt: skip
+            lines.append(TableRow((task.rpartition("/")[2], optimum, *cells, *other)))
+        columns = ("task", "optimum", *players, *(f"gpt-4o, {s} (published)" for s in theirs))
+        title = f"Success by task: {dataset.replace('_', '-')}"
+        note = "Optimum: mean length of the shortest plans of the instances played."
+        yield _table(f"success_{dataset}", title, columns, lines, note)
+
+
+# Quality of successes and failures
+
+
+def optimality(rows: Sequence[ResultRow]) -> Table:
+    """Return the lengths of successes relative to the optimum (paper, finding 2)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
         rates = [r for row in episodes if (r := outcomes.optimality_rate(row)) is not None]
         if rates:
-            share = interval(episodes, outcomes.is_optimal)
-            lines.append(Line((name, dataset, percent(share), _number(fmean(rates)),
-                               _number(max(rates)), str(len(rates)))))  # fmt: skip
+            share = percent(interval(episodes, outcomes.is_optimal))
+            cells = (_number(fmean(rates), ".2f"), _number(max(rates), ".2f"), str(len(rates)))
+            lines.append(TableRow((name, dataset, share, *cells)))
     for dataset, bins in published.OPTIMALITY.items():
         if any(row.dataset == dataset for row in rows):
-            cells = ("gpt-4o, ReAct", dataset, _published(bins["1"]), NONE, NONE, NONE)
-            lines.append(Line(cells, reference=True))
-    note = "Optimality rate: steps taken / fewest steps, of successes whose optimum is proven."
+            lines.append(_reference(REACT, dataset, _published(bins["1"]), NONE, NONE, NONE))
+    note = "Optimality rate: steps taken / fewest steps, of successes with a proven optimum."
     columns = ("player", "data set", "optimal", "mean rate", "largest", "successes")
-    return Table("optimality", "Optimality of successes", columns, tuple(lines), note)
+    return _table("optimality", "Optimality of successes", columns, lines, note)
 
 
-def bin_of_steps_to_go(measures: Measures) -> str | None:
-    """The bin of the paper's histogram; None where the steps to go are not known well enough."""
+def bin_of_steps_to_go(measures: EpisodeMeasures) -> str | None:
+    """Return the bin in the paper's histogram, or None if the bounds fall into different bins."""
     if measures.out_of_reach:
         return "out of reach"
     least, most = measures.to_go_least, measures.to_go_most
@@ -212,62 +203,62 @@ def _bin(value: float) -> str:
     return "0 to 0.5" if value <= 0.5 else "0.5 to 1" if value <= 1 else "more than 1"
 
 
-STEPS_TO_GO_BINS = ("0 to 0.5", "0.5 to 1", "more than 1", "out of reach")
-
-
-def steps_to_go(rows: Sequence[EpisodeRow]) -> Table:
-    """How far failures were from the goal at their end (paper, finding 3)."""
+def steps_to_go(rows: Sequence[ResultRow]) -> Table:
+    """Return the distance of failures from the goal (paper, finding 3)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
         bins = [bin_of_steps_to_go(r.measures) for r in episodes if not outcomes.succeeded(r)]
         counts = Counter(each for each in bins if each)
         if total := counts.total():
             shares = [_percent(counts[each] / total) for each in STEPS_TO_GO_BINS]
-            lines.append(Line((name, dataset, *shares, str(total), str(len(bins) - total))))
-    for dataset, shares_known in published.STEPS_TO_GO.items():
+            lines.append(TableRow((name, dataset, *shares, str(total), str(len(bins) - total))))
+    for dataset, known in published.STEPS_TO_GO.items():
         if any(row.dataset == dataset for row in rows):
-            shares = [_published(shares_known.get(each)) for each in STEPS_TO_GO_BINS]
-            lines.append(Line(("gpt-4o, ReAct", dataset, *shares, NONE, NONE), reference=True))
+            shares = [_published(known.get(each)) for each in STEPS_TO_GO_BINS]
+            lines.append(_reference(REACT, dataset, *shares, NONE, NONE))
     note = (
-        "Fewest steps from the last state to the goal / fewest from the first, of failures. Up to "
-        "0.5 is progress; more than 1 is farther away than at first. It is measured by "
-        "`robotouille benchmark run --steps-to-go`, while a run is played and not afterwards."
+        "Fewest steps from the last state to the goal / fewest steps from the first state, of "
+        "failures. Up to 0.5 is progress; more than 1 is farther away than at the start. "
+        "`robotouille benchmark run --steps-to-go` computes it during a run; it cannot be added "
+        "later."
     )
     columns = ("player", "data set", *STEPS_TO_GO_BINS, "failures", "not known")
-    return Table("steps_to_go", "Steps to go of failures", columns, tuple(lines), note)
+    return _table("steps_to_go", "Steps to go of failures", columns, lines, note)
 
 
-def behaviour(rows: Sequence[EpisodeRow]) -> Table:
-    """Repetition, wrong answers, recovery, waiting (paper, finding 5)."""
+def behaviour(rows: Sequence[ResultRow]) -> Table:
+    """Return repetition, invalid answers, recovery and waiting (paper, finding 5)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
-        won = [row for row in episodes if outcomes.succeeded(row)]
-        lost = [row for row in episodes if not outcomes.succeeded(row)]
-        stumbles = sum(row.measures.stumbles for row in episodes)
-        recovered = sum(row.measures.recovered for row in episodes)
+        measures = [row.measures for row in episodes]
+        won = [row.repetitions for row in episodes if outcomes.succeeded(row)]
+        lost = [row.repetitions for row in episodes if not outcomes.succeeded(row)]
+        stumbles = sum(each.stumbles for each in measures)
+        recovered = sum(each.recovered for each in measures)
         cells = (
-            _number(_mean(row.repetitions for row in won), ".3g"),
-            _number(_mean(row.repetitions for row in lost), ".3g"),
+            _number(_mean(won)),
+            _number(_mean(lost)),
             _percent(outcomes.invalid_rate(episodes)),
             _percent(outcomes.malformed_rate(episodes)),
             _percent(recovered / stumbles if stumbles else None),
-            _number(_mean(row.measures.repeated_mistakes for row in episodes), ".3g"),
-            _percent(_mean(row.measures.waiting_share for row in episodes)),
-            _percent(_mean(row.measures.idle_share for row in episodes)),
+            _number(_mean(each.repeated_mistakes for each in measures)),
+            _percent(_mean(each.waiting_share for each in measures)),
+            _percent(_mean(each.idle_share for each in measures)),
         )
-        lines.append(Line((name, dataset, *cells)))
+        lines.append(TableRow((name, dataset, *cells)))
     columns = ("player", "data set", "repeated, successes", "repeated, failures", "invalid",
-               "malformed", "recovered", "made again", "waiting", "idle")  # fmt: skip
+               "malformed", "recovered", "repeated mistakes", "waiting", "idle")  # fmt: skip
     note = (
-        "Mean repeated transitions an episode; wrong answers by calls; stumbles recovered from, "
-        "and how often an episode has a mistake again after recovery; shares of the players' steps "
-        "without an action while something runs, and while nothing does."
+        "Repeated: mean number of repeated transitions per episode. Invalid, malformed: share of "
+        "model calls. Recovered: share of stumbles. Repeated mistakes: mean number per episode, "
+        "after a recovery. Waiting, idle: share of the players' steps without an action, while "
+        "asynchronous work runs and while none runs."
     )
-    return Table("behaviour", "Repetition, errors and waiting", columns, tuple(lines), note)
+    return _table("behaviour", "Repetition, errors and waiting", columns, lines, note)
 
 
-def asynchronous_first(rows: Sequence[EpisodeRow]) -> Table:
-    """Success with and without asynchronous work first (paper, finding 6)."""
+def asynchronous_first(rows: Sequence[ResultRow]) -> Table:
+    """Return success with and without asynchronous work first (paper, finding 6)."""
     lines = []
     for name, group in named(rows).items():
         decided = [row for row in group if row.measures.asynchronous_first is not None]
@@ -275,165 +266,167 @@ def asynchronous_first(rows: Sequence[EpisodeRow]) -> Table:
             first, later = success_by_asynchronous_first(decided)
             share = interval(decided, lambda row: row.measures.asynchronous_first)
             cells = (percent(share), _percent(first), _percent(later), str(len(decided)))
-            lines.append(Line((name, *cells)))
+            lines.append(TableRow((name, *cells)))
     if lines:
-        first, later = published.ASYNCHRONOUS_FIRST
-        lines.append(
-            Line(("gpt-4o, ReAct", NONE, _published(first), _published(later), NONE), True)
-        )
+        known = map(_published, published.ASYNCHRONOUS_FIRST)
+        lines.append(_reference(REACT, NONE, *known, NONE))
     columns = ("player", "asynchronous first", "success if so", "success if not", "episodes")
-    note = "Whether the first work of a run cooks, fries, fills or boils; see docs/metrics.md."
-    return Table("asynchronous_first", "Asynchronous work first", columns, tuple(lines), note)
+    note = (
+        "Asynchronous first: the first work of the episode cooks, fries, fills or boils. See "
+        "docs/metrics.md."
+    )
+    return _table("asynchronous_first", "Asynchronous work first", columns, lines, note)
 
 
-def failures(rows: Sequence[EpisodeRow]) -> Table:
-    """Failures by category and subcategory (paper, finding 4)."""
+def failures(rows: Sequence[ResultRow]) -> Table:
+    """Return failures by category and subcategory (paper, finding 4)."""
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
         found = [row.measures.failure for row in episodes if row.measures.failure]
         kinds = Counter((each.category, each.subcategory) for each in found)
         for (category, subcategory), count in sorted(kinds.items()):
-            share = _percent(count / len(found))
-            lines.append(Line((name, dataset, category, subcategory, share, str(count))))
-    for dataset, shares in published.FAILURES.items():
-        if lines and any(row.dataset == dataset for row in rows):
+            cells = (_percent(count / len(found)), str(count))
+            lines.append(TableRow((name, dataset, category, subcategory, *cells)))
+    for dataset, shares in published.FAILURES.items() if lines else ():
+        if any(row.dataset == dataset for row in rows):
             for key, value in shares.items():
-                kind, _, subcategory = key.partition(": ")
-                cells = ("gpt-4o, ReAct", dataset, kind, subcategory or "all of them",
-                         _published(value), NONE)  # fmt: skip
-                lines.append(Line(cells, reference=True))
+                kind, _, detail = key.partition(": ")
+                share = _published(value)
+                lines.append(_reference(REACT, dataset, kind, detail or "all of them", share, NONE))
     columns = ("player", "data set", "category", "subcategory", "share", "failures")
-    note = "Told by the classifier from what the world knows; published ones by people."
-    return Table("failures", "Why episodes failed", columns, tuple(lines), note)
+    note = (
+        "The classifier derives the category from the states of the world. In the paper, people "
+        "annotated the failures."
+    )
+    return _table("failures", "Why episodes failed", columns, lines, note)
 
 
-def teams(rows: Sequence[EpisodeRow]) -> Table:
-    """How teams shared the work."""
+# Teams and real time
+
+
+def teams(rows: Sequence[ResultRow]) -> Table:
+    """Return the division of work in teams."""
     lines = []
     for name, group in named([row for row in rows if row.seats > 1]).items():
         for seats, episodes in sorted(by(group, lambda row: str(row.seats)).items()):
             shares = [row.measures.contributions for row in episodes if row.measures.contributions]
-            least = _mean(min(each.values()) for each in shares)
-            most = _mean(max(each.values()) for each in shares)
             cells = (
                 percent(interval(episodes, outcomes.succeeded)),
-                _percent(least),
-                _percent(most),
-                _number(_mean(row.measures.blocked for row in episodes), ".3g"),
+                _percent(_mean(min(each.values()) for each in shares)),
+                _percent(_mean(max(each.values()) for each in shares)),
+                _number(_mean(row.measures.blocked for row in episodes)),
                 _percent(_mean(row.measures.overlap for row in episodes)),
             )
-            lines.append(Line((name, seats, *cells)))
+            lines.append(TableRow((name, seats, *cells)))
     columns = ("player", "seats", "success", "least share", "largest share", "blocked", "overlap")
     note = (
-        "Shares of the work of whoever did least and most; actions refused because of a partner, "
-        "an episode; steps in which two or more act."
+        "Least and largest share: work of the players who did least and most. Blocked: actions "
+        "per episode that were rejected because of a teammate. Overlap: share of steps in which "
+        "two or more players act."
     )
-    return Table("teams", "Teams", columns, tuple(lines), note)
+    return _table("teams", "Teams", columns, lines, note)
 
 
-def real_time(rows: Sequence[EpisodeRow]) -> Table:
-    """What thinking cost where the world went on meanwhile."""
+def real_time(rows: Sequence[ResultRow]) -> Table:
+    """Return the cost of thinking time in episodes whose world does not wait."""
     lines = []
     for name, dataset, episodes in _by_player_and_set([r for r in rows if r.real_time]):
         measures = [row.measures for row in episodes]
         cells = (
             percent(interval(episodes, outcomes.succeeded)),
-            _number(_mean(each.staleness for each in measures), ".3g"),
-            _number(_mean(each.late_answers for each in measures), ".3g"),
+            _number(_mean(each.staleness for each in measures)),
+            _number(_mean(each.late_answers for each in measures)),
             _percent(_mean(each.held_share for each in measures)),
-            _number(_mean(each.lost_to_thinking for each in measures), ".3g"),
+            _number(_mean(each.lost_to_thinking for each in measures)),
             str(len(episodes)),
         )
-        lines.append(Line((name, dataset, *cells)))
+        lines.append(TableRow((name, dataset, *cells)))
     columns = ("player", "data set", "success", "staleness", "late", "held", "lost", "episodes")
     note = (
-        "Staleness: mean steps between what a model saw and its action. Late: answers an episode "
-        "that came steps later. Held: of those that were valid when it looked, the share that "
-        "applied. Lost: steps an episode in which a player did nothing because its model thought."
+        "Staleness: mean age in steps of the state on which an action is based. Late: answers per "
+        "episode that arrived in a later step. Held: share of the actions valid at the time of the "
+        "observation that could still be applied. Lost: steps per episode in which a player was "
+        "idle because its model was thinking."
     )
-    return Table("real_time", "In real time", columns, tuple(lines), note)
+    return _table("real_time", "In real time", columns, lines, note)
 
 
-def ablations(rows: Sequence[EpisodeRow]) -> Table:
-    """Solved, steps and cost by player (paper, table "ablation1")."""
+# Cost, variants and comparisons
+
+
+def ablations(rows: Sequence[ResultRow]) -> Table:
+    """Return successes, steps and cost by player (paper, table "ablation1")."""
     lines = []
     for name, group in named(rows).items():
         prompt, completion = outcomes.tokens(group)
         calls = sum(row.counts.calls for row in group)
         cells = (
             f"{sum(map(outcomes.succeeded, group))}/{len(group)}",
-            _number(outcomes.mean_steps(group)),
+            _number(outcomes.mean_steps(group), ".2f"),
             f"{calls:,}",
             f"{prompt:,}",
             f"{completion:,}",
-            _number(outcomes.cost(group)),
-            _number(outcomes.cost_per_success(group)),
-            _number(outcomes.seconds_per_call(group), ".3g"),
+            _number(outcomes.cost(group), ".2f"),
+            _number(outcomes.cost_per_success(group), ".2f"),
+            _number(outcomes.seconds_per_call(group)),
         )
-        lines.append(Line((name, *cells)))
+        lines.append(TableRow((name, *cells)))
     for each in published.ABLATIONS:
-        cells_known = (f"gpt-4o, {each.name}", f"{each.solved}/{published.ABLATION_TASKS}",
-                       _number(each.steps), NONE, NONE, NONE, _number(each.cost),
-                       _number(each.cost / each.solved), NONE)  # fmt: skip
-        lines.append(Line(cells_known, reference=True))
+        solved = f"{each.solved}/{published.ABLATION_TASKS}"
+        costs = (_number(each.cost, ".2f"), _number(each.cost / each.solved, ".2f"))
+        lines.append(_reference(f"gpt-4o, {each.name}", solved, _number(each.steps, ".2f"),
+                                NONE, NONE, NONE, *costs, NONE))  # fmt: skip
     columns = ("player", "solved", "mean steps", "calls", "prompt tokens", "completion tokens",
-               "cost ($)", "$ a success", "s a call")  # fmt: skip
-    return Table("ablations", "Steps, tokens and cost", columns, tuple(lines))
+               "cost ($)", "$ per success", "s per call")  # fmt: skip
+    return _table("ablations", "Steps, tokens and cost", columns, lines)
 
 
-def variants(rows: Sequence[EpisodeRow]) -> Table:
-    """Success with and without chance, and without delays, by task (paper, tables
-    "stochastic-results" and "dataset-comparison")."""
+def variants(rows: Sequence[ResultRow]) -> Table:
+    """Return success with and without random reversals and delays, by task.
+
+    The paper has the tables "stochastic-results" and "dataset-comparison".
+    """
     names = ("", "stochastic", "delay-free")
     lines = []
-    for (player, kind), group in _by_player_and_kind(rows):
-        for dataset, in_set in datasets(group).items():
-            for task, episodes in tasks(in_set).items():
-                own = by(episodes, lambda row: row.variant)
-                if own.keys() - {""}:
-                    cells = [percent(interval(own.get(n, ()), outcomes.succeeded)) for n in names]
-                    lines.append(Line((player, kind, dataset, task.rpartition("/")[2], *cells)))
+    players = by(rows, lambda row: " · ".join(filter(None, [row.player, row.pace])))
+    for player, own in sorted(players.items()):
+        for kind, group in sorted(by(own, lambda row: row.kind).items()):
+            for dataset, in_set in datasets(group).items():
+                for task, episodes in tasks(in_set).items():
+                    by_name = by(episodes, lambda row: row.variant)
+                    if by_name.keys() - {""}:
+                        cells = [percent(interval(by_name.get(name, ()), outcomes.succeeded))
+                                 for name in names]  # fmt: skip
+                        place = (player, kind, dataset, task.rpartition("/")[2])
+                        lines.append(TableRow((*place, *cells)))
     if lines:
         lines += _published_variants({row.dataset for row in rows})
-    columns = ("player", "kind", "data set", "task", "as it is", "stochastic", "delay-free")
+    columns = ("player", "kind", "data set", "task", "original", "stochastic", "delay-free")
     note = (
-        "Stochastic: once in an episode a cut item reverts. Delay-free: nothing has to be waited "
-        "for; its step budgets are those of kitchens without delays."
+        "Stochastic: one cut item reverts to uncut in each episode. Delay-free: nothing takes "
+        "time, and the step budgets are for kitchens without delays."
     )
-    return Table("variants", "Variants", columns, tuple(lines), note)
+    return _table("variants", "Variants", columns, lines, note)
 
 
-def _by_player_and_kind(
-    rows: Sequence[EpisodeRow],
-) -> Iterator[tuple[tuple[str, str], list[EpisodeRow]]]:
-    def name(row: EpisodeRow) -> str:
-        return " · ".join(filter(None, [row.player, row.pace]))
-
-    for player, group in sorted(by(rows, name).items()):
-        for kind, episodes in sorted(by(group, lambda row: row.kind).items()):
-            yield (player, kind), episodes
-
-
-def _published_variants(sets: Iterable[str]) -> Iterator[Line]:
-    by_chance = {n: (plain, less, None) for n, (plain, less) in published.STOCHASTIC.items()}
-    by_delays = {
+def _published_variants(sets: Iterable[str]) -> Iterator[TableRow]:
+    stochastic = {n: (plain, less, None) for n, (plain, less) in published.STOCHASTIC.items()}
+    delay_free = {
         n: (delayed, None, free) for n, (free, delayed) in published.SYNCHRONOUS_VARIANTS.items()
     }
-    for dataset, known in (("synchronous", by_chance), ("asynchronous", by_delays)):
+    for dataset, known in (("synchronous", stochastic), ("asynchronous", delay_free)):
         for number, values in known.items() if dataset in sets else ():
-            cells = ("gpt-4o, ReAct", NONE, dataset, str(number), *map(_published, values))
-            yield Line(cells, reference=True)
+            yield _reference(REACT, NONE, dataset, str(number), *map(_published, values))
 
 
-def comparisons(rows: Sequence[EpisodeRow]) -> Table:
-    """Every two players on the episodes that both played, by McNemar's exact test."""
+def comparisons(rows: Sequence[ResultRow]) -> Table:
+    """Compare every two players on their common episodes with McNemar's exact test."""
     results: Mapping[str, dict[object, bool]] = {
         name: {row.pair: outcomes.succeeded(row) for row in group}
         for name, group in named(rows).items()
     }
     lines = []
-    names = sorted(results, key=lambda name: -len(results[name]))[:MAX_COMPARED]
-    names.sort()
+    names = sorted(sorted(results, key=lambda name: -len(results[name]))[:MAX_COMPARED])
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
             both = sorted(results[one].keys() & results[other].keys(), key=str)
@@ -441,15 +434,13 @@ def comparisons(rows: Sequence[EpisodeRow]) -> Table:
                 continue
             mine, theirs = ([results[name][pair] for pair in both] for name in (one, other))
             p = mcnemar_test(mine, theirs)
-            shown = "< 0.001" if p < 0.001 else f"{p:.3f}"
-            lines.append(
-                Line((one, other, str(sum(mine)), str(sum(theirs)), str(len(both)), shown))
-            )
+            counts = (str(sum(mine)), str(sum(theirs)), str(len(both)))
+            lines.append(TableRow((one, other, *counts, "< 0.001" if p < 0.001 else f"{p:.3f}")))
     columns = ("one", "other", "one solves", "other solves", "of", "p")
     note = (
-        "McNemar's exact test on episodes of the same instance and seed; not corrected for their "
-        "number."
+        "McNemar's exact test on episodes with the same instance and seed, without correction for "
+        "multiple comparisons."
     )
     if left := len(results) - len(names):
-        note += f" {left} more players, those with fewest episodes, are left out."
-    return Table("comparisons", "Players compared pair by pair", columns, tuple(lines), note)
+        note += f" {left} more players, those with the fewest episodes, are left out."
+    return _table("comparisons", "Players compared in pairs", columns, lines, note)

@@ -1,4 +1,4 @@
-"""A report on the disk: one page, every figure in two formats, every table as CSV."""
+"""Files of a report: the page, figures in two formats, tables as CSV and rows as Parquet."""
 
 from __future__ import annotations
 
@@ -7,51 +7,52 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from robotouille import World, load_task
-from robotouille.certification.shipped_plan import plan_beside
+from robotouille.certification.step_limit import plan_beside
 from robotouille.errors import MissingExtraError, RobotouilleError
-from robotouille_client.console.pages.drawing import Picture
-from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille.html_report import require_libraries
+from robotouille.html_report.figures import ReportFigure
+from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.report.dependency_graph import dependency_graph, draw_graph
 from robotouille_evaluation.report.figures import all_figures
 from robotouille_evaluation.report.grouping import datasets, tasks
-from robotouille_evaluation.report.html import render_page
 from robotouille_evaluation.report.tables import all_tables, csv_text
 
-__all__ = ["task_graphs", "write_report"]
-
 OURS = "ours"
-"""The pack whose tasks are the shipped ones."""
+"""Name of the pack with the shipped tasks."""
 
 
 def write_report(
-    rows: Sequence[EpisodeRow],
+    rows: Sequence[ResultRow],
     folder: Path,
     *,
     title: str = "Robotouille: results",
-    graphs: Sequence[Picture] | None = None,
+    graphs: Sequence[ReportFigure] | None = None,
     folders: Mapping[str, Path] | None = None,
 ) -> Path:
-    """Write `report.html`, `figures/NAME.svg` and `.png`, `tables/NAME.csv`, `rows.parquet`.
+    """Write `report.html`, `figures/NAME.svg` and `.png`, `tables/NAME.csv` and `rows.parquet`.
 
-    Equal rows give equal bytes, in whatever order they come.
+    Equal rows give equal bytes, whatever their order.
 
     Args:
-        rows: Of one run, or of several that are compared.
-        folder: Where to; it is made if there is none, and files of the same names are replaced.
-        title: The page's.
-        graphs: Pictures of the tasks; those of the shipped tasks that were played if None.
-        folders: Where each run lies, by its name: the page names recordings so. If None, all are
-            taken to be of the run in which the report's folder lies.
+        rows: Results of one run, or of several runs to compare.
+        folder: Folder of the report, created if missing. Existing files are replaced.
+        title: Title of the page.
+        graphs: Figures of the tasks. By default, the dependency graphs of the shipped tasks that
+            were played.
+        folders: The folder of each run by its name, for the paths of recordings. By default, the
+            parent of the report's folder.
 
     Returns:
         The path of the page.
 
     Raises:
-        MissingExtraError: Matplotlib, which draws figures, or PyArrow is not installed.
+        MissingExtraError: A library for pages, figures or Parquet is not installed.
         OSError: The folder cannot be written.
     """
-    if not all(map(find_spec, ("matplotlib", "numpy", "pyarrow"))):
+    require_libraries("a report", "bench")
+    if find_spec("pyarrow") is None:
         raise MissingExtraError("a report", "bench")
+    from robotouille_evaluation.report.page import results_page
     from robotouille_evaluation.report.parquet import write_parquet
 
     rows = sorted(rows, key=_order)
@@ -59,33 +60,31 @@ def write_report(
     graphs = list(task_graphs(rows)) if graphs is None else graphs
     for name in ("figures", "tables"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    for picture in (*figures, *graphs):
-        (folder / "figures" / f"{picture.name}.svg").write_text(picture.svg, encoding="utf-8")
-        (folder / "figures" / f"{picture.name}.png").write_bytes(picture.png)
+    for figure in (*figures, *graphs):
+        (folder / "figures" / f"{figure.name}.svg").write_text(figure.svg, encoding="utf-8")
+        (folder / "figures" / f"{figure.name}.png").write_bytes(figure.png)
     for table in tables:
-        (folder / "tables" / f"{_file_name(table.name)}.csv").write_text(
-            csv_text(table), encoding="utf-8"
-        )
+        path = folder / "tables" / f"{_file_name(table.name)}.csv"
+        path.write_text(csv_text(table), encoding="utf-8")
     write_parquet(rows, folder / "rows.parquet")
     page = folder / "report.html"
     if folders is None:
         folders = {row.run: folder.parent for row in rows}
-    text = render_page(rows, tables, figures, graphs, title, folders)
-    page.write_text(text, encoding="utf-8")
+    page.write_text(results_page(rows, tables, figures, graphs, title, folders), encoding="utf-8")
     return page
 
 
-def _order(row: EpisodeRow) -> tuple[str, ...]:
+def _order(row: ResultRow) -> tuple[str, ...]:
     return (row.dataset, row.task, row.instance, row.player, row.model_dump_json())
 
 
 def _file_name(name: str) -> str:
-    """A table's name as that of a file: a data set may be called anything."""
+    """Replace what could leave the folder: a table's name contains the name of a data set."""
     return "".join(c if c.isalnum() or c in "-_" else "-" for c in name)[:80]
 
 
-def task_graphs(rows: Sequence[EpisodeRow]) -> Iterator[Picture]:
-    """The dependency graphs of the shipped tasks that were played, from their shipped plans."""
+def task_graphs(rows: Sequence[ResultRow]) -> Iterator[ReportFigure]:
+    """Yield the dependency graphs of the shipped tasks that were played, from shipped plans."""
     own = [row for row in rows if row.pack.name == OURS]
     for dataset, group in datasets(own).items():
         for task in tasks(group):
@@ -93,7 +92,7 @@ def task_graphs(rows: Sequence[EpisodeRow]) -> Iterator[Picture]:
             try:
                 world = World(load_task(name, files=False))
             except RobotouilleError:
-                continue  # another version's task
+                continue  # This version does not have the task.
             plan = plan_beside(world)
             if plan is not None:
                 yield draw_graph(f"graph_{name.replace('/', '_')}", dependency_graph(world, plan))

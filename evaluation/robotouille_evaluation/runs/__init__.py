@@ -1,28 +1,43 @@
-"""Runs: agents on instances, a row an episode, gone on with after a kill."""
+"""Runs: agents on instances, with a row for each episode, which can be resumed after a kill."""
 
-from robotouille_evaluation.runs.execute import play_job
+from robotouille_evaluation.runs.episode_runner import (
+    ChosenAction,
+    EpisodeRunner,
+    PlainRunner,
+    RecordedRunner,
+    RunnerStep,
+    RunnerWrapper,
+)
+from robotouille_evaluation.runs.execute import RunContext, play_job
 from robotouille_evaluation.runs.folder import RunFolder, RunPlan
-from robotouille_evaluation.runs.jobs import AgentSpec, Job, RealTime, jobs
-from robotouille_evaluation.runs.runner import Workers, run_jobs
-from robotouille_evaluation.runs.stage import Decision, PlainStage, RecordedStage, Stage, Watch
-from robotouille_evaluation.runs.team_episode import play_team
-from robotouille_evaluation.runs.text_episode import TextEpisode, TextResult
+from robotouille_evaluation.runs.job_list import (
+    AgentSpec,
+    EpisodeJob,
+    JobOptions,
+    RealTime,
+    plan_jobs,
+)
+from robotouille_evaluation.runs.text_episode import TextEpisode, TextEpisodeResult, play_team
+from robotouille_evaluation.runs.workers import Workers, run_jobs
 
 __all__ = [
     "AgentSpec",
-    "Decision",
-    "Job",
-    "PlainStage",
+    "ChosenAction",
+    "EpisodeJob",
+    "EpisodeRunner",
+    "JobOptions",
+    "PlainRunner",
     "RealTime",
-    "RecordedStage",
+    "RecordedRunner",
+    "RunContext",
     "RunFolder",
     "RunPlan",
-    "Stage",
+    "RunnerStep",
+    "RunnerWrapper",
     "TextEpisode",
-    "TextResult",
-    "Watch",
+    "TextEpisodeResult",
     "Workers",
-    "jobs",
+    "plan_jobs",
     "play_job",
     "play_team",
     "run_jobs",

@@ -1,7 +1,7 @@
-"""A run on the disk: its plan, a row for each episode that is over, recordings, paid calls.
+"""Folder of a run: its plan, a row for each finished episode, recordings and paid calls.
 
-RUN/run.json            the plan, and the pack by its digest
-RUN/rows.jsonl          a row an episode, on the disk before the next one is begun
+RUN/run.json                 plan, with the digest of the pack
+RUN/rows.jsonl               one row per episode, on the disk before the next episode begins
 RUN/recordings/JOB.rbt
 RUN/calls/JOB-PLAYER.jsonl   see `journal`
 """
@@ -19,17 +19,15 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from robotouille.domain.files import whole_file
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille_evaluation.metrics.rows import EpisodeRow, PackId, read_rows
-from robotouille_evaluation.runs.appending import append_line
-from robotouille_evaluation.runs.jobs import Job
-
-__all__ = ["RunFolder", "RunPlan"]
+from robotouille_evaluation.metrics.rows import PackId, ResultRow, read_rows
+from robotouille_evaluation.runs.job_list import EpisodeJob
+from robotouille_evaluation.runs.journal import append_line
 
 FORMAT = "robotouille-run/1"
 
 
 class RunPlan(BaseModel):
-    """What a run consists of."""
+    """Contents of a run."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -37,41 +35,42 @@ class RunPlan(BaseModel):
     name: str
     pack: PackId
     pack_folder: str
-    """Where the pack lies. On the disk it is relative to the run, if the pack is in its folder:
-    a run may be moved."""
-    jobs: tuple[Job, ...] = ()
+    """Folder of the pack. In the file it is relative to a run that contains it, so that the run can
+    be moved."""
+    jobs: tuple[EpisodeJob, ...] = ()
     software: str
     steps_to_go: bool = False
-    """Whether it is measured how far failed episodes were from the goal."""
+    """Search how far failed episodes were from the goal."""
 
 
 class RunFolder:
-    """The folder of one run. Errors are FileError, and name the file."""
+    """Folder of one run. Methods raise FileError, which names the file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     @classmethod
     def create(cls, path: Path, plan: RunPlan) -> RunFolder:
-        """A new run; RobotouilleError if there is another in the folder."""
+        """Create a run, or raise RobotouilleError if the folder already has one."""
         folder = cls(path)
         folder.require_new()
         try:
             path.mkdir(parents=True, exist_ok=True)
-            beside = folder._plan_file.with_suffix(".new")
+            # Renamed when complete: a folder with a plan always has a whole one.
+            draft = folder._plan_file.with_suffix(".new")
             written = plan.model_copy(update={"pack_folder": _relative(plan.pack_folder, path)})
-            beside.write_text(written.model_dump_json(indent=1), encoding="utf-8")
-            beside.replace(folder._plan_file)
+            draft.write_text(written.model_dump_json(indent=1), encoding="utf-8")
+            draft.replace(folder._plan_file)
         except OSError as error:
             raise _unwritable(path, error) from None
         return folder
 
     def require_new(self) -> None:
-        """Raises RobotouilleError if there is a run in the folder."""
+        """Raise RobotouilleError if the folder already has a run."""
         if self._plan_file.exists():
             path = self.path
             raise RobotouilleError(
-                f"{path} has a run already; `robotouille benchmark resume {path}` goes on with it"
+                f"{path} already has a run; continue it with `robotouille benchmark resume {path}`"
             )
 
     @property
@@ -83,13 +82,13 @@ class RunFolder:
         return self.path / "rows.jsonl"
 
     def plan(self) -> RunPlan:
-        """What the run consists of; the folder of its pack is absolute."""
+        """Return the plan, with an absolute folder of the pack."""
         name = str(self._plan_file)
         try:
             text = self._plan_file.read_text(encoding="utf-8")
             plan = RunPlan.model_validate_json(text)
         except FileNotFoundError:
-            raise FileError(name, [Fault("", "there is no run in this folder")]) from None
+            raise FileError(name, [Fault("", "this folder has no run")]) from None
         except (OSError, UnicodeDecodeError) as error:
             raise FileError(name, [Fault("", f"cannot be read: {error}")]) from None
         except ValidationError as error:
@@ -97,14 +96,15 @@ class RunFolder:
             place = ".".join(map(str, first["loc"]))
             raise FileError(name, [Fault(place, first["msg"])]) from None
         if plan.format != FORMAT:
-            raise FileError(name, [Fault("format", f"is {plan.format}, this reads {FORMAT}")])
+            raise FileError(name, [Fault("format", f"expected {FORMAT!r}, found {plan.format!r}")])
         where = str(self.path.resolve() / plan.pack_folder)
         return plan.model_copy(update={"pack_folder": where})
 
     @contextmanager
     def playing(self) -> Iterator[None]:
-        """While this process plays the run, no other one does: calls would be paid for twice. (On
-        Windows nobody is kept out.)
+        """Keep other processes from playing the run, because calls would be paid for twice.
+
+        Windows has no such lock.
 
         Raises:
             RobotouilleError: Another process is playing it.
@@ -115,6 +115,7 @@ class RunFolder:
         import fcntl
 
         try:
+            # A lock of the kernel ends with the process, so a killed run leaves none.
             descriptor = os.open(self._plan_file, os.O_RDONLY)
         except OSError as error:
             raise _unreadable(self._plan_file, error) from None
@@ -126,19 +127,21 @@ class RunFolder:
         finally:
             os.close(descriptor)
 
-    def finished(self) -> dict[str, EpisodeRow]:
-        """The rows of the episodes that are over, by job, without one that was torn. Nothing on
-        the disk is changed: the run may be going on."""
+    def finished(self) -> dict[str, ResultRow]:
+        """Return the rows of finished episodes by job, without a truncated last row.
+
+        The files stay unchanged, because the run may be in progress.
+        """
         if not self._rows_file.exists():
             return {}
         return {row.job: row for row in read_rows(self._rows_file)}
 
-    def rows(self) -> list[EpisodeRow]:
-        """The rows of the episodes that are over."""
+    def rows(self) -> list[ResultRow]:
+        """Return the rows of finished episodes."""
         return list(self.finished().values())
 
-    def add(self, row: EpisodeRow) -> None:
-        """One more is over; it is on the disk when this returns."""
+    def add(self, row: ResultRow) -> None:
+        """Append a row and return when it is on the disk."""
         line = row.model_dump_json().encode() + b"\n"
         try:
             with FileIO(self._rows_file, "ab+") as file:
@@ -148,7 +151,7 @@ class RunFolder:
             raise _unwritable(self._rows_file, error) from None
 
     def write(self, path: Path, content: bytes) -> None:
-        """A whole file, or none."""
+        """Write a file completely or not at all."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with whole_file(path, text=False) as file:
@@ -156,18 +159,21 @@ class RunFolder:
         except OSError as error:
             raise _unwritable(path, error) from None
 
-    def calls(self, job: Job, player: str) -> Path:
-        """The file of the paid calls of one player of a job."""
+    def calls(self, job: EpisodeJob, player: str) -> Path:
+        """Return the file for the paid calls of one player of a job."""
         return self.path / "calls" / f"{job.id}-{player}.jsonl"
 
-    def recording(self, job: Job, trial: int = 1) -> Path:
-        """The file of a job's recording; of the last trial, where there are several."""
+    def recording(self, job: EpisodeJob, trial: int = 1) -> Path:
+        """Return the file for the recording of a trial of a job."""
         suffix = "" if trial == 1 else f"-trial{trial}"
         return self.path / "recordings" / f"{job.id}{suffix}.rbt"
 
 
 def _end_line(file: FileIO) -> None:
-    """The next row begins on a line of its own: a torn one is cut off, a whole one is ended."""
+    """Make the next row begin on a line of its own.
+
+    A kill can leave a last line without a line end: a truncated row is removed, a whole one ended.
+    """
     size = file.seek(0, os.SEEK_END)
     if size == 0:
         return
@@ -175,10 +181,11 @@ def _end_line(file: FileIO) -> None:
     if file.read(1) == b"\n":
         return
     file.seek(0)
+    # Rows are short; only after a kill is the whole file read.
     content = file.readall()
     last = content.rfind(b"\n") + 1
     try:
-        EpisodeRow.model_validate_json(content[last:])
+        ResultRow.model_validate_json(content[last:])
     except ValidationError:
         file.truncate(last)
     else:
@@ -186,7 +193,6 @@ def _end_line(file: FileIO) -> None:
 
 
 def _relative(pack_folder: str, run: Path) -> str:
-    """The folder of a pack, relative to the run's if it is in it."""
     inside = Path(pack_folder).is_relative_to(run.resolve())
     return Path(pack_folder).relative_to(run.resolve()).as_posix() if inside else pack_folder
 

@@ -1,7 +1,7 @@
-"""Calls of models that were paid for, kept as soon as they are answered.
+"""Journal of paid model calls, written as soon as each call is answered.
 
-A run that was killed plays its episodes again, and is answered from here as long as it asks the
-same: strategies are deterministic, so it does.
+A run that was killed plays its episodes again. The journal answers the same requests, so no call is
+paid for twice. Strategies are deterministic, so they do make the same requests.
 """
 
 from __future__ import annotations
@@ -9,7 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from io import FileIO
 from pathlib import Path
@@ -18,8 +20,7 @@ from types import TracebackType
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille_evaluation.agents.asking import Complete
-from robotouille_evaluation.agents.proposal import ContextOverflow
+from robotouille_evaluation.agents.proposal import Complete, ContextOverflow
 from robotouille_evaluation.models import (
     Completion,
     Model,
@@ -28,17 +29,40 @@ from robotouille_evaluation.models import (
     ModelRequest,
     Usage,
 )
-from robotouille_evaluation.runs.appending import append_line
 
-__all__ = ["CallJournal", "asking_once"]
+
+def append_line(file: FileIO, line: bytes) -> None:
+    """Append a line and return when it is on the disk.
+
+    Args:
+        file: File opened for appending, without a buffer.
+
+    Raises:
+        OSError: The line cannot be written; the file has its old length again.
+    """
+    # A transcript may be a pipe, which has no length and needs no fsync.
+    size = file.seek(0, os.SEEK_END) if file.seekable() else None
+    try:
+        rest = memoryview(line)
+        while rest:
+            rest = rest[file.write(rest) :]
+        if size is not None:
+            os.fsync(file.fileno())
+    except OSError:
+        # A full disk accepts part of a line. Truncation keeps the file readable.
+        with suppress(OSError):
+            if size is not None:
+                file.truncate(size)
+        raise
+
 
 OVERFLOW = "overflow"
 MAX_TOKENS = 10**12
-"""Of one call; a file that says more was not written here."""
+"""Most tokens of one call. Larger numbers show that the file is damaged."""
 
 
 class _Call(BaseModel):
-    """A line of the file: what was asked, as a hash, and the answer or that it was too long."""
+    """Line of the file: the hash of a request, and its completion or that it was too long."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -49,18 +73,17 @@ class _Call(BaseModel):
     @model_validator(mode="after")
     def _is_possible(self) -> _Call:
         if self.overflow != (self.completion is None):
-            raise ValueError("is neither answered nor too long")
+            raise ValueError("expected either a completion or an overflow")
         if self.completion is not None:
             usage, seconds = self.completion.usage, self.completion.seconds
             counts = (usage.prompt_tokens, usage.completion_tokens, self.completion.attempts)
             if not all(0 <= count <= MAX_TOKENS for count in counts):
-                raise ValueError("has counts that no call has")
+                raise ValueError("the counts are out of range")
             if not math.isfinite(seconds + (usage.cost or 0)):
-                raise ValueError("has no finite numbers")
+                raise ValueError("the numbers are not finite")
         return self
 
     def line(self) -> bytes:
-        """As it is written."""
         row: dict[str, object] = {"request": self.request}
         if self.completion is None:
             row["overflow"] = True
@@ -70,7 +93,7 @@ class _Call(BaseModel):
 
 
 class CallJournal:
-    """The calls of one episode, in their order, in a file of JSON lines.
+    """Calls of one player in an episode, in order, in a file of JSON lines.
 
     Raises:
         FileError: The file cannot be read or written.
@@ -95,13 +118,15 @@ class CallJournal:
         self.close()
 
     def answered(self, request: ModelRequest) -> Completion | str | None:
-        """What this request was answered; `overflow` where it was too long; None if nobody asked.
+        """Return the recorded answer to the next request, or `OVERFLOW`, or None.
 
-        What is kept behind a request that differs belongs to another course, and is dropped.
+        If the request differs from the recorded one, the rest of the journal belongs to another
+        course of the episode and is dropped.
         """
         if self._next >= len(self._kept):
             return None
         call = self._kept[self._next]
+        # For example, the strategy was changed between two plays.
         if call.request != digest(request):
             del self._kept[self._next :]
             self._rewrite()
@@ -110,7 +135,8 @@ class CallJournal:
         return call.completion or OVERFLOW
 
     def keep(self, request: ModelRequest, completion: Completion | None) -> None:
-        """An answer, or None where the request was too long; it is on the disk afterwards."""
+        """Record an answer, or None for a too long request, and return when it is on the disk."""
+        # Without validation, which costs time for values that were made here.
         call = _Call.model_construct(
             request=digest(request), overflow=completion is None, completion=completion
         )
@@ -125,7 +151,7 @@ class CallJournal:
             raise self._unwritable(error) from None
 
     def close(self) -> None:
-        """No more calls."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -145,7 +171,7 @@ class CallJournal:
                 calls.append(_Call.model_validate_json(line, strict=True))
             except ValidationError:
                 raise FileError(
-                    str(self._path), [Fault(f"line {number}", "is no call of a model")]
+                    str(self._path), [Fault(f"line {number}", "not a model call")]
                 ) from None
         if whole != content:
             self._kept = calls
@@ -154,10 +180,10 @@ class CallJournal:
 
     def _rewrite(self) -> None:
         self.close()
-        beside = self._path.with_suffix(".new")
+        draft = self._path.with_suffix(".new")
         try:
-            beside.write_bytes(b"".join(call.line() for call in self._kept))
-            beside.replace(self._path)
+            draft.write_bytes(b"".join(call.line() for call in self._kept))
+            draft.replace(self._path)
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -166,7 +192,7 @@ class CallJournal:
 
 
 def digest(request: ModelRequest) -> str:
-    """What is asked, as a hash."""
+    """Return a hash of messages and parameters."""
     content = [[(m.role, m.content) for m in request.messages], dict(request.parameters)]
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -175,7 +201,11 @@ def digest(request: ModelRequest) -> str:
 def asking_once(
     model: Model | None, journal: CallJournal, spend: Callable[[Usage], None]
 ) -> Complete:
-    """Asks a model for what the journal does not know; `spend` is told what each call has cost."""
+    """Return a function that asks the model only for answers missing in the journal.
+
+    Args:
+        spend: Called with the usage of each call, also of recorded ones.
+    """
 
     async def complete(request: ModelRequest) -> Completion:
         kept = journal.answered(request)
@@ -185,7 +215,7 @@ def asking_once(
             spend(kept.usage)
             return kept
         if model is None:
-            raise RobotouilleError("this agent asks a model, and there is none")
+            raise RobotouilleError("this agent needs a model, and none is configured")
         try:
             completion = await model.complete(request)
         except ModelError as error:
@@ -193,8 +223,9 @@ def asking_once(
             if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
                 journal.keep(request, None)
                 raise ContextOverflow from None
-            if error.kind not in (ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG):
+            if error.kind is not ModelErrorKind.EMPTY:
                 raise
+            # An empty answer was paid for, so it is kept like any other.
             completion = Completion(
                 "", error.usage, finish_reason=error.kind.value, attempts=error.attempts
             )

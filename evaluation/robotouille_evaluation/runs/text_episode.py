@@ -1,37 +1,36 @@
-"""One episode of an agent that is alone and has time: observe, ask, act, until the budget is spent.
+"""Episodes in a world that waits for its players: alone, or as a team.
 
-Without input or output: a generator that yields what a model is to be asked and is sent the answer,
-as a strategy is. The order of things is that of the published evaluation.
+`TextEpisode` does no input or output. It is a generator that yields requests to a model and is
+sent the answers, as a strategy is. Its order of operations is that of the published evaluation.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
 from robotouille import State, World
-from robotouille_evaluation.agents.proposal import Exchange, Observation, Proposal, Strategy
+from robotouille_evaluation.agents.proposal import AgentObservation, Exchange, Proposal, Strategy
+from robotouille_evaluation.agents.team import Team
 from robotouille_evaluation.models.model import Completion, ModelRequest
-from robotouille_evaluation.runs.stage import Decision, PlainStage, Stage
+from robotouille_evaluation.runs.episode_runner import ChosenAction, EpisodeRunner, PlainRunner
 
-__all__ = ["Ended", "Taken", "TextEpisode", "TextResult", "View", "observe"]
-
-View = Callable[[State, str], str]
-"""What a player that reads is sent of a state: `State.text`, as published, or `State.text_view`."""
+TextView = Callable[[State, str], str]
+"""Description of a state for a player: `State.text` as published, or `State.text_view`."""
 
 
-def observe(state: State, player: str, view: View | None) -> Observation:
-    """What a player sees; without a view the state alone, for agents that do not read."""
+def observe(state: State, player: str, view: TextView | None) -> AgentObservation:
+    """Return a player's observation. Without a view it has only the state, for planners."""
     if view is None:
-        return Observation("", (), player, state)
+        return AgentObservation("", (), player, state)
     valid = tuple(action.sentence for action in state.actions(player))
-    return Observation(view(state, player), valid, player, state)
+    return AgentObservation(view(state, player), valid, player, state)
 
 
-class Ended(StrEnum):
-    """Why an episode is over."""
+class EndReason(StrEnum):
+    """Reason why an episode ended."""
 
     GOAL = "goal"
     STEP_LIMIT = "step-limit"
@@ -43,8 +42,8 @@ class Ended(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
-    """A step: its trial and number, counted from one, and its action's sentence."""
+class TrialStep:
+    """Step of a trial: numbers of trial and step, counted from one, and the action's sentence."""
 
     trial: int
     step: int
@@ -53,28 +52,30 @@ class Taken:
 
 
 @dataclass(frozen=True, slots=True)
-class TextResult:
-    """How an episode went. `steps` are those of the last trial; the published evaluation logs none
-    where the goal was reached in the last step of a trial after which there could be another."""
+class TextEpisodeResult:
+    """Result of an episode.
 
-    ended: Ended
+    `steps` are the steps of the last trial. `logged_steps` is the number that the published
+    evaluation logs: 0 if the goal was reached in the last step of a trial that is not the last.
+    """
+
+    ended: EndReason
     success: bool
     steps: int
-    trials: int
     exchanges: tuple[Exchange, ...]
-    taken: tuple[Taken, ...]
+    taken: tuple[TrialStep, ...]
     logged_steps: int
 
 
 class TextEpisode:
-    """An episode of one strategy, which plays alone.
+    """Episode of one strategy that plays alone.
 
     Args:
-        budget: Steps of one trial. One that is no whole number is rounded up; in a trial after
-            which there may be another, down, as the published evaluation does.
-        begin: Makes the stage of a trial from its limit of steps.
-        view: What the strategy reads.
-        blind: What chance undoes is not seen in the next observation, as published.
+        budget: Steps of one trial. Fractions are rounded up. As in the published evaluation, they
+            are rounded down in a trial that another one may follow.
+        begin: Returns the runner of a trial with this step limit.
+        view: Description that the strategy reads.
+        blind: Hide a random reversal from the next observation, as published.
     """
 
     def __init__(
@@ -83,93 +84,174 @@ class TextEpisode:
         strategy: Strategy,
         budget: float,
         *,
-        begin: Callable[[int], Stage] | None = None,
-        view: View | None = State.text,
+        begin: Callable[[int], EpisodeRunner] | None = None,
+        view: TextView | None = State.text,
         blind: bool = False,
     ) -> None:
-        self._world = world
         self._player = world.players[0]
         self._strategy = strategy
         self._budget = budget
-        self._begin = begin or (lambda _: PlainStage(world))
+        self._begin = begin or (lambda _: PlainRunner(world))
         self._view = view
         self._blind = blind
         self._exchanges: list[Exchange] = []
-        self._taken: list[Taken] = []
+        self._taken: list[TrialStep] = []
         self._trial = 1
         self._steps = 0
 
-    def play(self) -> Generator[ModelRequest, Completion, TextResult]:
-        """Yields requests to a model; ends with the result."""
+    def play(self) -> Generator[ModelRequest, Completion, TextEpisodeResult]:
+        """Yield requests to a model and return the result."""
         while True:
             ended = yield from self._play_trial()
-            if ended is not Ended.STEP_LIMIT or not self._strategy.retry():
+            if ended is not EndReason.STEP_LIMIT or not self._strategy.retry():
                 break
             self._trial += 1
             self._steps = 0
-        return TextResult(
+        return TextEpisodeResult(
             ended,
-            ended is Ended.GOAL,
+            ended is EndReason.GOAL,
             self._steps,
-            self._trial,
             tuple(self._exchanges),
             tuple(self._taken),
-            self._logged(ended),
+            self._logged_steps(ended),
         )
 
-    def _logged(self, ended: Ended) -> int:
-        last = self._steps >= math.floor(self._budget) and self._strategy.retries_left > 0
-        return 0 if ended is Ended.GOAL and last else self._steps
+    def _logged_steps(self, ended: EndReason) -> int:
+        at_limit = self._steps >= math.floor(self._budget) and self._strategy.retries_left > 0
+        return 0 if ended is EndReason.GOAL and at_limit else self._steps
 
-    def _play_trial(self) -> Generator[ModelRequest, Completion, Ended]:
+    def _play_trial(self) -> Generator[ModelRequest, Completion, EndReason]:
+        # As published: 31.5 steps allow 32 steps, but 31 in a trial before a retry.
         rounded = math.floor if self._strategy.retries_left else math.ceil
         limit = rounded(self._budget)
-        stage = self._begin(limit)
-        state = stage.state
+        runner = self._begin(limit)
+        state = runner.state
         seen = self._observe(state)
         while self._steps < limit:
+            # With timing for people, actions take several steps in which nothing can be chosen.
             if state.busy_steps(self._player):
-                state, seen = self._step(stage, "", "")
+                state, seen = self._step(runner, "", "")
                 continue
             proposal = yield from self._strategy.propose(seen)
             for exchange in proposal.exchanges:
                 self._exchanges.append(exchange)
-                stage.answered(self._player, exchange)
-            if proposal.whole and self._refused(stage, proposal, state):
-                return Ended.PLAN_REFUSED
+                runner.answered(self._player, exchange)
+            if proposal.whole and not self._is_executable(runner, proposal, state):
+                return EndReason.PLAN_REFUSED
             for action in proposal.actions:
-                state, seen = self._step(stage, action, proposal.reasoning)
+                state, seen = self._step(runner, action, proposal.reasoning)
                 if state.goal_reached:
-                    return Ended.GOAL
+                    return EndReason.GOAL
                 if self._steps >= limit:
-                    return Ended.STEP_LIMIT
+                    return EndReason.STEP_LIMIT
             if proposal.done:
-                return _why(proposal)
-        return Ended.STEP_LIMIT
+                return _reason_when_done(proposal)
+        return EndReason.STEP_LIMIT
 
-    def _observe(self, state: State) -> Observation:
+    def _observe(self, state: State) -> AgentObservation:
         return observe(state, self._player, self._view)
 
-    def _step(self, stage: Stage, action: str, reasoning: str) -> tuple[State, Observation]:
+    def _step(
+        self, runner: EpisodeRunner, action: str, reasoning: str
+    ) -> tuple[State, AgentObservation]:
         self._steps += 1
-        self._taken.append(Taken(self._trial, self._steps, action, reasoning))
-        moved = stage.step({self._player: Decision(action, reasoning)})
-        self._strategy.observe(moved.did)
-        return moved.state, self._observe(moved.seen if self._blind else moved.state)
+        self._taken.append(TrialStep(self._trial, self._steps, action, reasoning))
+        step = runner.step({self._player: ChosenAction(action, reasoning)})
+        self._strategy.observe(step.did)
+        return step.state, self._observe(step.undisturbed if self._blind else step.state)
 
-    def _refused(self, stage: Stage, proposal: Proposal, state: State) -> bool:
-        """Whether some action of a plan is not valid when its turn comes, also behind the goal; the
-        first that is not is recorded."""
+    def _is_executable(self, runner: EpisodeRunner, proposal: Proposal, state: State) -> bool:
+        """Return whether each action of a plan is valid in its turn; record the first that is not.
+
+        As in the published benchmark, actions after the goal count too.
+        """
         for action in proposal.actions:
             if action not in {valid.sentence for valid in state.actions(self._player)}:
-                stage.refuse(self._player, Decision(action, proposal.reasoning), state)
-                return True
+                runner.reject(self._player, ChosenAction(action, proposal.reasoning), state)
+                return False
             state = state.step(action).state
-        return not proposal.actions
+        return bool(proposal.actions)
 
 
-def _why(proposal: Proposal) -> Ended:
+def _reason_when_done(proposal: Proposal) -> EndReason:
     if proposal.whole:
-        return Ended.PLAN_EXHAUSTED
+        return EndReason.PLAN_EXHAUSTED
     finished = proposal.exchanges and not proposal.exchanges[-1].feedback
-    return Ended.FINISH if finished else Ended.FEEDBACK_LIMIT
+    return EndReason.FINISH if finished else EndReason.FEEDBACK_LIMIT
+
+
+@dataclass(frozen=True, slots=True)
+class TeamResult:
+    """Result of a team's episode, with the exchanges of each player's model."""
+
+    ended: EndReason
+    success: bool
+    steps: int
+    exchanges: Mapping[str, tuple[Exchange, ...]]
+
+    @classmethod
+    def of(
+        cls, ended: EndReason, steps: int, exchanges: Mapping[str, list[Exchange]]
+    ) -> TeamResult:
+        """Return a result with these exchanges so far."""
+        frozen = {player: tuple(each) for player, each in exchanges.items()}
+        return cls(ended, ended is EndReason.GOAL, steps, frozen)
+
+
+async def play_team(
+    team: Team, runner: EpisodeRunner, budget: float, view: TextView | None = State.text_view
+) -> TeamResult:
+    """Play until the goal is reached, the budget is used up, or all agents have finished.
+
+    A player whose answers have no valid action, or who has finished, does nothing. A proposed plan
+    of several actions is carried out as long as each is valid.
+    """
+    state, steps = runner.state, 0
+    players = state.world.players
+    planned: dict[str, list[str]] = {player: [] for player in players}
+    latest: dict[str, Proposal] = dict.fromkeys(players, Proposal())
+    done: set[str] = set()
+    exchanges: dict[str, list[Exchange]] = {player: [] for player in players}
+
+    def take(player: str, proposal: Proposal) -> None:
+        planned[player] = list(proposal.actions)
+        latest[player] = proposal
+        exchanges[player] += proposal.exchanges
+        for exchange in proposal.exchanges:
+            runner.answered(player, exchange)
+        if proposal.say:
+            runner.say(player, proposal.say)
+        if proposal.done:
+            done.add(player)
+
+    while steps < math.ceil(budget):
+        free = [player for player in players if not state.busy_steps(player)]
+        asked = [p for p in free if p not in done and not planned[p]]
+        if asked:
+            await team.propose({p: observe(state, p, view) for p in asked}, take)
+        if len(done) == len(players) and not any(planned.values()):
+            return TeamResult.of(EndReason.FINISH, steps, exchanges)
+        choices = {p: _next_action(runner, state, p, planned[p], latest[p]) for p in free}
+        step = runner.step(choices)
+        state, steps = step.state, steps + 1
+        team.observe(step.did)
+        for player, reasons in step.rejected.items():
+            team.rejected(player, choices[player].action, reasons)
+        if state.goal_reached:
+            return TeamResult.of(EndReason.GOAL, steps, exchanges)
+    return TeamResult.of(EndReason.STEP_LIMIT, steps, exchanges)
+
+
+def _next_action(
+    runner: EpisodeRunner, state: State, player: str, planned: list[str], proposal: Proposal
+) -> ChosenAction:
+    if not planned:
+        return ChosenAction()
+    # Other players may have made a later action of the plan impossible.
+    choice = ChosenAction(planned.pop(0), proposal.reasoning, anticipates=proposal.anticipates)
+    valid = {action.sentence for action in state.actions(player)}
+    if choice.anticipates or not choice.action or choice.action in valid:
+        return choice
+    runner.reject(player, choice, state)
+    planned.clear()
+    return ChosenAction()

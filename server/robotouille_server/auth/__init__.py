@@ -1,8 +1,7 @@
-"""Who somebody is and what they may do: visitors, roles, tokens and the keys that sign them."""
+"""Authentication and authorization: visitors, roles, tokens and signing keys."""
 
-from robotouille_server.auth.keys import FileKeyring, Keyring
 from robotouille_server.auth.private_files import read_private
-from robotouille_server.auth.revocation import REVOKED_FILE, Revocations
+from robotouille_server.auth.revocation import UsedTokens
 from robotouille_server.auth.roles import (
     Role,
     check_join,
@@ -11,8 +10,7 @@ from robotouille_server.auth.roles import (
     check_scope,
     same_episode,
 )
-from robotouille_server.auth.tokens import ResumeGrant, RoleGrant, Tokens
-from robotouille_server.auth.used_tokens import UsedTokens
+from robotouille_server.auth.tokens import Credentials, ResumeGrant, RoleGrant, Tokens
 from robotouille_server.auth.visitors import (
     PROXY_HEADERS,
     CodeGuessLimiter,
@@ -30,14 +28,11 @@ from robotouille_server.auth.visitors import (
 
 __all__ = [
     "PROXY_HEADERS",
-    "REVOKED_FILE",
     "CodeGuessLimiter",
     "ConnectionLimiter",
     "CountedConnection",
-    "FileKeyring",
-    "Keyring",
+    "Credentials",
     "ResumeGrant",
-    "Revocations",
     "Role",
     "RoleGrant",
     "Tokens",

@@ -1,7 +1,7 @@
 """Signing keys: HS256 secrets by name, from a setting or from a file that can be rotated.
 
-The first key signs, all of them verify. So a key can be replaced while tokens that it has signed
-are still in use: `rotate` puts a new one first, and a running server takes it without a restart.
+The first key signs; all keys verify. A key can therefore be replaced while tokens signed with it
+are in use: `rotate` adds a new first key, which running servers use without a restart.
 """
 
 from __future__ import annotations
@@ -25,50 +25,39 @@ from robotouille_server.auth.private_files import (
 )
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = [
-    "MIN_SECRET_BYTES",
-    "SIGNING_KEYS_VARIABLE",
-    "FileKeyring",
-    "Key",
-    "KeyFileError",
-    "Keyring",
-    "load",
-    "rotate",
-]
-
 SIGNING_KEYS_VARIABLE = "ROBOTOUILLE_SIGNING_KEYS"
 
 MIN_SECRET_BYTES = 32
-"""HS256 is as strong as its key: shorter ones than its hash (RFC 7518, 3.2) are refused."""
+"""Minimum length of a key: HS256 needs keys as long as its hash (RFC 7518, section 3.2)."""
 MAX_KEYS = 16
 MAX_FILE_BYTES = 64 * 1024
 KEPT_KEYS = 3
 
 _KID = re.compile(r"[A-Za-z0-9_-]{1,32}")
-_HOW_TO_MAKE = "`robotouille-token rotate --keys FILE` makes a good one"
+_HOW_TO_MAKE = "`robotouille-token rotate --keys FILE` creates a valid key"
 
 
 class KeyFileError(PrivateFileError):
-    """Signing keys that cannot be used: names the file or setting, the fault, and the way out."""
+    """The signing keys cannot be used. The message names the file or setting and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A secret and the name by which tokens refer to it."""
+    """Secret with the name that tokens refer to it by."""
 
     kid: str
     secret: bytes = field(repr=False)
 
 
 class Keyring:
-    """One or several keys; the first signs, all verify."""
+    """One or several keys. The first one signs; all verify."""
 
     def __init__(self, keys: Iterable[Key], source: str = "signing keys") -> None:
         self._keys = _checked(tuple(keys), source)
 
     @classmethod
     def parse(cls, text: str, source: str = SIGNING_KEYS_VARIABLE) -> Keyring:
-        """Keys as a setting has them: `kid:base64url,kid2:base64url`, the signing one first."""
+        """Parse the keys of a setting: `NAME:BASE64URL,…`, the signing key first."""
         keys = []
         for number, part in enumerate(text.split(","), 1):
             kid, colon, secret = part.strip().partition(":")
@@ -83,18 +72,19 @@ class Keyring:
 
     @property
     def signing(self) -> Key:
-        """The key that signs new tokens."""
+        """Key that signs new tokens."""
         return self.keys[0]
 
     def find(self, kid: object) -> Key | None:
-        """The key of this name."""
+        """Return the key with a name."""
         return next((key for key in self.keys if key.kid == kid), None)
 
 
 class FileKeyring(Keyring):
-    """The keys of a file, which is made at first use and read again whenever it has changed.
+    """Keys of a file, which is created if it is missing and read again whenever it changes.
 
-    A changed file that cannot be used is logged, and the keys from before stay in force.
+    If a changed file is invalid, the error is logged and the previous keys stay valid: a typing
+    error must not disconnect everybody.
     """
 
     def __init__(self, path: Path) -> None:
@@ -116,7 +106,9 @@ class FileKeyring(Keyring):
         try:
             self._keys = load(self.path)
         except KeyFileError as error:
-            get_logger().error("signing keys not reloaded; the old ones stay", error=str(error))
+            get_logger().error(
+                "signing keys not reloaded; the previous keys stay valid", error=str(error)
+            )
         else:
             get_logger().info("signing keys reloaded", file=str(self.path), keys=len(self._keys))
 
@@ -135,7 +127,11 @@ class _KeyFile(BaseModel):
 
 
 def load(path: Path) -> tuple[Key, ...]:
-    """The keys of a file; KeyFileError where it is missing, open to others, or wrong."""
+    """Read the keys of a file.
+
+    Raises:
+        KeyFileError: The file is missing, invalid, or accessible to other users.
+    """
     source = str(path)
     try:
         file = _KeyFile.model_validate_json(_read(path))
@@ -151,38 +147,42 @@ def load(path: Path) -> tuple[Key, ...]:
 
 
 def rotate(path: Path, *, keep: int = KEPT_KEYS) -> Key:
-    """Put a new key first and keep `keep` keys in all; the file is made if there is none.
+    """Add a new first key and keep `keep` keys in all. Create the file if it is missing.
 
-    Tokens signed with a key that falls off are worth nothing from then on.
+    Tokens signed with a dropped key become invalid.
     """
     if not 1 <= keep <= MAX_KEYS:
-        raise KeyFileError(str(path), f"keep 1 to {MAX_KEYS} keys, not {keep}")
+        raise KeyFileError(
+            str(path), f"the number of keys to keep must be 1 to {MAX_KEYS}, not {keep}"
+        )
     if not path.exists():
         return _create(path)
+    # Replacing a link itself would leave the servers that read its target with the old keys.
     path = path.resolve()
     key = _new_key()
+    # Replaced atomically: running servers may read the file at any moment.
     _write(path, (key, *load(path))[:keep], replace=True)
     return key
 
 
 def _checked(keys: tuple[Key, ...], source: str) -> tuple[Key, ...]:
     if not 1 <= len(keys) <= MAX_KEYS:
-        raise KeyFileError(source, f"{len(keys)} keys; there must be 1 to {MAX_KEYS}")
+        raise KeyFileError(source, f"{len(keys)} keys; 1 to {MAX_KEYS} are allowed")
     for number, key in enumerate(keys, 1):
         if not _KID.fullmatch(key.kid):
             raise KeyFileError(
-                source, f"key {number}: its name must be 1 to 32 letters, digits, '-' or '_'"
+                source, f"key {number}: the name must have 1 to 32 letters, digits, '-' or '_'"
             )
         if len(key.secret) < MIN_SECRET_BYTES:
-            size = f"{len(key.secret)} bytes; at least {MIN_SECRET_BYTES} are needed"
-            raise KeyFileError(source, f"key {number}: its secret has {size}; {_HOW_TO_MAKE}")
+            size = f"{len(key.secret)} bytes; at least {MIN_SECRET_BYTES} are required"
+            raise KeyFileError(source, f"key {number}: the secret has {size}; {_HOW_TO_MAKE}")
     if len({key.kid for key in keys}) < len(keys):
         raise KeyFileError(source, "two keys have the same name")
     return keys
 
 
 def _decoded(text: str, source: str, where: str) -> bytes:
-    """Base64url with or without padding; what it says is in no error message."""
+    """Decode base64url, with or without padding. Errors must not contain the secret."""
     try:
         padded = text.rstrip("=") + "=" * (-len(text.rstrip("=")) % 4)
         return base64.b64decode(padded.encode("ascii"), altchars=b"-_", validate=True)
@@ -199,23 +199,24 @@ def _read(path: Path) -> bytes:
     try:
         return read_private(path, MAX_FILE_BYTES)
     except FileNotFoundError:
-        fault = f"there is no such file; {_HOW_TO_MAKE}, and so does the server at its start"
+        fault = f"the file does not exist; {_HOW_TO_MAKE}, and so does starting the server"
         raise KeyFileError(source, fault) from None
     except PrivateFileError as error:
         raise KeyFileError(source, error.fault) from None
 
 
 def _create(path: Path) -> Key:
-    """A file with one new key; where another process is faster, its file stays."""
+    """Create a file with one new key, unless another process creates it at the same time."""
     key = _new_key()
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        fault = f"its folder cannot be made: {error.strerror}"
+        fault = f"its folder cannot be created: {error.strerror}"
         raise KeyFileError(str(path), fault) from None
+    # Several workers may start at the same time; all must use the key of the first one.
     with contextlib.suppress(FileExistsError):
         _write(path, (key,), replace=False)
-        get_logger().info("signing key made", file=str(path), kid=key.kid)
+        get_logger().info("signing key created", file=str(path), kid=key.kid)
     return load(path)[0]
 
 

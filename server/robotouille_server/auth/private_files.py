@@ -1,4 +1,4 @@
-"""Small files that nobody else may read or change: written durably, in one step."""
+"""Small files that only their owner may access, written durably and atomically."""
 
 from __future__ import annotations
 
@@ -12,13 +12,11 @@ from pathlib import Path
 
 from robotouille.errors import RobotouilleError
 
-__all__ = ["PrivateFileError", "fingerprint", "locked", "read_private", "write_private"]
-
 Fingerprint = tuple[int, int, int]
 
 
 class PrivateFileError(RobotouilleError):
-    """A file that cannot be used: names the file and the fault."""
+    """A file cannot be used. The message names the file and the fault."""
 
     def __init__(self, source: str, fault: str) -> None:
         self.source = source
@@ -27,7 +25,7 @@ class PrivateFileError(RobotouilleError):
 
 
 def fingerprint(path: Path) -> Fingerprint | None:
-    """What changes whenever the file does; None where there is none."""
+    """Return a value that changes whenever the file does; None if the file does not exist."""
     try:
         found = path.stat()
     except OSError:
@@ -36,14 +34,21 @@ def fingerprint(path: Path) -> Fingerprint | None:
 
 
 def read_private(path: Path, max_bytes: int) -> bytes:
-    """The content of a file; FileNotFoundError where there is none, PrivateFileError where others
-    may use it, where it has more than `max_bytes`, or where it cannot be read."""
+    """Return the content of a file.
+
+    Raises:
+        FileNotFoundError: The file does not exist.
+        PrivateFileError: Other users may access it, it has more than `max_bytes`, or it cannot be
+            read.
+    """
     source = str(path)
     try:
         with path.open("rb") as file:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+            # Group members may read the file (0640), so that an administrator can give a group
+            # access.
             if sys.platform != "win32" and mode & 0o027:
-                fault = f"others may use it (mode {mode:04o}); run `chmod 600 {path}`"
+                fault = f"other users may access it (mode {mode:04o}); run `chmod 600 {path}`"
                 raise PrivateFileError(source, fault)
             content = file.read(max_bytes + 1)
     except FileNotFoundError:
@@ -51,20 +56,31 @@ def read_private(path: Path, max_bytes: int) -> bytes:
     except OSError as error:
         raise PrivateFileError(source, f"cannot be read: {error.strerror}") from None
     if len(content) > max_bytes:
-        raise PrivateFileError(source, f"larger than {max_bytes} bytes; is it the right file?")
+        raise PrivateFileError(source, f"larger than {max_bytes} bytes; it may be the wrong file")
     return content
 
 
 def write_private(path: Path, content: bytes, *, replace: bool, durable_name: bool = True) -> None:
-    """Write a file durably, in one step, readable by its owner only. Without `durable_name` a
-    power cut may take a new file with it, but leaves none that is not whole.
+    """Write a file durably and atomically, accessible to its owner only.
 
-    FileExistsError where there is one that is not to be replaced, PrivateFileError where it
-    cannot be written.
+    Args:
+        path: The file.
+        content: Its content.
+        replace: Replace an existing file.
+        durable_name: Sync the folder, too. Otherwise a power failure may remove a new file, but
+            never leaves an incomplete one.
+
+    Raises:
+        FileExistsError: The file exists, and `replace` is False.
+        PrivateFileError: The file cannot be written.
     """
+    # In the same folder, because only there a rename is atomic. The random part keeps two processes
+    # from writing the same file.
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}.new")
     try:
         try:
+            # The mode is set at creation. With a later `chmod`, other users could open the file in
+            # between.
             descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with os.fdopen(descriptor, "wb") as file:
                 file.write(content)
@@ -74,6 +90,7 @@ def write_private(path: Path, content: bytes, *, replace: bool, durable_name: bo
                 _keep_owner(path, new)
                 new.replace(path)
             else:
+                # A link fails if the name exists, which a rename does not.
                 os.link(new, path)
         finally:
             new.unlink(missing_ok=True)
@@ -87,8 +104,11 @@ def write_private(path: Path, content: bytes, *, replace: bool, durable_name: bo
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """One process at a time changes what lies in a folder; PrivateFileError where that cannot be
-    had. (On Windows nobody waits.)"""
+    """Lock a folder against other processes. On Windows, nothing is locked.
+
+    Raises:
+        PrivateFileError: The folder cannot be opened.
+    """
     if sys.platform == "win32":
         yield
         return
@@ -106,7 +126,8 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _keep_owner(old: Path, new: Path) -> None:
-    """So that root can change the files of a server that runs as somebody else."""
+    # Root may change the files of a server that runs as another user, which must stay able to
+    # read them.
     if sys.platform != "win32" and os.geteuid() == 0:
         owner = (old if old.exists() else old.parent).stat()
         os.chown(new, owner.st_uid, owner.st_gid)

@@ -1,17 +1,22 @@
-"""Role tokens that were taken back before their time: their ids, in a file beside the keys.
+"""Revoked and used role tokens.
 
-`robotouille-token revoke` writes it, running servers read it again whenever it has changed.
+`robotouille-token revoke` writes the ids of revoked tokens to a file next to the keys. Running
+servers read the file again whenever it changes.
 """
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from robotouille.errors import ProtocolError
 from robotouille_server.auth.private_files import (
     PrivateFileError,
     fingerprint,
@@ -21,18 +26,16 @@ from robotouille_server.auth.private_files import (
 )
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = ["REVOKED_FILE", "Revocations", "RevokedFileError", "load_revoked", "revoke"]
-
 REVOKED_FILE = "revoked.json"
 MAX_ENTRIES = 10_000
 MAX_FILE_BYTES = 2 * 1024 * 1024
 KEPT_SECONDS = 31 * 86400.0
-"""An entry is kept at least so long: connections that came in with the token may hold resume
-tokens which are good for longer than the token itself."""
+"""Minimum time for which an entry is kept. Resume tokens that derive from a role token may be valid
+for longer than the role token."""
 
 
 class RevokedFileError(PrivateFileError):
-    """A list of revoked tokens that cannot be used: names the file and the fault."""
+    """The list of revoked tokens cannot be used. The message names the file and the fault."""
 
 
 class _Entry(BaseModel):
@@ -49,10 +52,10 @@ class _File(BaseModel):
 
 
 class Revocations:
-    """The ids of a file's tokens, `in` which one looks; no file means none.
+    """Ids of revoked tokens, read from a file. A missing file counts as an empty one.
 
-    A changed file that cannot be used, or one that has gone, is logged, and what was revoked
-    stays revoked.
+    If a changed file is invalid or the file disappears, the error is logged and revoked tokens
+    stay revoked.
     """
 
     def __init__(self, path: Path) -> None:
@@ -62,8 +65,9 @@ class Revocations:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Those that are revoked now; another set than before where the file has changed."""
+        """Revoked ids. The set is a new object whenever the file has changed."""
         seen = fingerprint(self.path)
+        # One `stat` per check instead of a watcher; the file changes rarely.
         if seen != self._seen:
             self._seen = seen
             self._reload()
@@ -74,18 +78,24 @@ class Revocations:
 
     def _reload(self) -> None:
         try:
+            # Deleting the file must not make revoked tokens valid again.
             if self._seen is None:
-                raise RevokedFileError(str(self.path), "the file has gone")
+                raise RevokedFileError(str(self.path), "the file was removed")
             self._ids = frozenset(load_revoked(self.path))
         except RevokedFileError as error:
-            get_logger().error("revoked tokens not reloaded; the old ones stay", error=str(error))
+            get_logger().error(
+                "revoked tokens not reloaded; revoked ones stay revoked", error=str(error)
+            )
         else:
             get_logger().info("revoked tokens reloaded", count=len(self._ids))
 
 
 def load_revoked(path: Path) -> dict[str, float]:
-    """The revoked ids, and until when each is kept; none where there is no file.
-    RevokedFileError where it is open to others, or wrong."""
+    """Return the revoked ids, and the time until which each is kept.
+
+    Raises:
+        RevokedFileError: The file is invalid or accessible to other users.
+    """
     try:
         entries = _File.model_validate_json(read_private(path, MAX_FILE_BYTES)).revoked
     except FileNotFoundError:
@@ -100,9 +110,10 @@ def load_revoked(path: Path) -> dict[str, float]:
 
 
 def revoke(path: Path, token_ids: Iterable[str], expires: float, now: float) -> None:
-    """Add ids of tokens that end at `expires`; those that have had their time are left out.
+    """Add the ids of tokens that end at `expires`, and remove outdated entries.
 
-    RevokedFileError where the file cannot be read or written, or has too many entries.
+    Raises:
+        RevokedFileError: The file cannot be read or written, or has too many entries.
     """
     try:
         with locked(path.parent):
@@ -118,3 +129,103 @@ def revoke(path: Path, token_ids: Iterable[str], expires: float, now: float) -> 
             write_private(path, content + b"\n", replace=True)
     except PrivateFileError as error:
         raise RevokedFileError(error.source, error.fault) from None
+
+
+MAX_USED_FILE_BYTES = 4096
+TIDY_SECONDS = 3600.0
+"""Seconds between two searches for files of expired tokens."""
+USED_KEPT_SECONDS = 86400.0
+"""Seconds for which a token is remembered after its end: its session may still be connected."""
+
+
+class _Use(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    session: str
+    expires: float
+
+
+class UsedTokens:
+    """Tokens for one session that have been used. Their sessions created one file each, atomically.
+
+    `wall` returns the time in seconds since 1970.
+    """
+
+    def __init__(self, folder: Path, wall: Callable[[], float]) -> None:
+        self._folder = folder
+        self._wall = wall
+        self._next_tidy = wall()
+
+    def check(self, token_id: str, session: str = "") -> None:
+        """Raise ProtocolError `auth/used` if another session has used a token."""
+        used = self._read(self._path(token_id))
+        if used is not None and used.session != session:
+            text = "this token is valid for one session, and another session has used it"
+            raise ProtocolError("auth/used", text, "token")
+
+    @contextmanager
+    def used_by(self, session: str, token_id: str, expires: float) -> Iterator[None]:
+        """Return a context for a `join`, which uses up the token unless the join fails.
+
+        Raises:
+            ProtocolError: `auth/used` if another session has used the token, `server/recording` if
+                its use cannot be written.
+        """
+        # Joins trigger the tidying, so an idle server does no work.
+        self.forget_expired()
+        path = self._path(token_id)
+        new = self._claim(path, token_id, _Use(session=session, expires=expires))
+        try:
+            yield
+        except BaseException:
+            if new:
+                # The join failed, so the token is still unused.
+                path.unlink(missing_ok=True)
+            raise
+
+    def _claim(self, path: Path, token_id: str, use: _Use) -> bool:
+        """Return whether this is the first use; raise if another session was first."""
+        try:
+            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            # All episodes wait for this write, because the join must know who was first. The file
+            # is synced, because an incomplete one would lock its owner out. Its name is not: after
+            # a power failure the token may count as unused, which harms nobody.
+            content = use.model_dump_json().encode()
+            write_private(path, content, replace=False, durable_name=False)
+        except FileExistsError:
+            self.check(token_id, use.session)
+            return False
+        except (OSError, PrivateFileError) as error:
+            get_logger().error("use of a token not recorded", error=str(error))
+            text = "the use of your token cannot be recorded; try again later"
+            raise ProtocolError("server/recording", text, "token") from None
+        return True
+
+    def forget_expired(self) -> None:
+        """Remove the files of expired tokens, in a thread and not too often."""
+        now = self._wall()
+        if now < self._next_tidy:
+            return
+        self._next_tidy = now + TIDY_SECONDS
+        asyncio.get_running_loop().run_in_executor(None, self._tidy, now)
+
+    def _tidy(self, now: float) -> None:
+        with suppress(OSError):
+            for path in self._folder.glob("*.json"):
+                use = self._read(path)
+                if use is not None and use.expires + USED_KEPT_SECONDS < now:
+                    path.unlink(missing_ok=True)
+
+    def _read(self, path: Path) -> _Use | None:
+        """Return the use of a token; None if it is unused. Unreadable files count as used."""
+        try:
+            return _Use.model_validate_json(read_private(path, MAX_USED_FILE_BYTES))
+        except FileNotFoundError:
+            return None
+        except (PrivateFileError, ValidationError) as error:
+            get_logger().error("use of a token not read", file=str(path), error=str(error))
+            return _Use(session="?", expires=float("inf"))
+
+    def _path(self, token_id: str) -> Path:
+        # The id may be any text, so the file is named by a digest.
+        return self._folder / f"{hashlib.sha256(token_id.encode()).hexdigest()[:32]}.json"

@@ -1,4 +1,4 @@
-"""Who may do what: four roles, and the one table of what each may send."""
+"""Roles, and the messages that each role may send."""
 
 from __future__ import annotations
 
@@ -8,19 +8,9 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.runtime.workers import plain_code
 
-__all__ = [
-    "PERMISSIONS",
-    "Role",
-    "check_join",
-    "check_opening",
-    "check_permission",
-    "check_scope",
-    "same_episode",
-]
-
 
 class Role(StrEnum):
-    """From the most to the least trusted; each may do all that those after it may."""
+    """Roles in descending order of trust. Each role includes the ones after it."""
 
     OPERATOR = "operator"
     HOST = "host"
@@ -28,7 +18,7 @@ class Role(StrEnum):
     SPECTATOR = "spectator"
 
     def includes(self, other: Role) -> bool:
-        """Whether whoever has this role may do all that `other` may."""
+        """Return whether this role includes another."""
         return _ORDER.index(self) <= _ORDER.index(other)
 
 
@@ -45,14 +35,14 @@ PERMISSIONS: dict[Role, frozenset[str]] = {
     Role.PLAYER: _PLAYING,
     Role.SPECTATOR: _WATCHING,
 }
-"""The types of the messages that a role may send."""
+"""Types of messages that a role may send."""
 
 
 def check_permission(role: Role, message: messages.ClientMessage) -> None:
-    """ProtocolError `auth/role` if this role may not send this message."""
+    """Raise ProtocolError `auth/role` if a role may not send a message."""
     if message.type not in PERMISSIONS[role]:
         least = next(r for r in reversed(_ORDER) if message.type in PERMISSIONS[r])
-        text = f"a {role} may not send {message.type!r}; it takes a token with the role {least}"
+        text = f"a {role} may not send {message.type!r}; this needs a token with the role {least}"
         raise ProtocolError("auth/role", text, "type")
     if isinstance(message, messages.Join) and not role.includes(Role(message.role)):
         text = f"a {role} may not join as {message.role}; join with role {role!s}"
@@ -62,35 +52,41 @@ def check_permission(role: Role, message: messages.ClientMessage) -> None:
 def check_join(
     message: messages.Join, *, only: str, seat: str, episode: str, code: str
 ) -> str | None:
-    """The seat to ask for, where a token is limited to an episode (`only`) or a `seat`.
+    """Return the seat to request with a token that may be limited to an episode or seat.
 
-    `episode` and `code` are those of the room that `message` names. ProtocolError `auth/episode`
-    or `auth/seat` if the token is for another, or asked for more than it is for.
+    Args:
+        message: The request.
+        only: The id or code of the only episode the token is for, or empty.
+        seat: The only seat the token is for, or empty.
+        episode: The id of the requested episode.
+        code: The code of the requested episode.
+
+    Raises:
+        ProtocolError: `auth/episode` or `auth/seat` if the token is not for this request.
     """
     check_scope(only, episode, code)
     if not seat or message.role != "player":
         return message.seat
     if message.seats not in ([], [seat]):
-        raise ProtocolError("auth/seat", f"your token is for the seat {seat} alone", "seats")
+        raise ProtocolError("auth/seat", f"your token is for the seat {seat} only", "seats")
     if message.seat not in (None, seat):
         raise ProtocolError("auth/seat", f"your token is for the seat {seat}", "seat")
     return seat
 
 
 def check_opening(only: str) -> None:
-    """ProtocolError `auth/episode` if a token that is limited to the episode `only`, unless that
-    is empty, would open one."""
+    """Raise ProtocolError `auth/episode` if a token that is limited to an episode may open none."""
     if only:
-        raise ProtocolError("auth/episode", "your token is for one episode and opens none", "type")
+        text = "your token is for one episode and cannot open others"
+        raise ProtocolError("auth/episode", text, "type")
 
 
 def check_scope(only: str, episode: str, code: str, field: str = "episode") -> None:
-    """ProtocolError `auth/episode` if a token that is limited to the episode `only`, unless that
-    is empty, is used for the one of this id and code."""
+    """Raise ProtocolError `auth/episode` if a token for `only` is used for another episode."""
     if only and not (same_episode(only, episode) or same_episode(only, code)):
         raise ProtocolError("auth/episode", "your token is for another episode", field)
 
 
 def same_episode(one: str, other: str) -> bool:
-    """Whether two ids or codes are the same; dashes, spaces and case of codes do not matter."""
+    """Return whether two ids or codes are equal, apart from dashes, spaces and case."""
     return plain_code(one) == plain_code(other)

@@ -1,4 +1,4 @@
-"""`robotouille-token`: make, show and revoke role tokens, rotate the keys that sign them."""
+"""Command `robotouille-token`: creates, shows and revokes role tokens, and rotates keys."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.program import VersionOption, printable, printable_json, tell
+from robotouille.terminal import options_from, printable, printable_json, tell
 from robotouille_server.auth.keys import (
     KEPT_KEYS,
     MAX_KEYS,
@@ -31,8 +31,7 @@ from robotouille_server.auth.keys import (
 from robotouille_server.auth.revocation import REVOKED_FILE, load_revoked, revoke
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import RoleGrant, Tokens
-
-__all__ = ["main", "token_app"]
+from robotouille_server.version_option import VersionOption
 
 KEYS_VARIABLE = "ROBOTOUILLE_KEYS"
 STDIN = "-"
@@ -47,12 +46,12 @@ _TOKEN_ID = re.compile(r"[!-~]{1,64}")
 
 
 def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
-    """The command; `wall` gives the time in seconds since 1970."""
+    """Return the command. `wall` returns the time in seconds since 1970."""
     app = typer.Typer(
         add_completion=False,
         no_args_is_help=True,
         rich_markup_mode="rich",
-        help="Make, and take back, the signed tokens that say what somebody may do on a server.",
+        help="Create and revoke signed tokens, which state what their bearers may do on a server.",
     )
 
     @app.callback()
@@ -65,42 +64,47 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
     return app
 
 
+@dataclass(frozen=True)
+class MintOptions:
+    """Flags of `robotouille-token mint`."""
+
+    subject: Annotated[
+        str | None,
+        typer.Option(help="Pseudonym of the bearer, which is recorded. Default: random."),
+    ] = None
+    name: Annotated[str, typer.Option(help="Name to show, whatever the bearer's client sends.")] = (
+        ""
+    )
+    episode: Annotated[str, typer.Option(help="Only for the episode with this id or code.")] = ""
+    seat: Annotated[str, typer.Option(help="Only for this seat, such as robot2.")] = ""
+    hours: Annotated[
+        float | None, typer.Option(min=0.01, max=MAX_DAYS * 24, help="Hours of validity.")
+    ] = None
+    days: Annotated[
+        float | None,
+        typer.Option(min=0.01, max=MAX_DAYS, help="Days of validity. Default: 1 day."),
+    ] = None
+    once: Annotated[
+        bool, typer.Option("--once", help="Valid for one session: the first that joins.")
+    ] = False
+    keys: KeysOption = DEFAULT_KEYS
+    as_json: JsonOption = False
+
+
 def _add_mint(app: typer.Typer, wall: Callable[[], float]) -> None:
     @app.command("mint")
+    @options_from(MintOptions)
     def mint(
-        role: Annotated[Role, typer.Argument(help="What the bearer may do.", show_default=False)],
-        subject: Annotated[
-            str | None,
-            typer.Option(help="Pseudonym of the bearer; it is recorded. Random if left out."),
-        ] = None,
-        name: Annotated[
-            str, typer.Option(help="Name to be shown, whatever the bearer's client says.")
-        ] = "",
-        episode: Annotated[str, typer.Option(help="Only for the episode of this id or code.")] = "",
-        seat: Annotated[str, typer.Option(help="Only for this seat, e.g. robot2.")] = "",
-        hours: Annotated[
-            float | None, typer.Option(min=0.01, max=MAX_DAYS * 24, help="Good for so many hours.")
-        ] = None,
-        days: Annotated[
-            float | None,
-            typer.Option(min=0.01, max=MAX_DAYS, help="… and so many days; 1 day if neither."),
-        ] = None,
-        once: Annotated[
-            bool, typer.Option("--once", help="Good for one session: the first that joins.")
-        ] = False,
-        keys: KeysOption = DEFAULT_KEYS,
-        as_json: JsonOption = False,
+        role: Annotated[Role, typer.Argument(help="Role of the bearer.", show_default=False)],
+        options: MintOptions,
     ) -> None:
-        """Make a role token and print it."""
-        seconds = 3600 * (hours or 0) + 86400 * (days or 0) or 86400
-        whom = subject if subject is not None else f"p-{secrets.token_hex(4)}"
-        limits = {"name": name, "episode": episode, "seat": seat, "once": once}
+        """Create a role token and print it."""
         with _reported():
-            _check_once(role, once)
-            tokens = Tokens(_keyring(keys), wall)
-            token = _minted(tokens, role, whom, seconds, limits)
+            _check_once(role, options.once)
+            tokens = Tokens(_keyring(options.keys), wall)
+            token = _minted(tokens, role, options)
             grant = tokens.check_role(token)
-        if as_json:
+        if options.as_json:
             print(printable_json(json.dumps({"token": token, **_plain(grant)}, ensure_ascii=False)))
         else:
             tell(token)
@@ -114,7 +118,7 @@ def _add_show(app: typer.Typer, wall: Callable[[], float]) -> None:
         keys: KeysOption = DEFAULT_KEYS,
         as_json: JsonOption = False,
     ) -> None:
-        """Say what a role token grants. Exit status 1 if the server would refuse it."""
+        """Show what a role token grants. Exit status 1 if servers refuse it."""
         with _reported():
             grant = Tokens(_keyring(keys), wall).check_role(_given(token))
             revoked = grant.token_id in load_revoked(keys.with_name(REVOKED_FILE))
@@ -131,13 +135,18 @@ def _add_rotate(app: typer.Typer) -> None:
     @app.command("rotate")
     def rotate_keys(
         keep: Annotated[
-            int, typer.Option(min=1, max=MAX_KEYS, help="Keep so many keys, the new one included.")
+            int,
+            typer.Option(
+                min=1, max=MAX_KEYS, help="Number of keys to keep, including the new one."
+            ),
         ] = KEPT_KEYS,
         keys: KeysOption = DEFAULT_KEYS,
         as_json: JsonOption = False,
     ) -> None:
-        """Put a new key first. Servers that use the file take it at once; the file is made if
-        there is none. Tokens of keys that fall off are refused from then on."""
+        """Add a new signing key. Running servers use it at once.
+
+        The key file is created if it is missing. Tokens signed with dropped keys become invalid.
+        """
         with _reported():
             before = {key.kid for key in load(keys)} if keys.exists() else set()
             new = rotate(keys, keep=keep)
@@ -146,9 +155,9 @@ def _add_rotate(app: typer.Typer) -> None:
         if as_json:
             print(json.dumps({"file": str(keys), "keys": kept, "dropped": dropped}))
             return
-        tell(f"{keys}: {new.kid} signs from now on; {_listed(kept[1:])} still verify")
+        tell(f"{keys}: new tokens are signed with {new.kid}; {_listed(kept[1:])} still valid")
         if dropped:
-            tell(f"tokens signed with {_listed(dropped)} are refused from now on")
+            tell(f"tokens signed with {_listed(dropped)} are invalid now")
 
 
 def _add_revoke(app: typer.Typer, wall: Callable[[], float]) -> None:
@@ -160,8 +169,11 @@ def _add_revoke(app: typer.Typer, wall: Callable[[], float]) -> None:
         keys: KeysOption = DEFAULT_KEYS,
         as_json: JsonOption = False,
     ) -> None:
-        """Take a token back. Running servers refuse it within a second or two, and cut the
-        connections of those who came in with it; they cannot resume either."""
+        """Revoke a token.
+
+        Within two seconds, running servers refuse it and close the connections that used it. These
+        connections cannot be resumed.
+        """
         path = keys.with_name(REVOKED_FILE)
         with _reported():
             token_id, expires = _identified(_given(token), keys, wall)
@@ -169,12 +181,12 @@ def _add_revoke(app: typer.Typer, wall: Callable[[], float]) -> None:
         if as_json:
             print(json.dumps({"file": str(path), "token_id": token_id}))
         else:
-            tell(f"{path}: the token {token_id} is refused from now on")
+            tell(f"{path}: the token {token_id} is revoked")
 
 
 def _check_once(role: Role, once: bool) -> None:
     if once and role.includes(Role.HOST):
-        raise RobotouilleError(f"--once is for players and spectators, not for a {role}")
+        raise RobotouilleError(f"--once is for players and spectators, not for the role {role}")
 
 
 def _given(token: str) -> str:
@@ -182,28 +194,38 @@ def _given(token: str) -> str:
 
 
 def _identified(text: str, keys: Path, wall: Callable[[], float]) -> tuple[str, float]:
-    """The id of a token, or what is one, and when the token ends, as far as that can be known."""
+    """Return the id of a token, given itself or its id, and the latest time at which it ends."""
     if text.count(".") == 2:
         grant = Tokens(_keyring(keys), wall).check_role(text)
         return grant.token_id, grant.expires
     if not _TOKEN_ID.fullmatch(text):
-        raise RobotouilleError("give a token or its id, as `robotouille-token show` prints it")
+        raise RobotouilleError("expected a token or its id; `robotouille-token show` prints the id")
     _keyring(keys)
     return text, wall() + MAX_DAYS * 86400
 
 
-def _minted(
-    tokens: Tokens, role: Role, subject: str, seconds: float, limits: dict[str, Any]
-) -> str:
+def _minted(tokens: Tokens, role: Role, options: MintOptions) -> str:
+    hours = (options.hours or 0) + 24 * (options.days or 0) or 24
+    subject = options.subject if options.subject is not None else f"p-{secrets.token_hex(4)}"
     try:
-        return tokens.mint_role(role, subject, seconds=seconds, **limits)
+        return tokens.mint_role(
+            role,
+            subject,
+            seconds=3600 * hours,
+            name=options.name,
+            episode=options.episode,
+            seat=options.seat,
+            once=options.once,
+        )
     except ValueError as error:
-        raise RobotouilleError(f"no token can hold this: {error}") from None
+        raise RobotouilleError(f"invalid value for a token: {error}") from None
 
 
 def _keyring(path: Path) -> Keyring:
-    """The keys of the environment, as for the server; else those of the file, which is not made:
-    a key that the server does not have signs nothing of worth."""
+    """Return the keys of the environment or, without them, of the file.
+
+    A missing file is not created: the server would not accept tokens signed with a new key.
+    """
     text = os.environ.get(SIGNING_KEYS_VARIABLE)
     if text:
         return Keyring.parse(text)
@@ -229,7 +251,7 @@ def _sentence(grant: RoleGrant) -> str:
     words += [f"named {grant.name}"] if grant.name else []
     words += [f"only in the episode {grant.episode}"] if grant.episode else []
     words += [f"only in the seat {grant.seat}"] if grant.seat else []
-    words += ["good for one session"] if grant.once else []
+    words += ["valid for one session"] if grant.once else []
     return f"{', '.join(words)}, until {_time(grant.expires)}, id {grant.token_id}"
 
 
@@ -239,7 +261,7 @@ def _listed(names: list[str]) -> str:
 
 @contextmanager
 def _reported() -> Iterator[None]:
-    """Errors on purpose as one line and exit status 1."""
+    """Print expected errors in one line and exit with status 1."""
     try:
         yield
     except ProtocolError as error:
@@ -251,7 +273,7 @@ def _reported() -> Iterator[None]:
 
 
 def main() -> None:
-    """The entry point of `robotouille-token`."""
+    """Run `robotouille-token`."""
     token_app()()
 
 

@@ -1,12 +1,11 @@
-"""Signed tokens (JWT, HS256): who somebody is, and which session they come back to.
+"""Signed tokens (JWT, HS256).
 
-Two kinds, told apart by their audience, so that neither can serve as the other:
+Role tokens are made by an operator and state what their bearer may do. Resume tokens are made by
+the server and bring a lost connection back to its seat. Their audience claims differ, so a
+token of one kind cannot be used as the other.
 
-* **role tokens** are made by an operator and say what their bearer may do;
-* **resume tokens** are made by the server and bring a lost connection back to its seat.
-
-A token holds all that is needed to judge it, so a restarted server, or another process with the
-same keys, takes it. Time is an argument: nothing here reads a clock.
+A token contains everything that is needed to check it, so a restarted server and every process
+with the same keys accept it. Time is an argument: this module reads no clock.
 """
 
 from __future__ import annotations
@@ -17,16 +16,17 @@ import math
 import secrets
 from collections.abc import Callable, Container
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import jwt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robotouille.errors import ProtocolError
-from robotouille_server.auth.keys import Keyring
+from robotouille_server.auth.keys import FileKeyring, Keyring
+from robotouille_server.auth.revocation import REVOKED_FILE, Revocations, UsedTokens
 from robotouille_server.auth.roles import Role
-
-__all__ = ["MAX_TOKEN_LENGTH", "ResumeGrant", "Role", "RoleGrant", "Tokens"]
+from robotouille_server.runtime.settings import ServerSettings
 
 MAX_TOKEN_LENGTH = 2000
 ALGORITHM = "HS256"
@@ -36,10 +36,17 @@ RESUME_AUDIENCE = "robotouille/resume"
 
 @dataclass(frozen=True, slots=True)
 class RoleGrant:
-    """What a role token says; `episode` (id or code) and `seat` limit it unless empty.
+    """Content of a role token.
 
-    `token_id` names the token, so that it can be revoked; `once` says that a single session may
-    join with it.
+    Attributes:
+        role: The role of the bearer.
+        subject: The pseudonym of the bearer.
+        name: The name to show, or empty.
+        episode: The id or code of the only episode that the token is for, or empty.
+        seat: The only seat that the token is for, or empty.
+        expires: The end of the token in seconds since 1970.
+        token_id: The id of the token, with which it can be revoked.
+        once: True if the token is good for one session only.
     """
 
     role: Role
@@ -54,11 +61,23 @@ class RoleGrant:
 
 @dataclass(frozen=True, slots=True)
 class ResumeGrant:
-    """What a resume token says: a session, where it was, and how often it has been resumed.
+    """Content of a resume token: a session, its place, and the limits of its role token.
 
-    `only_episode` and `only_seat` are what the session's role token is limited to, `token_id`
-    is its id, `role_expires` its end (0: there was none); `view` is how the session wants to see
-    the game.
+    Attributes:
+        session: The id of the session.
+        episode: The id of the session's episode, or empty.
+        seat: The first seat of the session, or empty.
+        generation: The number of times the session has been resumed.
+        name: The name of the participant.
+        kind: The kind of the participant.
+        role: The role of the session.
+        expires: The end of the resume token in seconds since 1970.
+        only_episode: The episode that the role token is limited to, or empty.
+        only_seat: The seat that the role token is limited to, or empty.
+        view: The view that the client has requested.
+        participant: The pseudonym of the participant, if not the session's id.
+        role_expires: The end of the role token, or 0 without a role token.
+        token_id: The id of the role token, or empty.
     """
 
     session: str
@@ -78,7 +97,7 @@ class ResumeGrant:
 
     @property
     def anonymous(self) -> bool:
-        """Whether the session has come in without a role token."""
+        """True if the session was opened without a role token."""
         return self.role_expires == 0 and not self.token_id
 
 
@@ -121,20 +140,26 @@ _C = TypeVar("_C", bound=_Claims)
 
 _EXPIRED = {
     "token": "the token has expired; ask the operator for a new one",
-    "resume": "this connection cannot be resumed any more; say hello without 'resume'",
+    "resume": "this connection cannot be resumed any more; send hello without 'resume'",
 }
 
 
 class _Utf8Encoder(json.JSONEncoder):
-    """Names outside ASCII as they are: escapes would make tokens up to three times as long."""
+    """Encoder that leaves names outside ASCII as they are: escapes triple the size of a token."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**{**options, "ensure_ascii": False})
 
 
 class Tokens:
-    """Makes and judges tokens. `wall` gives the time, in seconds since 1970; `revoked` are the
-    ids of role tokens that are worth nothing any more, and with them what came of them."""
+    """Signs and checks tokens.
+
+    Args:
+        keyring: The signing keys.
+        wall: Returns the time in seconds since 1970.
+        revoked: The ids of revoked role tokens. Resume tokens that derive from them are invalid,
+            too.
+    """
 
     def __init__(
         self, keyring: Keyring, wall: Callable[[], float], revoked: Container[str] = ()
@@ -146,6 +171,8 @@ class Tokens:
             options={
                 "enforce_minimum_key_length": True,
                 "strict_aud": True,
+                # Checked in `_verified` with the server's clock, which tests replace. The library
+                # would read the system's clock.
                 "verify_exp": False,
                 "verify_iat": False,
                 "verify_nbf": False,
@@ -153,7 +180,7 @@ class Tokens:
         )
 
     def past(self, expires: float) -> bool:
-        """Whether a time of expiry has come; 0 is none."""
+        """Return whether a time of expiry has passed; 0 means no expiry."""
         return 0 < expires <= self._wall()
 
     # Role tokens
@@ -169,8 +196,9 @@ class Tokens:
         seat: str = "",
         once: bool = False,
     ) -> str:
-        """A role token that is good for `seconds` from now; ValueError for what no token holds."""
+        """Return a role token that is valid for `seconds`; raise ValueError for invalid values."""
         now = self._wall()
+        # The id makes it possible to revoke one token of a subject.
         claims = {"sub": subject, "role": role.value, "jti": secrets.token_hex(8)}
         limits = {"name": name, "episode": episode, "seat": seat, "once": once}
         times = {"iat": int(now), "exp": math.ceil(now + seconds)}
@@ -183,10 +211,14 @@ class Tokens:
         return self._signed(whole, ROLE_AUDIENCE)
 
     def check_role(self, token: str) -> RoleGrant:
-        """What a role token grants; ProtocolError `auth/invalid`, `auth/expired` or
-        `auth/revoked` if nothing."""
+        """Return the content of a role token.
+
+        Raises:
+            ProtocolError: `auth/invalid`, `auth/expired` or `auth/revoked`.
+        """
         claims = self._verified(token, ROLE_AUDIENCE, _RoleClaims, "token")
-        token_id = claims.jti or _made_up_id(token)
+        # Tokens from other programs may have no id. They must be revocable, too.
+        token_id = claims.jti or _derived_id(token)
         self._check_revoked(token_id, "token")
         return RoleGrant(
             role=claims.role,
@@ -201,45 +233,33 @@ class Tokens:
 
     # Resume tokens
 
-    def mint_resume(
-        self,
-        *,
-        session: str,
-        generation: int,
-        name: str,
-        kind: str,
-        role: Role,
-        seconds: float,
-        episode: str = "",
-        seat: str = "",
-        only_episode: str = "",
-        only_seat: str = "",
-        view: str = "state",
-        participant: str = "",
-        role_expires: float = 0.0,
-        token_id: str = "",
-    ) -> str:
-        """A resume token of a session that is good for `seconds` from now."""
+    def mint_resume(self, grant: ResumeGrant, seconds: float) -> str:
+        """Return a resume token that is valid for `seconds`; `grant.expires` is ignored."""
         claims = {
-            "sub": session, "ep": episode, "seat": seat, "gen": generation, "name": name,
-            "kind": kind, "role": role.value, "exp": math.ceil(self._wall() + seconds),
+            # Short claim names: clients store these tokens and send them in each `hello`.
+            "sub": grant.session, "ep": grant.episode, "seat": grant.seat,
+            "gen": grant.generation, "name": grant.name, "kind": grant.kind,
+            "role": grant.role.value, "exp": math.ceil(self._wall() + seconds),
         }  # fmt: skip
-        limits = {
-            "oe": only_episode,
-            "os": only_seat,
-            "view": view if view != "state" else "",
-            "pa": participant,
-            "rx": role_expires,
-            "ti": token_id,
+        optional = {
+            "oe": grant.only_episode,
+            "os": grant.only_seat,
+            "view": grant.view if grant.view != "state" else "",
+            "pa": grant.participant,
+            "rx": grant.role_expires,
+            "ti": grant.token_id,
         }
-        claims |= {key: value for key, value in limits.items() if value}
+        claims |= {key: value for key, value in optional.items() if value}
         return self._signed(claims, RESUME_AUDIENCE)
 
     def check_resume(self, token: str) -> ResumeGrant:
-        """What a resume token says; ProtocolError `auth/invalid` or `auth/expired` if nothing,
-        `auth/revoked` where the role token is that its session came in with.
+        """Return the content of a resume token.
 
-        Whether its generation is still the latest only the session knows.
+        The caller compares its generation with the session's.
+
+        Raises:
+            ProtocolError: `auth/invalid`, `auth/expired`, or `auth/revoked` if the session's role
+                token was revoked.
         """
         claims = self._verified(token, RESUME_AUDIENCE, _ResumeClaims, "resume")
         self._check_revoked(claims.ti, "resume")
@@ -278,7 +298,7 @@ class Tokens:
         )
 
     def _verified(self, token: str, audience: str, model: type[_C], field: str) -> _C:
-        """The claims of a token that this server, or one with its keys, has signed."""
+        """Return the claims of a token signed with one of the keys."""
         claims = _valid(self._decoded(token, audience, field), model, field)
         now = self._wall()
         if now >= claims.exp:
@@ -288,23 +308,26 @@ class Tokens:
         return claims
 
     def _decoded(self, token: str, audience: str, field: str) -> dict[str, Any]:
+        # Before any parsing, so a long text costs nothing.
         if len(token) > MAX_TOKEN_LENGTH:
-            raise _invalid(f"longer than {MAX_TOKEN_LENGTH} characters", field)
+            raise _invalid(f"it is longer than {MAX_TOKEN_LENGTH} characters", field)
         try:
             key = self._keyring.find(jwt.get_unverified_header(token).get("kid"))
             if key is None:
-                raise _invalid(
-                    "signed with a key that this server does not (any longer) use", field
-                )
+                raise _invalid("it was signed with an unknown or retired key", field)
             claims: dict[str, Any] = self._jwt.decode(
-                token, key.secret, algorithms=[ALGORITHM], audience=audience
+                # A fixed algorithm: a token must not choose how it is verified (`"alg": "none"`).
+                token,
+                key.secret,
+                algorithms=[ALGORITHM],
+                audience=audience,
             )
         except (jwt.InvalidAudienceError, jwt.MissingRequiredClaimError):
-            raise _invalid(f"it is no {audience.partition('/')[2]} token", field) from None
+            raise _invalid(f"it is not a {audience.partition('/')[2]} token", field) from None
         except jwt.InvalidSignatureError:
             raise _invalid("its signature is wrong", field) from None
         except (jwt.InvalidTokenError, ValueError, RecursionError):
-            raise _invalid("it is not a token of this server", field) from None
+            raise _invalid("it is not a signed token", field) from None
         return claims
 
 
@@ -317,11 +340,41 @@ def _valid(claims: dict[str, Any], model: type[_C], field: str) -> _C:
         raise _invalid(f"its claim {where!r}: {fault['msg']}", field) from None
 
 
-def _made_up_id(token: str) -> str:
-    """The id of a token that has none: of what is signed, which nobody can write differently."""
+def _derived_id(token: str) -> str:
+    """Return an id for a token without one: a digest of the signed part, which cannot be varied."""
     signed = token.strip().rpartition(".")[0]
     return hashlib.sha256(signed.encode()).hexdigest()[:16]
 
 
 def _invalid(why: str, field: str) -> ProtocolError:
-    return ProtocolError("auth/invalid", f"the token cannot be used: {why}", field)
+    return ProtocolError("auth/invalid", f"invalid token: {why}", field)
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """Tokens that a server signs and checks."""
+
+    tokens: Tokens
+    used: UsedTokens
+    revoked: Revocations
+
+    @classmethod
+    def load(cls, settings: ServerSettings, wall: Callable[[], float]) -> Credentials:
+        """Read the keys and revocations of the settings.
+
+        Raises:
+            RobotouilleError: The keys or the list of revoked tokens cannot be used.
+        """
+        revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
+        tokens = Tokens(_keyring(settings), wall, revoked)
+        return cls(tokens, UsedTokens(settings.state_folder / "used-tokens", wall), revoked)
+
+
+def _keyring(settings: ServerSettings) -> Keyring:
+    if settings.signing_keys is not None:
+        return Keyring.parse(settings.signing_keys.get_secret_value())
+    return FileKeyring(_key_file(settings))
+
+
+def _key_file(settings: ServerSettings) -> Path:
+    return settings.keys or settings.state_folder / "keys.json"

@@ -1,7 +1,7 @@
-"""Who is connecting: the address, whether it is this machine, and whether it may come in.
+"""Visitors: addresses of clients, allowed origins, and limits per address.
 
-All tables here are bounded, and time is an argument. An IPv6 address counts as its /64 network,
-which is what one customer of a provider has.
+All tables are bounded, and time is an argument. Limits count an IPv6 address as its /64 network,
+because one customer of a provider usually has that many addresses.
 """
 
 from __future__ import annotations
@@ -16,22 +16,7 @@ from urllib.parse import urlsplit
 from websockets.datastructures import Headers
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille_server.runtime.token_bucket import TokenBucket
-
-__all__ = [
-    "AccessSettingError",
-    "CodeGuessLimiter",
-    "ConnectionLimiter",
-    "CountedConnection",
-    "TooManyConnectionsError",
-    "Visitor",
-    "comes_from",
-    "counted_as",
-    "origin_refusal",
-    "parse_networks",
-    "parse_origins",
-    "visitor",
-]
+from robotouille_server.runtime.budgets import TokenBucket
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
@@ -45,26 +30,28 @@ PRIVATE: tuple[Network, ...] = tuple(
     for text in ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7", "fe80::/10")
 )
 PROXY_HEADERS = ("X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Forwarded-Host", "Via")
-"""Any of these says that the peer speaks for somebody else."""
+"""Headers of proxies, which forward the requests of others."""
 MAX_HOPS = 32
 WRONG_CODES_A_MINUTE = 20
 UNKNOWN = "unknown"
 
 
 class TooManyConnectionsError(ProtocolError):
-    """`rate/connections`: somebody has as many connections as one may have."""
+    """A client has reached the maximum number of connections (`rate/connections`)."""
 
 
 class AccessSettingError(RobotouilleError):
-    """A value of `--origins`, `--trust-proxy` or `--metrics-from` that cannot be used."""
+    """The value of `--origins`, `--trust-proxy` or `--metrics-from` is invalid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Where a connection comes from.
+    """Origin of a connection.
 
-    `address` is the client's as far as it can be trusted; `local` says that it is a program on
-    this machine, not somebody behind a proxy on it; `group` is what limits count by.
+    Attributes:
+        address: The trusted address of the client.
+        local: True if the client is a program on this machine, and not behind a proxy on it.
+        group: The name under which limits count the client.
     """
 
     address: str
@@ -76,7 +63,10 @@ class Visitor:
 
 
 def parse_networks(text: str, flag: str) -> tuple[Network, ...]:
-    """What a setting lists: addresses, networks, `loopback` or `private` (both)."""
+    """Parse a list of addresses and networks.
+
+    `loopback` means this machine; `private` means all private networks and this machine.
+    """
     networks: list[Network] = []
     for part in _parts(text):
         if part in ("loopback", "private"):
@@ -85,13 +75,13 @@ def parse_networks(text: str, flag: str) -> tuple[Network, ...]:
         try:
             networks.append(ipaddress.ip_network(part))
         except ValueError as error:
-            fault = f"{flag}: {error}; give addresses, networks, 'loopback' or 'private'"
+            fault = f"{flag}: {error}; expected addresses, networks, 'loopback' or 'private'"
             raise AccessSettingError(fault) from None
     return tuple(networks)
 
 
 def parse_origins(text: str) -> frozenset[str]:
-    """The web sites whose pages may connect: `https://kitchen.example.org,http://localhost:3000`."""
+    """Parse a list of web origins, such as `https://example.org,http://localhost:3000`."""
     return frozenset(_origin(part) for part in _parts(text))
 
 
@@ -106,7 +96,7 @@ def _origin(text: str) -> str:
         whole = ""
     if not whole:
         raise AccessSettingError(
-            f"--origins: {text!r} is no origin; write it as https://HOST or https://HOST:PORT"
+            f"--origins: {text!r} is not an origin; expected https://HOST or https://HOST:PORT"
         )
     return text.rstrip("/").lower()
 
@@ -115,22 +105,31 @@ def _parts(text: str) -> Iterator[str]:
     return (part.strip() for part in text.split(",") if part.strip())
 
 
-# Who it is
+# Addresses
 
 
 def visitor(peer: object, headers: Headers, proxies: Collection[Network] = ()) -> Visitor:
-    """Who connects: `peer` is the socket's remote address, `headers` the request's.
+    """Return where a connection comes from.
 
-    What a proxy of `proxies` says of where a request comes from is believed, hop by hop from the
-    last; the first address that is none of theirs is the client's. X-Forwarded-For counts, and
-    Forwarded where that is missing.
+    The forwarding headers of trusted proxies are followed hop by hop, from the last one. The first
+    address that is not a trusted proxy is the client. `Forwarded` is used if `X-Forwarded-For` is
+    missing.
+
+    Args:
+        peer: The remote address of the socket.
+        headers: The headers of the request.
+        proxies: The trusted proxies.
     """
     address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
     if address is None:
         return Visitor(UNKNOWN, local=False, group=UNKNOWN)
     forwarded = any(name in headers for name in PROXY_HEADERS)
+    # A proxy on this machine also connects from a loopback address, but its headers or the public
+    # name in `Host` show that it forwards another client (docs/security.md, "Posing as a local
+    # program").
     local = address.is_loopback and not forwarded and _names_this_machine(headers)
     for hop in _hops(headers):
+        # Any client can send `X-Forwarded-For`. Only a hop that a trusted proxy has added counts.
         if not any(address in network for network in proxies):
             break
         claimed = _address(hop)
@@ -141,15 +140,16 @@ def visitor(peer: object, headers: Headers, proxies: Collection[Network] = ()) -
 
 
 def comes_from(peer: object, headers: Headers, networks: Collection[Network]) -> bool:
-    """Whether a request comes from one of these networks, and from nobody behind a proxy there."""
+    """Return whether a request comes directly, without a proxy, from one of these networks."""
     address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
+    # The metrics may not be read through a proxy, whose address could be in the allowed network.
     if address is None or any(name in headers for name in PROXY_HEADERS):
         return False
     return any(address in network for network in networks)
 
 
 def _address(text: object) -> Address | None:
-    """An address with or without port or brackets; IPv4 in IPv6's clothes is IPv4."""
+    """Parse an address, with or without port and brackets. IPv4-mapped IPv6 becomes IPv4."""
     host = str(text).strip().strip('"')
     if match := re.fullmatch(r"\[([^\]]*)\](?::\d+)?|([0-9.]+):\d+", host):
         host = match[1] if match[1] is not None else match[2]
@@ -164,12 +164,16 @@ def _address(text: object) -> Address | None:
 def _group(address: Address) -> str:
     if isinstance(address, ipaddress.IPv4Address):
         return str(address)
+    # Limiting single IPv6 addresses would limit nobody: a customer can use 2 ** 64 of them.
     return str(ipaddress.ip_network((address, 64), strict=False))
 
 
 def _names_this_machine(headers: Headers) -> bool:
-    """Whether Host is a name of loopback: a proxy, or a page whose name has been bound to
-    127.0.0.1, sends the public name."""
+    """Return whether the Host header names this machine.
+
+    A request through a proxy has the public name. So has a request from a web page whose domain
+    was rebound to 127.0.0.1, which must not count as local.
+    """
     host = ",".join(headers.get_all("Host")).lower()
     address = _address(host)
     if address is not None:
@@ -178,7 +182,7 @@ def _names_this_machine(headers: Headers) -> bool:
 
 
 def _hops(headers: Headers) -> list[str]:
-    """Where the request has been according to proxies, the last first."""
+    """Return the hops of a request according to its proxies, last first."""
     if "X-Forwarded-For" in headers:
         hops = ",".join(headers.get_all("X-Forwarded-For")).split(",")
     else:
@@ -186,14 +190,15 @@ def _hops(headers: Headers) -> list[str]:
             match[1] if (match := re.search(r"(?:^|;)\s*for=([^;]*)", element, re.I)) else ""
             for element in ",".join(headers.get_all("Forwarded")).split(",")
         ]
+    # The last hops were added by the nearest proxies; a client can only forge the first ones.
     return hops[: -MAX_HOPS - 1 : -1]
 
 
 def origin_refusal(headers: Headers, allowed: Collection[str]) -> str | None:
-    """Why a page of this origin may not connect; None if it may, or if it is no page at all.
+    """Return why a web page may not connect; None for allowed pages and other programs.
 
-    Browsers always send Origin and other programs do not: so a page somewhere on the web cannot
-    use the server of whoever looks at it.
+    Browsers always send `Origin`; other programs do not. Without this check, any web page could
+    use a server on the machine of the person who visits it.
     """
     origins = headers.get_all("Origin")
     if not origins or (len(origins) == 1 and origins[0].rstrip("/").lower() in allowed):
@@ -205,19 +210,26 @@ def origin_refusal(headers: Headers, allowed: Collection[str]) -> str | None:
     )
 
 
-# How often
+# Limits
 
 
 def counted_as(who: Visitor, subject: str) -> Visitor:
-    """As whom limits count somebody: whoever brings a token by its subject, from everywhere, so
-    that strangers behind the same address take nothing from them."""
+    """Return the visitor to count: a token's bearer counts by subject, from every address.
+
+    Otherwise, strangers behind the same address could use up the bearer's limits.
+    """
     return replace(who, group=f"subject {subject}") if subject else who
 
 
 @dataclass(eq=False, slots=True)
 class CountedConnection:
-    """A connection as limits count it. `close` ends it; `slot` is the group of which it has
-    taken a slot, None while it is on probation."""
+    """Connection as limits count it.
+
+    Attributes:
+        who: Where the connection comes from.
+        close: Closes the connection.
+        slot: The group whose slot the connection has; None while it is on probation.
+    """
 
     who: Visitor
     close: Callable[[], None]
@@ -225,11 +237,11 @@ class CountedConnection:
 
 
 class ConnectionLimiter:
-    """Counts connections; programs on this machine are not limited.
+    """Limits connections per address or token subject. Local programs are not limited.
 
-    A connection is on probation until it has said who it is: `limit` of each address are, and one
-    more takes the place of that which has been silent the longest. Then it needs one of the
-    `limit` slots of its address or, with a token, of its subject.
+    A connection is on probation until `hello`. Each address may have `limit` connections on
+    probation; one more replaces the oldest. With `hello`, a connection takes one of the `limit`
+    slots of its address or, with a token, of its subject.
     """
 
     def __init__(self, limit: int) -> None:
@@ -238,12 +250,14 @@ class ConnectionLimiter:
         self._slots: Counter[str] = Counter()
 
     def arrive(self, connection: CountedConnection) -> None:
-        """One more connection, on probation; the oldest of the address may have to go for it."""
+        """Add a connection on probation, and close the oldest one if there are too many."""
         if connection.who.local:
             return
         waiting = self._waiting.setdefault(connection.who.group, {})
         waiting[connection] = None
         if len(waiting) > self._limit:
+            # The oldest goes, not the newest: connections that never send `hello` must not lock out
+            # new clients of the same address.
             oldest = next(iter(waiting))
             del waiting[oldest]
             oldest.close()
@@ -254,21 +268,26 @@ class ConnectionLimiter:
         who: Visitor,
         instead_of: CountedConnection | None = None,
     ) -> None:
-        """Give a connection one of the slots of `who`, or that of the connection which it
-        replaces; TooManyConnectionsError if all are taken."""
+        """Give a connection a slot of `who`, or the slot of the connection that it replaces.
+
+        Raises:
+            TooManyConnectionsError: All slots are taken.
+        """
         if who.local:
             return
+        # A returning client replaces its own connection, which the server may not know to be dead
+        # yet. Without this, a client at the limit could not come back.
         if instead_of is not None and instead_of.slot == who.group:
             self.release(instead_of)
         if self._slots[who.group] >= self._limit:
-            text = f"you have {self._limit} connections already; close some of them first"
+            text = f"you have {self._limit} connections already; close one of them first"
             raise TooManyConnectionsError("rate/connections", text)
         self._leave_probation(connection)
         self._slots[who.group] += 1
         connection.slot = who.group
 
     def release(self, connection: CountedConnection) -> None:
-        """A connection is over, or has been replaced."""
+        """Free the slot of a connection that is closed or was replaced."""
         self._leave_probation(connection)
         group, connection.slot = connection.slot, None
         if group is not None:
@@ -285,16 +304,16 @@ class ConnectionLimiter:
 
     @property
     def groups(self) -> int:
-        """How many groups are remembered: never more than there are connections."""
+        """Number of remembered groups; never more than there are connections."""
         return len(self._waiting) + len(self._slots)
 
 
 class CodeGuessLimiter:
-    """Join codes cannot be guessed by trying: each group (of addresses, or the bearers of a
-    subject's tokens) has `burst` wrong ones, and gets one back every `60 / burst` seconds.
+    """Limits wrong join codes, so that codes cannot be guessed.
 
-    At most `capacity` groups are remembered; those whose budget is whole again are forgotten
-    first, then those whose last wrong code is longest ago.
+    Each group (an address or token subject) may send `burst` wrong codes and regains one every
+    `60 / burst` seconds. At most `capacity` groups are remembered. Groups with a full budget are
+    forgotten first, then those whose last wrong code is oldest.
     """
 
     def __init__(self, burst: int = WRONG_CODES_A_MINUTE, capacity: int = 10_000) -> None:
@@ -303,16 +322,19 @@ class CodeGuessLimiter:
         self._budgets: OrderedDict[str, TokenBucket] = OrderedDict()
 
     def check(self, who: Visitor, now: float) -> None:
-        """Before a code is looked up: ProtocolError `rate/codes` if too many were wrong."""
+        """Raise ProtocolError `rate/codes` if a visitor has sent too many wrong codes."""
         budget = self._budgets.get(who.group)
+        # Local programs may list all episodes anyway.
         if budget is not None and not who.local and budget.left(now) < 1:
             text = "too many wrong codes; try again in a minute"
             raise ProtocolError("rate/codes", text, "episode")
 
     def wrong(self, who: Visitor, now: float) -> None:
-        """A code was wrong."""
+        """Count a wrong code."""
         if who.local:
             return
+        # Reinserted at the end, so the first entry is always the one whose last wrong code is
+        # oldest.
         budget = self._budgets.pop(who.group, None)
         if budget is None:
             budget = TokenBucket(self._burst / 60, now, self._burst)

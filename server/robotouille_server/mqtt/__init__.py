@@ -1,5 +1,4 @@
-"""Live streams: what goes on, told to an MQTT broker, and its commands. Needs the extra `mqtt`."""
+"""MQTT client that publishes a server's episodes and executes commands from laboratory software.
 
-from robotouille_server.mqtt.broker_service import on_broker
-
-__all__ = ["on_broker"]
+`service.on_broker` runs it. It needs the extra `mqtt`.
+"""

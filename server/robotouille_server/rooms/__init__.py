@@ -1,4 +1,4 @@
-"""Episodes as rooms: who is in them, what is sent to them, and how they are recorded.
+"""Rooms: episodes on a server, with their participants, messages and recordings.
 
-Import from its modules: the process of the substitute bots has one of them, and nothing else.
+Import from the modules: the process of the substitutes needs only one of them.
 """

@@ -1,166 +1,166 @@
-"""The lobby: open rooms, find them by id or code, close them when they are over."""
+"""Lobby: opens rooms, finds them by id or code, lists them, and closes them after the end."""
 
 from __future__ import annotations
 
 import asyncio
-import random
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
-from typing import Any, NoReturn
+from typing import NoReturn
 
-from robotouille.episode import Episode, Phase, Rules
+from robotouille.episode import Event, Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille.replay.recorder import Recorder, header
-from robotouille.world.world import shared_world
-from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
-from robotouille_server.rooms.directory.episode_setup import EpisodeSetup
-from robotouille_server.rooms.directory.listing import (
-    MAX_LISTED,
+from robotouille_server.rooms.archive import ArchivedEpisode
+from robotouille_server.rooms.episode_driver import Machinery
+from robotouille_server.rooms.episode_setup import (
+    EpisodeSetup,
+    FinishedGame,
+    Rematches,
+    check_alone,
+)
+from robotouille_server.rooms.journal import Journal
+from robotouille_server.rooms.recovery import Recovery
+from robotouille_server.rooms.room import Room, RoomObserver
+from robotouille_server.rooms.room_factory import (
+    CODE_LENGTH,
+    JoinCodes,
+    RoomFactory,
+    Surroundings,
     UnusedCode,
-    UnusedCodes,
-    info,
-    labels_for,
 )
-from robotouille_server.rooms.directory.rematches import FinishedGame, Rematches, check_alone
-from robotouille_server.rooms.recordings import (
-    ArchivedEpisode,
-    Journal,
-    Recovery,
-    Storage,
-    file_name,
-)
-from robotouille_server.rooms.room import Room, RoomHost, RoomObserver
-from robotouille_server.rooms.seats.round_trips import LOOK_SECONDS
+from robotouille_server.rooms.seat_limits import LOOK_SECONDS
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
-from robotouille_server.rooms.substitutes.bot_worker import BotWorker
+from robotouille_server.rooms.sessions import Sessions
+from robotouille_server.rooms.substitutes import BotScheduler
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
-from robotouille_server.runtime.rounds import Rounds
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskFolder, read_task_folder
-from robotouille_server.runtime.timer_queue import TimerQueue
-from robotouille_server.runtime.workers import CODE_LETTERS, WorkerSlot, plain_code
+from robotouille_server.runtime.timer_queue import Rounds, TimerQueue
+from robotouille_server.runtime.workers import plain_code
 
-__all__ = ["CODE_LENGTH", "Lobby"]
-
-CODE_LENGTH = 10
 LINGER_SECONDS = 120.0
-
+"""Seconds for which the room of an ended episode is kept, for participants who come back late."""
+MAX_LISTED = 500
+"""Episodes in one answer to `list`."""
 INSPECTION_SECONDS = 5.0
-"""From the end of one look at all open recordings to the next one."""
+"""Seconds between two inspections of all open recordings."""
 
 
 class Lobby:
-    """All rooms of a server. `random` names them; `timestamp` says when, for recordings, and
-    `wall` in seconds since 1970."""
+    """All rooms of a server.
+
+    Attributes:
+        rooms: The rooms by id, those of recently ended episodes included.
+        tasks: The operator's own tasks.
+        dropped: The number of rooms that no longer exist.
+    """
 
     def __init__(
-        self,
-        settings: ServerSettings,
-        metrics: Metrics,
-        randomness: random.Random,
-        timestamp: Callable[[], str],
-        wall: Callable[[], float],
-        *,
-        storage: Storage | None,
-        worker: WorkerSlot,
-        resume_token: Callable[[Session], str],
-        vacated: Callable[[Session], None],
-        sent_out: Callable[[Session], None],
-        bot_worker: Callable[[], BotWorker],
+        self, settings: ServerSettings, metrics: Metrics, sessions: Sessions, around: Surroundings
     ) -> None:
         self.rooms: dict[str, Room] = {}
-        self._draining = False
-        self._codes: dict[str, Room] = {}
+        self.tasks = read_task_folder(settings.tasks) if settings.tasks else TaskFolder()
+        self.dropped = 0
         self._settings = settings
         self._metrics = metrics
-        self._random = randomness
-        self._timestamp = timestamp
-        self._wall = wall
-        self._unused = UnusedCodes()
+        self._sessions = sessions
+        self._worker = around.worker
+        self._draining = False
+        self._observers: list[RoomObserver] = []
+        self._codes = JoinCodes(around.randomness, around.worker)
         self._rematches = Rematches()
-        self.tasks = read_task_folder(settings.tasks) if settings.tasks else TaskFolder()
-        self._storage = storage
-        self._worker = worker
-        self.dropped = 0
         self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._bot_scheduler = BotScheduler(bot_worker)
-        self._host = RoomHost(
-            metrics,
-            resume_token,
-            vacated,
-            sent_out,
-            self._closed,
-            TimerQueue(),
-            self._bot_scheduler,
-        )
+        self._timers = TimerQueue()
+        self._bot_scheduler = BotScheduler(around.bot_worker)
+        machinery = Machinery(metrics, self._timers, self._bot_scheduler)
+        self._factory = RoomFactory(around, self._codes, machinery, sessions, self)
         self._inspection = Rounds(self._live, INSPECTION_SECONDS, _inspect)
-        self._round_trips = Rounds(self._live, LOOK_SECONDS, Room.look_at_round_trips)
+        self._round_trips = Rounds(self._live, LOOK_SECONDS, _measure_round_trips)
         self._recovery: Recovery[Room] | None = None
-        if storage is not None:
-            now, seconds = self._host.timers.time, settings.recovery_seconds
-            self._recovery = Recovery(storage, worker, seconds, self._adopt, now, wall)
+        if around.storage is not None:
+            # Without a folder there is nothing to recover, and every resume token for an unknown
+            # episode is refused at once.
+            now, seconds = self._timers.time, settings.recovery_seconds
+            self._recovery = Recovery(
+                around.storage, around.worker, seconds, self._adopt, now, around.wall
+            )
+
+    # Observers
 
     def observe(self, observer: RoomObserver) -> None:
-        """From here on somebody is told of all rooms; of those that there are, at once."""
-        self._host.observer = observer
+        """Call an observer for all rooms from now on, and at once for those that exist."""
+        self._observers.append(observer)
         for room in self.rooms.values():
             if room in self._live:
                 observer.opened(room)
+
+    def opened(self, room: Room) -> None:
+        for observer in self._observers:
+            observer.opened(room)
+
+    def published(self, room: Room, events: list[Event]) -> None:
+        for observer in self._observers:
+            observer.published(room, events)
 
     # Opening
 
     def create(
         self, request: messages.Create, *, owner: str = "", asker: Collection[str] = ()
     ) -> Room:
-        """Open a room; ProtocolError names what cannot be had.
+        """Open a room.
 
         Args:
-            owner: The pseudonym of who opens it.
-            asker: The session and the pseudonym of who asks, for the same game again.
+            request: The options of the episode.
+            owner: The pseudonym of the participant who opens it.
+            asker: The session and the pseudonym of a participant who requests a rematch.
+
+        Raises:
+            ProtocolError: The options are invalid or the server cannot open another room.
         """
         if request.rematch is not None:
             return self._play_again(request, owner, asker)
         self._check_capacity(owner, reserved=request.open_for is not None)
-        return self._open(EpisodeSetup.requested(request, self._settings, self.tasks), owner)
+        setup = EpisodeSetup.requested(request, self._settings, self.tasks)
+        return self._add(self._factory.new(setup, owner))
 
     def _play_again(self, request: messages.Create, owner: str, asker: Collection[str]) -> Room:
-        """The same game as one that is over; all who ask for that get the same room."""
+        """Open a rematch, or return the one that another participant has opened already."""
         check_alone(request)
         game = self._finished(request.rematch or "")
         game.check(asker)
-        opened = self.rooms.get(game.again)
-        if opened is not None and opened.episode.phase is not Phase.ENDED:
-            return opened
+        # Players who ask at the same time must meet in one room (docs/decisions/0037).
+        existing = self.rooms.get(game.next)
+        if existing is not None and existing.episode.phase is not Phase.ENDED:
+            return existing
+        # Only for a new room: joining the rematch that another player has opened is always
+        # possible.
         self._check_capacity(owner, reserved=False)
-        room = self._open(game.setup_for(owner), owner)
-        game.again = room.id
+        room = self._add(self._factory.new(game.setup_for(owner), owner))
+        game.next = room.id
         if (before := self.rooms.get(game.episode)) is not None:
-            before.play_again(room.code)
+            before.offer_rematch(room.code)
         return room
 
     def _finished(self, name: str) -> FinishedGame:
-        """A game that is over; ProtocolError if there is none, or it is not."""
         game = self._rematches.find(name)
         if game is None:
             self._refuse_rematch(name)
         return game
 
     def _refuse_rematch(self, name: str) -> NoReturn:
-        """Of a game that is not over, is elsewhere, or of which nobody here knows any more."""
+        """Raise the error for an episode that runs, is on another worker, or is unknown."""
         try:
             self.find(name)
         except ProtocolError as error:
             if error.code != ErrorCode.EPISODE_UNKNOWN:
                 raise
-            message = "no episode has this id or code, or it was too long ago: open a new one"
+            message = "no recent episode has this id or code; create a new one"
             raise ProtocolError(ErrorCode.EPISODE_UNKNOWN, message, "rematch") from None
-        message = "this game is not over; it can be played again when it is"
+        message = "this game has not ended; it can be played again when it has"
         raise ProtocolError("message/invalid-field", message, "rematch")
 
     def _check_capacity(self, owner: str, *, reserved: bool) -> None:
@@ -168,8 +168,10 @@ class Lobby:
             message = "this server is about to be restarted; try again in a moment"
             raise ProtocolError("server/draining", message)
         if len(self._live) >= self._settings.max_episodes:
-            message = f"{len(self._live)} episodes run already; try again later"
+            message = f"{len(self._live)} episodes are running already; try again later"
             raise ProtocolError("server/full", message)
+        # Sessions without a token have no pseudonym to count by, so only the total limit applies to
+        # them.
         if not owner:
             return
         alike = (room.owner == owner and room.reserved == reserved for room in self._live)
@@ -178,116 +180,64 @@ class Lobby:
             message = f"{own} of your episodes wait for their first player; close one of them first"
             raise ProtocolError("rate/episodes", message)
         if not reserved and own >= settings.max_episodes_per_owner:
-            message = f"{own} of your episodes run already; end one of them first"
+            message = f"{own} of your episodes are running already; end one of them first"
             raise ProtocolError("rate/episodes", message)
 
-    def _open(self, setup: EpisodeSetup, owner: str) -> Room:
-        task, rules = setup.task, setup.rules
-        episode_id = self._worker.mark_id(self._random.getrandbits(64))
-        code = self._new_code()
-        world = shared_world(task)
-        created = self._timestamp()
-        head = header(
-            task, rules, episode=episode_id, seed=setup.seed, created=created, code=code,
-            owner=owner, labels=setup.labels, treatments=setup.treatments,
-            open_until=self._open_until(rules),
-        )  # fmt: skip
-        recorder = Recorder(world, wall=self._wall)
-        journal = None
-        if self._storage is not None:
-            name = file_name(created, task.name, episode_id)
-            journal = Journal(self._storage, name, recorder, begin=recorder.begin(head))
-            if not journal.write():
-                journal.discard()
-                raise ProtocolError("server/recording", f"no episode: {journal.problem}")
-        episode = Episode(world, rules, self._host.timers.time(), treatments=setup.treatments)
-        room = self._room(head, code, episode, recorder, journal)
-        get_logger().info(
-            "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
-        )
-        return room
-
-    def _open_until(self, rules: Rules) -> int | None:
-        """When nobody who has not come needs to come any more, in milliseconds since 1970."""
-        return None if rules.open_for is None else round((self._wall() + rules.open_for) * 1000)
-
-    def _room(
-        self,
-        head: Mapping[str, Any],
-        code: str,
-        episode: Episode,
-        recorder: Recorder,
-        journal: Journal | None,
-    ) -> Room:
-        now, episode_id = self._host.timers.time, head["episode"]
-        broadcaster = Broadcaster(episode_id, code, episode, recorder.writer, self._metrics, now)
-        room = Room(
-            episode_id,
-            code,
-            episode,
-            journal=journal,
-            broadcaster=broadcaster,
-            host=self._host,
-            owner=head.get("owner", ""),
-            labels=head.get("labels", {}),
-            created=head["created"],
-            seed=head["seed"],
-        )
-        self.rooms[episode_id] = room
-        self._codes[plain_code(code)] = room
-        if episode.phase is not Phase.ENDED:
+    def _add(self, room: Room) -> Room:
+        self.rooms[room.id] = room
+        self._codes.add(room)
+        # Rooms that only show the end of an archived episode do not count towards the limits.
+        if room.episode.phase is not Phase.ENDED:
             self._live.add(room)
-            if journal is not None:
+            if room.journal is not None:
                 self._inspection.begin()
                 self._round_trips.begin()
+            self.opened(room)
         self._count()
-        if self._host.observer is not None and room in self._live:
-            self._host.observer.opened(room)
-        room.flush()
+        # Publishes the events of the restart or the opening, and sets the first timer.
+        room.driver.flush()
         return room
 
-    # Going on after a restart
+    # Restarts
 
     def recover(self) -> None:
-        """Go on with the episodes that another process has left."""
+        """Continue the episodes that another process has left."""
         if self._recovery is not None:
-            self._recovery.look(self.rooms)
+            self._recovery.scan(self.rooms)
 
-    def opened(self) -> None:
-        """The server can be reached now: only from here on is anybody late."""
-        now = self._host.timers.time()
+    def start_patience(self) -> None:
+        """Start the time that restored episodes wait for their players.
+
+        The server calls this when clients can reach it. Before, nobody could be late.
+        """
+        now = self._timers.time()
         for room in self.rooms.values():
             room.episode.renew_patience(now, self._settings.recovery_seconds)
-            room.flush()
+            room.driver.flush()
 
     @property
     def draining(self) -> bool:
-        """Whether this process leaves its episodes to the next one."""
+        """True if this process leaves its episodes to the next one."""
         return self._draining
 
     def drain(self) -> None:
-        """Open no more episodes, and take none over."""
+        """Open no more episodes and restore none."""
         self._draining = True
         if self._recovery is not None:
             self._recovery.stop()
 
     @property
     def unrestored(self) -> dict[str, str]:
-        """Recordings that cannot be gone on with, or not yet, and why."""
+        """Recordings that could not be continued (yet), with the reasons."""
         if self._recovery is None:
             return {}
         return {**self._recovery.unrestored, **self._recovery.problems}
 
     def _adopt(self, found: ArchivedEpisode) -> Room:
-        """A room for an episode that began in another process."""
-        head = found.head
-        episode, code = found.restored.episode, head.get("code") or self._new_code()
-        if (until := head.get("open_until")) is not None and episode.rules.open_for is not None:
-            now = self._host.timers.time()
-            episode.opened_at(now + until / 1000 - self._wall() - episode.rules.open_for, now)
-        room = self._room(head, code, episode, found.recorder, found.journal)
-        room.broadcaster.restore_chat(found.restored.said)
+        """Make a room for an episode that began in another process."""
+        room = self._add(self._factory.restored(found))
         if found.journal is None:
+            # The episode has ended in an earlier process; the room only shows its end.
             room.suspend()
             self._linger(room)
             return room
@@ -299,19 +249,28 @@ class Lobby:
     # Finding
 
     def find(self, name: str) -> Room:
-        """The room of an id or a code; ProtocolError `episode/unknown` if there is none."""
+        """Return the room with an id or code.
+
+        Raises:
+            ProtocolError: `episode/unknown` for any other name.
+        """
         room = self._known(name) or self._found_elsewhere(name)
         if room is None:
-            self._unused.check(name)
+            self._codes.check_unused(name)
             message = f"no episode has the id or code {name!r}"
             raise ProtocolError("episode/unknown", message, "episode")
         return room
 
     def home_of(self, session: str, episode: str) -> Room | None:
-        """The room of a resume token: where it was made, or where its session was given a seat
-        after that and before a restart."""
+        """Return the room of a resume token.
+
+        It is the room in which a session held seats before a restart, or else the room for which
+        the token was made. A session can take seats after its token was made.
+        """
         if self._recovery is not None:
             seated = self._recovery.seated(session)
+            # The room with the seats comes first: the token may have been made before the
+            # participant joined it.
             if seated is not None:
                 return seated
         if not episode:
@@ -319,19 +278,25 @@ class Lobby:
         return self.rooms.get(episode) or self._found_elsewhere(episode)
 
     def may_have_ended(self, episode: str) -> bool:
-        """Whether an episode without a room may be over: `show_end` finds out."""
+        """Return whether an episode without a room may be in the archive; see `show_end`."""
         return self._recovery is not None and self._recovery.archive.may_have(episode)
 
     async def show_end(self, episode: str) -> None:
-        """Make a room again of an episode, if it is over; ProtocolError if that takes too long."""
+        """Make a room with the final state of an archived episode, if there is one.
+
+        Raises:
+            ProtocolError: That would take too long.
+        """
         if self._recovery is not None and episode not in self.rooms:
             await self._recovery.archive.show(episode)
 
     def _known(self, name: str) -> Room | None:
-        return self.rooms.get(name) or self._codes.get(plain_code(name))
+        return self.rooms.get(name) or self._codes.find(name)
 
     def _found_elsewhere(self, name: str) -> Room | None:
-        """A room that has just been handed over; an error if another process has it."""
+        """Return a room that was just handed over; raise if another process has it."""
+        # Raises `ElsewhereError` with the address of the worker that has the episode
+        # (docs/decisions/0017).
         self._worker.check_here(name, plain_code(name), CODE_LENGTH)
         if self.draining or (
             self._recovery is not None and self._recovery.elsewhere(name, self.rooms)
@@ -343,13 +308,20 @@ class Lobby:
     def infos(
         self, request: messages.ListEpisodes, only: str, owner: str, *, operator: bool
     ) -> messages.Episodes:
-        """All rooms, those that wait for players first; or that of one id or code (`only`). Labels
-        are told to who has opened the episode, and to operators."""
+        """List rooms, those that wait for players first.
+
+        Args:
+            request: The filter and the page.
+            only: The id or code of the only episode to list, or empty.
+            owner: The pseudonym of the participant who asks. Labels are shown to an episode's
+                owner only.
+            operator: True if an operator asks, who sees all labels.
+        """
         wanted = request.labels.items()
         if request.closed:
             closed = [
                 one.info
-                for one in self._unused
+                for one in self._codes.unused()
                 if (operator or one.owner == owner) and wanted <= one.info.labels.items()
             ]
             page = closed[request.skip : request.skip + MAX_LISTED]
@@ -373,25 +345,31 @@ class Lobby:
     # Closing
 
     def close(self, name: str, reason: str, owner: str, *, operator: bool) -> Room:
-        """End an episode; ProtocolError `episode/unknown` or `auth/episode` if it is not there, or
-        another's."""
+        """End an episode.
+
+        Raises:
+            ProtocolError: `episode/unknown`, or `auth/episode` if it is another owner's.
+        """
         room = self.find(name)
         if not operator and room.owner != owner:
-            message = "you have not opened this episode; its host or an operator can close it"
+            message = "only the host who opened this episode or an operator can close it"
             raise ProtocolError("auth/episode", message, "episode")
         room.abort(reason)
         return room
 
-    def _closed(self, room: Room) -> None:
-        """An episode is over: keep its room for a while, for those who come back late."""
+    def ended(self, room: Room) -> None:
+        """Finish the recording of an ended episode, and keep its room for a while."""
         self._live.discard(room)
         self._count()
         if room.reserved:
-            self._unused.add(UnusedCode(info(room, room.labels), room.owner))
+            self._codes.close_unused(UnusedCode(info(room, room.labels), room.owner))
             get_logger().info("episode closed unused", episode=room.id, code=room.code)
         loop = asyncio.get_running_loop()
         if room.journal is not None:
-            kept = room.episode.used or room.reserved or bool(room.labels)
+            # A researcher expects a file for every labelled or reserved episode, played or not.
+            # Others would only fill the folder with empty recordings.
+            kept = room.episode.record.used or room.reserved or bool(room.labels)
+            # In a thread: compressing a long recording takes longer than a step may be late.
             finish = partial(_finish, room.journal, kept=kept)
             closing = loop.run_in_executor(None, finish)
             self._closing.add(closing)
@@ -401,18 +379,20 @@ class Lobby:
 
     def _linger(self, room: Room) -> None:
         self._rematches.add(room)
+        # At least the grace: an absent participant may return after the end as long as in a
+        # running episode.
         seconds = max(LINGER_SECONDS, room.episode.rules.grace)
         loop = asyncio.get_running_loop()
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
 
     async def closed(self) -> None:
-        """Wait until all recordings that are over are closed, and no bot decides any more."""
+        """Wait until all ended recordings are closed and the substitutes' worker has ended."""
         await self._bot_scheduler.close()
         if self._closing:
             await asyncio.wait(self._closing)
 
     def suspend(self, episode: str) -> list[Session]:
-        """Leave an episode to another process, unless that was done before; who was in it."""
+        """Leave an episode to another process; return its members (none if left before)."""
         room = self.rooms.get(episode)
         if room is None:
             return []
@@ -421,8 +401,8 @@ class Lobby:
         return list(room.members)
 
     def stop(self) -> None:
-        """Look after nothing any more."""
-        self._host.timers.clear()
+        """Cancel all timers."""
+        self._timers.clear()
         self._inspection.stop()
         self._round_trips.stop()
         if self._recovery is not None:
@@ -436,14 +416,14 @@ class Lobby:
         self._drop(room)
         for session in list(room.members):
             if session.peer is None:
-                self._host.vacated(session)
-        room.dismiss()
+                self._sessions.forget(session)
+        room.membership.dismiss(room.id)
 
     def _drop(self, room: Room) -> None:
         self.rooms.pop(room.id, None)
         self.dropped += 1
         self._live.discard(room)
-        self._codes.pop(plain_code(room.code), None)
+        self._codes.drop(room)
         if self._recovery is not None:
             self._recovery.forget(room)
         self._count()
@@ -451,22 +431,47 @@ class Lobby:
     def _count(self) -> None:
         self._metrics.episodes.set(len(self._live))
 
-    def _new_code(self) -> str:
-        while True:
-            letters = [self._random.choice(CODE_LETTERS) for _ in range(CODE_LENGTH)]
-            letters[0] = self._worker.mark_letter(letters[0])
-            if "".join(letters) not in self._codes:
-                half = CODE_LENGTH // 2
-                return f"{''.join(letters[:half])}-{''.join(letters[half:])}"
+
+def labels_for(room: Room, owner: str, *, operator: bool) -> Mapping[str, str]:
+    """Return the labels that a participant with the pseudonym `owner` may see.
+
+    Other participants must not see them: a label may name their experimental condition.
+    """
+    return room.labels if operator or room.owner == owner else {}
+
+
+def info(room: Room, labels: Mapping[str, str]) -> messages.EpisodeInfo:
+    """Return the description of a room in a list."""
+    episode = room.episode
+    rules, outcome = episode.rules, episode.outcome
+    return messages.EpisodeInfo(
+        episode=room.id,
+        code=room.code,
+        task=room.world.task.name,
+        clock=rules.clock.value,
+        phase=room.episode.phase,
+        step=episode.step,
+        max_steps=rules.max_steps,
+        seats=room.broadcaster.seats(),
+        spectators=room.spectators,
+        labels=dict(labels),
+        created=room.created if labels or room.reserved else "",
+        closes=room.closes_in if outcome is None else None,
+        reason=outcome.reason.value if outcome else "",
+        detail=outcome.detail if outcome else "",
+    )
 
 
 def _inspect(room: Room) -> bool:
-    """Whether somebody has removed or cut the file that is written, which is mended."""
-    return room.journal is not None and room.journal.look()
+    return room.journal is not None and room.journal.repair_if_changed()
+
+
+def _measure_round_trips(room: Room) -> bool:
+    return room.driver.measure_round_trips()
 
 
 def _finish(journal: Journal, *, kept: bool) -> str:
-    """Close a recording, or delete it where nobody ever took part, or was expected to."""
+    """Close a recording; delete it if nobody took part and nobody was expected to."""
     if kept:
         return journal.close()
     journal.discard()

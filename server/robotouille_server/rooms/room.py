@@ -1,109 +1,94 @@
-"""A room: one episode, those who play and watch it, its timer and its recording."""
+"""Rooms: one episode on a server, with its participants, its clock and its recording."""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from types import MappingProxyType
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from robotouille.episode import (
-    Controller,
-    Departure,
-    Episode,
-    Event,
-    Moderation,
-    PauseReason,
-    Phase,
-    Stepped,
-)
-from robotouille.episode.rules import NO_TREATMENT
+from robotouille.episode import Departure, Event, Moderation, PauseReason
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.broadcast.broadcaster import Broadcaster
-from robotouille_server.rooms.broadcast.spectator_rosters import SpectatorRosters
-from robotouille_server.rooms.publisher import Publisher
-from robotouille_server.rooms.recordings import Journal
-from robotouille_server.rooms.seats.action_requests import ActionRequests
-from robotouille_server.rooms.seats.display_names import DisplayNames
-from robotouille_server.rooms.seats.round_trips import RoundTrips
-from robotouille_server.rooms.seats.seat_turnover import SeatTurnover
+from robotouille_server.rooms.action_requests import ActionRequests
+from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.episode_driver import EpisodeDriver, EpisodeParts, Machinery
+from robotouille_server.rooms.membership import Membership
+from robotouille_server.rooms.publisher import SpectatorRosters
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
-from robotouille_server.rooms.write_ahead import WriteAhead
-from robotouille_server.runtime.logs import get_logger
-from robotouille_server.runtime.metrics import Metrics
-from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
+from robotouille_server.rooms.write_ahead import CommitGate
 
-__all__ = ["Room", "RoomHost", "RoomObserver"]
-
-RETRY_SECONDS = 1.0
-"""Between two attempts to write what could not be written."""
+if TYPE_CHECKING:
+    from robotouille.episode import Episode
+    from robotouille.protocol.states import StateWriter
+    from robotouille_server.rooms.journal import Journal
+    from robotouille_server.rooms.sessions import Sessions
 
 
 class RoomObserver(Protocol):
-    """Is told of rooms, in the middle of their steps: it must be quick, and raise nothing."""
+    """Observer that is called during a room's step.
 
-    def opened(self, room: Room) -> None:
-        """There is a new room, or one that goes on after a restart."""
-
-    def published(self, room: Room, events: list[Event]) -> None:
-        """What was written, and is published."""
-
-
-@dataclass(slots=True)
-class RoomHost:
-    """What a room needs of its server.
-
-    `resume_token` makes the token with which a session comes back; `vacated` is told when a
-    session has lost its place, `sent_out` when it was sent out while it was away, `closed` when
-    the episode is over.
+    Implementations must return quickly and must not raise.
     """
 
-    metrics: Metrics
-    resume_token: Callable[[Session], str]
-    vacated: Callable[[Session], None]
-    sent_out: Callable[[Session], None]
-    closed: Callable[[Room], None]
-    timers: TimerQueue
-    bot_scheduler: BotScheduler
-    observer: RoomObserver | None = None
+    def opened(self, room: Room) -> None:
+        """React to a room that was opened, or restored after a restart."""
+
+    def published(self, room: Room, events: list[Event]) -> None:
+        """React to events that were written and published."""
+
+
+class RoomKeeper(RoomObserver, Protocol):
+    """Lobby, as its rooms see it."""
+
+    def ended(self, room: Room) -> None:
+        """React to the end of a room's episode."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoomFacts:
+    """Facts about a room that never change.
+
+    Attributes:
+        id: The id of the episode.
+        code: The code with which participants join.
+        owner: The pseudonym of the participant who opened the episode, or empty.
+        labels: The labels that a study attached to the episode.
+        created: The time at which the episode was opened.
+        seed: The seed with which the task was loaded.
+    """
+
+    id: str
+    code: str
+    owner: str
+    labels: Mapping[str, str]
+    created: str
+    seed: int
 
 
 class Room:
-    """Feeds an episode with messages and time, and publishes what happened to those in it.
+    """One episode with its participants.
 
-    `seed` is that with which the task was loaded; `players` are the sessions and participants that
-    had a seat in this process, or have one.
+    It passes requests of participants and operators to its parts: `membership` knows who is in the
+    room, `driver` applies changes to the episode and publishes them.
+
+    Attributes:
+        recording: The file name of the finished recording, or empty.
     """
 
     __slots__ = (
         "_actions",
-        "_host",
-        "_loop",
-        "_metrics",
-        "_names",
-        "_now",
-        "_open",
-        "_publisher",
-        "_retry",
-        "_round_trips",
-        "_spectator_rosters",
-        "_timer",
-        "_turnover",
-        "_write_ahead",
+        "_gate",
+        "_keeper",
         "broadcaster",
         "code",
         "created",
+        "driver",
         "episode",
         "id",
         "journal",
         "labels",
+        "membership",
         "owner",
-        "players",
         "recording",
         "seed",
         "world",
@@ -111,62 +96,45 @@ class Room:
 
     def __init__(
         self,
-        episode_id: str,
-        code: str,
+        facts: RoomFacts,
         episode: Episode,
-        *,
+        writer: StateWriter,
         journal: Journal | None,
-        broadcaster: Broadcaster,
-        host: RoomHost,
-        owner: str = "",
-        labels: Mapping[str, str] = MappingProxyType({}),
-        created: str = "",
-        seed: int = 0,
+        machinery: Machinery,
+        sessions: Sessions,
+        keeper: RoomKeeper,
     ) -> None:
-        self.id = episode_id
-        self.code = code
-        self.owner = owner
-        self.labels = labels
-        self.created = created
-        self.seed = seed
+        self.id, self.code, self.owner = facts.id, facts.code, facts.owner
+        self.labels, self.created, self.seed = facts.labels, facts.created, facts.seed
         self.episode = episode
-        taken = [seat for seat in episode.seats.values() if seat.taken]
-        self.players = {one for seat in taken for one in (seat.session, seat.participant)}
         self.world = episode.world
         self.journal = journal
-        self.broadcaster = broadcaster
         self.recording = ""
-        self._host = host
-        self._names = DisplayNames(episode)
-        self._metrics = host.metrics
-        self._loop = asyncio.get_running_loop()
-        self._now = host.timers.time
-        self._turnover = SeatTurnover(self.world.players, self._now())
-        self._timer: TimerHandle | None = None
-        self._retry: asyncio.TimerHandle | None = None
-        self._round_trips = RoundTrips()
-        self._publisher = Publisher(
-            episode,
-            broadcaster,
-            metrics=host.metrics,
-            timers=host.timers,
-            bot_scheduler=host.bot_scheduler,
-            substitute=self._substitute,
-            away=self._forget,
+        self._keeper = keeper
+        now = machinery.timers.time
+        self._gate = CommitGate(journal)
+        self.broadcaster = Broadcaster(self.id, self.code, episode, writer, now, self._gate)
+        rosters = SpectatorRosters(machinery.timers, self._gate, self.broadcaster.publish_roster)
+        self.membership = Membership(
+            episode, self.broadcaster, self._gate, rosters, sessions, self.labels, now()
         )
-        self._write_ahead = WriteAhead(
-            episode, journal, self._publisher.publish, self._failing_changed
+        parts = EpisodeParts(
+            episode, journal, self._gate, self.broadcaster, self.membership, rosters
         )
-        self._spectator_rosters = SpectatorRosters(
-            host.timers, lambda: self._write_ahead.failing, broadcaster.publish_roster
+        self.driver = EpisodeDriver(
+            self.id, parts, machinery, published=self._published, ended=self._ended
         )
-        self._actions = ActionRequests(episode, broadcaster, self._write_ahead, host.metrics)
-        self._open = True
-        broadcaster.snapshot_when_committed = self._send_snapshot
+        self._actions = ActionRequests(episode, self.broadcaster, self._gate, machinery.metrics)
+
+    def _published(self, events: list[Event]) -> None:
+        self._keeper.published(self, events)
+
+    def _ended(self) -> None:
+        self._keeper.ended(self)
 
     @property
     def members(self) -> list[Session]:
-        """Everybody who plays or watches."""
+        """Sessions that play or watch."""
         return self.broadcaster.members
 
     @property
@@ -175,393 +143,143 @@ class Room:
 
     @property
     def problem(self) -> str:
-        """What the operator should know; empty if all is well."""
+        """Problem with the recording, for the operator, or empty."""
         return self.journal.problem if self.journal is not None else ""
 
     @property
     def reserved(self) -> bool:
-        """Whether it is kept open for somebody who has not come yet."""
-        return self.episode.rules.open_for is not None and not self.episode.used
+        """True if the room is kept open and waits for its first participant."""
+        return self.episode.rules.open_for is not None and not self.episode.record.used
 
     @property
     def closes_in(self) -> float | None:
-        """Seconds until it is closed if nobody comes, where it is kept open for somebody."""
+        """Seconds until a reserved room is closed."""
         until = self.episode.pauses.until.get(PauseReason.DESERTED) if self.reserved else None
-        return None if until is None else round(max(0.0, until - self._now()), 3)
+        return None if until is None else round(max(0.0, until - self.driver.now()), 3)
 
-    # Coming and going
+    # Requests of participants
 
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
-        """Take seats or watch; the session gets `joined` and a first snapshot."""
-        self._write_ahead.check()
-        if self.bans(session.id, session.participant):
-            raise ProtocolError("episode/banned", "you were sent out of this episode", "episode")
-        name = self._names.choose(session.given_name)
-        if request.role == "player":
-            session.players = self.episode.join_several(
-                self._turnover.choose(
-                    self.episode, request, self._now(), idle=self._may_idle(session, request)
-                ),
-                name,
-                session.kind,
-                self._now(),
-                session=session.id,
-                participant=session.participant,
-                ready=request.ready,
-            )
-            self.players |= {session.id, session.participant}
-        elif self.spectators >= max_spectators:
-            message = f"{max_spectators} spectators watch already"
-            raise ProtocolError("episode/full", message, "role")
-        else:
-            session.players = ()
-            self._forget_away(max_spectators)
-            self._names.watch(name)
-        session.name, session.room = name, self
-        session.view = request.view
-        session.known = set(request.known)
-        self.flush()
-        self.members.append(session)
-        welcome = partial(self._welcome, session, request.ref)
-        self._write_ahead.when_committed(session, welcome)
-
-    def _may_idle(self, session: Session, request: messages.Join) -> bool:
-        """Whether a newcomer may stand still for long: a person who is still to say that they are
-        ready. In a study, where there are tokens, labels or treatments, seats are given in their
-        order."""
-        seats = self.episode.seats.values()
-        study = session.token_id or self.labels or any(s.treatment != NO_TREATMENT for s in seats)
-        return session.kind == Controller.HUMAN and not request.ready and not study
-
-    def _forget_away(self, most: int) -> None:
-        """Of the spectators who are away, and may come back for a while, there are not more than
-        may watch."""
-        away = [one for one in self.members if not one.players and one.peer is None]
-        if len(away) >= most > 0:
-            longest = min(away, key=lambda one: one.away_since)
-            self._forget(longest)
-
-    def _forget(self, session: Session) -> None:
-        """Somebody who is away has lost the place."""
-        self._remove(session)
-        self._host.vacated(session)
-
-    def _welcome(self, session: Session, ref: int | None) -> None:
-        self.broadcaster.welcome(session, ref, self._host.resume_token(session))
-        self.broadcaster.send(session, self.broadcaster.roster())
-        if not session.players:
-            self._spectator_rosters.changed()
+        """Take seats or watch; send the session `joined` and a snapshot."""
+        # The events of the join are published before the newcomer becomes a member: `joined` must
+        # be the first message that it receives.
+        self.driver.apply(self.membership.join, self, session, request, max_spectators)
+        # Outside `apply`: the flush above has published the join, and a newcomer must not receive
+        # it.
+        self.membership.welcome(session, request.ref)
 
     def set_ready(self, session: Session, ready: bool) -> None:
-        """A player is ready for the beginning, or is not any more; each change is recorded.
-
-        ProtocolError `seat/none` for a spectator, `rate/seats` if that is too often.
-        """
-        session.own_seat(None)
-        seats = self.episode.seats_of(session.players)
-        if self.episode.phase is not Phase.WAITING or all(seat.ready == ready for seat in seats):
-            return
-        self._write_ahead.check_space()
-        self._turnover.charge(session.players, self._now(), "was ready, and then not,")
-        self.episode.set_ready(session.players, ready, self._now())
-        self.flush()
+        self.driver.apply(self.membership.set_ready, session, ready)
 
     def leave(self, session: Session, why: Departure = Departure.LEFT) -> None:
-        """Leave for good."""
-        players = self._remove(session)
-        if players:
-            self.episode.leave(players, self._now(), why)
-        else:
-            self._spectator_rosters.changed()
-        self.flush()
-
-    def _remove(self, session: Session) -> tuple[str, ...]:
-        """Take a session out of the room; the seats it had."""
-        if session in self.members:
-            self.members.remove(session)
-        self._write_ahead.forget(session)
-        players, session.room, session.players = session.players, None, ()
-        if not players:
-            self._names.release(session.name)
-        session.name = session.given_name
-        return players
-
-    def seat_again(self, session: Session, players: tuple[str, ...]) -> None:
-        """A participant of a process before this one has the place again, and its seats' name; a
-        spectator's may be somebody else's by now."""
-        session.room, session.players = self, players
-        if players:
-            session.name = self.episode.seats[players[0]].name
-        else:
-            session.name = self._names.choose(session.given_name)
-            self._names.watch(session.name)
-        self.members.append(session)
-
-    def connection_lost(self, session: Session) -> None:
-        """The seats of a player are kept; a spectator is only not told anything."""
-        session.away_since = self._now()
-        if not session.players:
-            self._spectator_rosters.changed()
-        self.episode.set_present(session.players, False, self._now())
-        self.flush()
-
-    def check_return(self, session_id: str) -> None:
-        """ProtocolError `server/recording` while so much cannot be written that no more coming and
-        going can be recorded, `rate/seats` where somebody comes and goes all the time: who comes
-        back now has to try again."""
-        self._write_ahead.check_space()
-        if self.episode.phase is not Phase.ENDED:
-            players = self.players_of(session_id)
-            self._turnover.charge(players, self._now(), "has lost and regained its connection")
-
-    def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
-        """A session is here again: send it what it has missed."""
-        self.episode.set_present(session.players, True, self._now(), generation=session.generation)
-        self.flush()
-        resume = self._host.resume_token(session)
-        welcome = partial(self.broadcaster.welcome_back, session, seen, resume)
-        self._write_ahead.when_committed(session, welcome)
-        if not session.players:
-            self._spectator_rosters.changed()
-
-    def players_of(self, session_id: str) -> tuple[str, ...]:
-        """The seats that belong to a session, in this process or one before."""
-        seats = self.episode.seats.values()
-        return tuple(s.player for s in seats if s.taken and s.session == session_id)
-
-    def bans(self, session_id: str, participant: str) -> bool:
-        """Whether somebody was sent out, in this session or another."""
-        return not self.episode.banned.isdisjoint((session_id, participant))
-
-    def kick(self, session: Session, reason: str) -> None:
-        """Send somebody out, with all of their sessions, and do not let them in again."""
-        self._moderate(Moderation.BANNED, session)
-        for member in list(self.members):
-            if self.bans(member.id, member.participant):
-                self._send_out(member, reason)
-        self.flush()
-
-    def _send_out(self, session: Session, reason: str) -> None:
-        self.leave(session, Departure.REMOVED)
-        if session.peer is None:
-            self._host.sent_out(session)
-        self.broadcaster.send(session, messages.Left(episode=self.id, reason=reason))
-
-    def mute(self, session: Session) -> None:
-        """Take the right to talk in this episode from somebody, until `unmute`."""
-        if not self.mutes(session):
-            self._moderate(Moderation.MUTED, session)
-            self.flush()
-
-    def unmute(self, session: Session) -> None:
-        """Let somebody talk again."""
-        if self.mutes(session):
-            self._moderate(Moderation.UNMUTED, session)
-            self.flush()
-
-    def mutes(self, session: Session) -> bool:
-        """Whether somebody may not talk, in this session or another."""
-        return session.participant in self.episode.muted
-
-    def _moderate(self, what: Moderation, session: Session) -> None:
-        who = (session.id, session.participant, session.name)
-        self.episode.moderate(what, *who, self._now())
-
-    def play_again(self, code: str) -> None:
-        """The game is over: tell those who are still here where it is played again."""
-        self.broadcaster.rematch = code
-        self.broadcaster.publish_roster()
-
-    def dismiss(self) -> None:
-        """Tell those who are still here that the room is closed."""
-        for session in list(self.members):
-            self._remove(session)
-            self.broadcaster.send(
-                session, messages.Left(episode=self.id, reason="the episode is over")
-            )
-
-    # Playing
+        self.driver.apply(self.membership.leave, session, why=why)
 
     def act(self, session: Session, request: messages.Act) -> None:
-        """Submit a seat's action; whatever is wrong with it is answered by `rejected`."""
-        self._actions.submit(session, request, self._now())
-        self.flush()
+        """Submit the action of a seat; an invalid request is answered by `rejected`."""
+        self.driver.apply(self._actions.submit, session, request)
 
     def refuse(self, session: Session, request: messages.Act, why: ProtocolError) -> None:
-        """Answer a request to act that is not looked at, and record it."""
-        self._actions.refuse(session, request, why, self._now())
-        self.flush()
+        """Reject an action that is not evaluated, and record that."""
+        self.driver.apply(self._actions.refuse, session, request, why)
 
     def record_unreadable(self, session: Session, message: bytes | str, why: ProtocolError) -> None:
-        """Record what a player has sent and nobody can read; it is answered elsewhere."""
-        self._actions.record_unreadable(session, message, why, self._now())
-        self.flush()
+        """Record an unreadable message of a player. The caller answers it."""
+        self.driver.apply(self._actions.record_unreadable, session, message, why)
 
     def say(self, session: Session, text: str) -> None:
-        self._write_ahead.check()
-        if self.mutes(session):
+        """Post a chat message."""
+        # Chat is refused while writing fails, because unwritten messages would accumulate: a disk
+        # may be full for hours.
+        self._gate.check()
+        if self.membership.mutes(session):
             raise ProtocolError("seat/muted", "the operator has muted you in this episode", "text")
-        self.episode.say(session.name, session.player or "", text, self._now())
+        self.driver.apply(self.episode.say, session.name, session.player or "", text)
         session.recorded_bytes += len(text.encode())
-        self.flush()
 
     def note(self, session: Session, request: messages.Note) -> None:
-        """Record what a player notes; nobody is told."""
-        self._write_ahead.check()
-        player = session.own_seat(request.seat)
-        topic, text = request.topic, request.text
-        self.episode.note(player, topic, text, self._now(), more=request.more)
+        """Record a note of a player, which nobody else sees."""
+        self._gate.check()
+        player, text = session.own_seat(request.seat), request.text
+        self.driver.apply(self.episode.note, player, request.topic, text, more=request.more)
         session.recorded_bytes += len(text.encode())
-        self.flush()
 
     def ask_snapshot(self, session: Session) -> None:
-        """The whole state, once for each turn of the event loop."""
+        """Send a snapshot, at most one per turn of the event loop."""
         self.broadcaster.ask_snapshot(session)
 
-    def _send_snapshot(self, session: Session) -> None:
-        """The whole state, once all that led to it is written."""
-        send = partial(self.broadcaster.send_snapshot, session)
-        self._write_ahead.when_committed(session, send)
+    # Connections
 
-    def _substitute(self, player: str, action: GroundAction | None) -> None:
-        self.episode.substitute(player, action, self._now())
-        self.flush()
+    def connection_lost(self, session: Session) -> None:
+        self.driver.apply(self.membership.connection_lost, session)
 
-    def look_at_round_trips(self) -> bool:
-        """Record how long messages take to the players and back, where that has changed, and tell
-        everybody where it has changed much; whether there was anything."""
-        if not self.episode.running or self._write_ahead.failing:
-            return False
-        told, recorded = self._round_trips.look(self.members)
-        if told:
-            self.broadcaster.publish_roster()
-        for player, seconds in recorded:
-            self.episode.note_round_trip(player, seconds, self._now())
-        if recorded:
-            self.flush()
-        return told or bool(recorded)
+    def check_return(self, session_id: str) -> None:
+        """Raise ProtocolError if a session may not come back now; see `Membership`."""
+        self.membership.check_return(session_id, self.driver.now())
 
-    # What an operator does
+    def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
+        """Mark a returning session as present, and send it what it has missed."""
+        self.driver.apply(
+            self.episode.set_present, session.players, True, generation=session.generation
+        )
+        self.membership.welcome_back(session, seen)
+
+    def readmit(self, session: Session, players: tuple[str, ...]) -> None:
+        """Give a session of an earlier process its seats and name back."""
+        self.membership.readmit(self, session, players)
+
+    def players_of(self, session_id: str) -> tuple[str, ...]:
+        return self.membership.players_of(session_id)
+
+    def bans(self, session_id: str, participant: str) -> bool:
+        return self.membership.bans(session_id, participant)
+
+    # Requests of operators
+
+    def kick(self, session: Session, reason: str) -> None:
+        """Remove a participant with all its sessions, and refuse to let it in again."""
+        self.driver.apply(self.membership.moderate, Moderation.BANNED, session)
+        # One participant may have several sessions, for example a second one that watches.
+        for member in list(self.members):
+            if self.bans(member.id, member.participant):
+                self.leave(member, Departure.REMOVED)
+                self.membership.send_out(member, self.id, reason)
+
+    def mute(self, session: Session) -> None:
+        """Forbid a participant to chat in this episode until `unmute`."""
+        # A repeated request must not add another event to the recording.
+        if not self.mutes(session):
+            self.driver.apply(self.membership.moderate, Moderation.MUTED, session)
+
+    def unmute(self, session: Session) -> None:
+        """Let a participant chat again."""
+        if self.mutes(session):
+            self.driver.apply(self.membership.moderate, Moderation.UNMUTED, session)
+
+    def mutes(self, session: Session) -> bool:
+        return self.membership.mutes(session)
 
     def pause(self) -> None:
-        """Let time stand still until `resume`."""
-        self.episode.pause(PauseReason.OPERATOR, self._now())
-        self.flush()
+        """Pause the episode until `resume`."""
+        self.driver.apply(self.episode.pause, PauseReason.OPERATOR)
 
     def resume(self) -> None:
-        self.episode.resume(PauseReason.OPERATOR, self._now())
-        self.flush()
+        self.driver.apply(self.episode.resume, PauseReason.OPERATOR)
 
     def announce(self, text: str) -> None:
-        """Say something to everybody in the episode."""
-        self.episode.announce(text, self._now())
-        self.flush()
+        """Send an announcement to everybody in the episode."""
+        self.driver.apply(self.episode.announce, text)
 
     def abort(self, reason: str) -> None:
-        """End the episode, because the server stops or an operator says so."""
-        self.episode.abort(self._now(), reason)
-        self.flush()
-
-    # Time
-
-    def _schedule(self) -> None:
-        due = self.episode.due()
-        if self._timer is not None:
-            if due == self._timer.due:
-                return
-            self._host.timers.cancel(self._timer)
-        self._timer = None if due is None else self._host.timers.call_at(due, self._on_time)
-
-    def _on_time(self, due: float) -> None:
-        self._timer = None
-        now = self._now()
-        episode = self.episode
-        if episode.scheduled and episode.running:
-            self._metrics.lateness.observe(max(0.0, now - due))
-        try:
-            episode.tick(max(now, due))
-            self.flush()
-        except Exception:
-            self._fail()
-
-    def _fail(self) -> None:
-        """A fault in one episode ends that one only."""
-        get_logger().exception("the episode failed", episode=self.id)
-        self.abort("internal error")
-
-    # Publishing
-
-    def flush(self, *, retry: bool = False) -> None:
-        """Record what has happened, then publish it; nothing is published that is not written."""
-        if not self._open:
-            return
-        begun = self._now()
-        events = self._write_ahead.flush(begun, retry=retry)
-        if events:
-            self._published(events, begun)
-        if not self._open:
-            return
-        if self._write_ahead.failing:
-            self._retry_later()
-            return
-        self._schedule()
-        self._publisher.follow_up()
-
-    def _published(self, events: list[Event], begun: float) -> None:
-        if isinstance(events[0], Stepped):
-            self._metrics.age.observe(self._now() - begun)
-        if self._host.observer is not None:
-            self._host.observer.published(self, events)
-        if self.episode.phase is Phase.ENDED:
-            self._close()
-        elif self.journal is not None and self.journal.full:
-            self.abort("the recording is as long as one may be")
-
-    def _retry_later(self) -> None:
-        if self._retry is None:
-            self._retry = self._loop.call_later(RETRY_SECONDS, self._write_again)
-
-    def _write_again(self) -> None:
-        self._retry = None
-        try:
-            self.flush(retry=True)
-        except Exception:
-            self._fail()
-
-    def _failing_changed(self, failing: bool) -> None:
-        """The recording begins to fail, or can be written again."""
-        if failing:
-            self._metrics.failing.inc()
-            self.broadcaster.publish_unwritable()
-        else:
-            self._metrics.failing.dec()
-            self._spectator_rosters.released()
+        """End the episode."""
+        self.driver.abort(reason)
 
     # The end
 
+    def offer_rematch(self, code: str) -> None:
+        """Tell everybody in an ended room the code of the next game."""
+        self.broadcaster.rematch = code
+        self.broadcaster.publish_roster()
+
     def suspend(self) -> None:
-        """Stop here and now; another process goes on with the recording."""
-        self._open = False
-        self._stop_timers()
-        if self.journal is not None:
-            self.journal.release()
-
-    def _stop_timers(self) -> None:
-        if self._timer is not None:
-            self._host.timers.cancel(self._timer)
-        if self._retry is not None:
-            self._retry.cancel()
-        self._publisher.stop()
-
-    def _close(self) -> None:
-        self._open = False
-        self._stop_timers()
-        self._host.closed(self)
-        outcome = self.episode.outcome
-        get_logger().info(
-            "episode over",
-            episode=self.id,
-            task=self.world.task.name,
-            reason=outcome.reason.value if outcome else "",
-            steps=self.episode.step,
-        )
+        """Stop without ending the episode, so that another process can continue it."""
+        self.driver.suspend()

@@ -1,20 +1,22 @@
-"""A participant, over one or several connections."""
+"""Session: one participant's presence on the server, over one or more connections."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
-from robotouille.episode import Episode
+from robotouille.episode import Departure, Episode
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import CountedConnection, Role, Visitor
 from robotouille_server.transport import Peer
 
-__all__ = ["JoinedRoom", "Session"]
-
 
 class JoinedRoom(Protocol):
-    """The room that a session is in, as its connection uses it: see `Room`."""
+    """Room as its sessions use it; see `Room`.
+
+    The protocol is here, and not in `rooms.room`, because rooms depend on sessions.
+    """
 
     id: str
     code: str
@@ -23,15 +25,9 @@ class JoinedRoom(Protocol):
     @property
     def spectators(self) -> int: ...
 
-    def bans(self, session_id: str, participant: str) -> bool: ...
-
-    def connection_lost(self, session: Session) -> None: ...
-
-    def connection_back(self, session: Session, seen: messages.Seen | None) -> None: ...
-
     def set_ready(self, session: Session, ready: bool) -> None: ...
 
-    def leave(self, session: Session) -> None: ...
+    def leave(self, session: Session, why: Departure = ...) -> None: ...
 
     def act(self, session: Session, request: messages.Act) -> None: ...
 
@@ -47,19 +43,57 @@ class JoinedRoom(Protocol):
 
     def ask_snapshot(self, session: Session) -> None: ...
 
+    def connection_lost(self, session: Session) -> None: ...
+
+    def check_return(self, session_id: str) -> None: ...
+
+    def connection_back(self, session: Session, seen: messages.Seen | None) -> None: ...
+
+    def readmit(self, session: Session, players: tuple[str, ...]) -> None: ...
+
+    def players_of(self, session_id: str) -> tuple[str, ...]: ...
+
+    def bans(self, session_id: str, participant: str) -> bool: ...
+
+
+@dataclass(frozen=True, slots=True)
+class SessionLimits:
+    """Limits that a role token puts on a session.
+
+    Attributes:
+        only_episode: The id or code of the only episode the session may join, or empty.
+        only_seat: The only seat that the session may take, or empty.
+        role_expires: The end of the token in seconds since 1970, or 0 without a token.
+        token_id: The id of the token, or empty.
+        once: True if the token is good for one session only.
+    """
+
+    only_episode: str = ""
+    only_seat: str = ""
+    role_expires: float = 0.0
+    token_id: str = ""
+    once: bool = False
+
+
+NO_LIMITS = SessionLimits()
+
 
 class Session:
-    """Who somebody is, where they are, and the connection they have at the moment, if any.
+    """A participant, its room and its present connection.
 
-    `name` is what others see: `given_name`, as the participant or the role token has said it, with
-    a number in an episode where somebody else has that. `participant` is the pseudonym under which
-    they are recorded, `generation` that of the resume token which was used last; `only_episode` and
-    `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
-    for ever), `token_id` its id, and `once` says that nobody else may join with it.
-    `players` are those that they play, in seat order; none for a spectator.
-    `counted_connection` is the connection as limits count it; `earlier_bytes` came over those
-    before it, `recorded_bytes` are what it said and gave as reasons on record. `latency_ms` is what
-    others are told of its connection.
+    Attributes:
+        id: The id of the session.
+        given_name: The name from `hello` or the role token.
+        name: The name that others see: `given_name`, with a number if another participant of the
+            episode has that name.
+        participant: The pseudonym under which the participant is recorded.
+        generation: The generation of the resume token that was used last.
+        players: The players of the participant's seats, in order; empty for a spectator.
+        known: The digests of the tasks that the client has.
+        counted_connection: The connection as rate limits count it.
+        earlier_bytes: The bytes received over earlier connections.
+        recorded_bytes: The bytes of chat and reasoning in the recording.
+        latency_ms: The latency that others see.
     """
 
     __slots__ = (
@@ -73,20 +107,17 @@ class Session:
         "kind",
         "known",
         "latency_ms",
+        "limits",
         "name",
-        "once",
-        "only_episode",
-        "only_seat",
         "participant",
         "peer",
         "players",
         "recorded_bytes",
         "role",
-        "role_expires",
         "room",
-        "token_id",
         "visitor",
         "wants_state",
+        # Slots: a server has thousands of sessions (docs/decisions/0019).
         "wants_text",
     )
 
@@ -98,22 +129,14 @@ class Session:
         kind: str,
         role: Role,
         participant: str = "",
-        only_episode: str = "",
-        only_seat: str = "",
-        role_expires: float = 0.0,
-        token_id: str = "",
-        once: bool = False,
+        limits: SessionLimits = NO_LIMITS,
     ) -> None:
         self.id = session_id
         self.name = self.given_name = name
         self.kind = kind
         self.role = role
         self.participant = participant or session_id
-        self.only_episode = only_episode
-        self.only_seat = only_seat
-        self.role_expires = role_expires
-        self.token_id = token_id
-        self.once = once
+        self.limits = limits
         self.counted_connection: CountedConnection | None = None
         self.generation = 0
         self.visitor: Visitor | None = None
@@ -121,63 +144,73 @@ class Session:
         self.room: JoinedRoom | None = None
         self.players: tuple[str, ...] = ()
         self.view = "state"
+        # Snapshots leave out tasks that the client has; a task is the longest part of a snapshot.
         self.known: set[str] = set()
         self.away_since = 0.0
         self.earlier_bytes = self.recorded_bytes = 0
         self.latency_ms = 0
 
+    @property
+    def token_id(self) -> str:
+        """Id of the role token, or empty."""
+        return self.limits.token_id
+
     def disconnected(self) -> None:
-        """The connection is gone; who comes back has another."""
+        """Forget the connection, which is gone."""
         self.counted_connection = None
         if self.peer is not None:
+            # `health` compares the traffic of participants over all their connections.
             self.earlier_bytes += self.peer.received_bytes
         self.peer = None
         self.latency_ms = 0
 
     @property
     def player(self) -> str | None:
-        """The first of their players; None for a spectator."""
+        """Player of the first seat; None for a spectator."""
         return self.players[0] if self.players else None
 
     def own_seat(self, seat: str | None) -> str:
-        """The one of their players that a message is about: the first if it says none.
+        """Return the seat that a message is about: the first one if it names none.
 
-        ProtocolError `seat/none` for a spectator, `seat/unknown` if it is not theirs.
+        Raises:
+            ProtocolError: `seat/none` for a spectator, `seat/unknown` for another participant's
+                seat.
         """
         player = self.player if seat is None else seat
         if not self.players or player is None:
-            raise ProtocolError("seat/none", "you watch; only players do that", "type")
+            raise ProtocolError("seat/none", "spectators cannot do this; only players can", "type")
         if player not in self.players:
-            message = f"{player} is not yours: you play {' and '.join(self.players)}"
+            message = f"{player} is not yours; you play {' and '.join(self.players)}"
             raise ProtocolError("seat/unknown", message, "seat")
         return player
 
     def seat_shown(self, seat: str | None) -> str:
-        """The seat that an answer names: only whoever has several is told which."""
+        """Return the seat to name in an answer; empty for participants with one seat."""
         return (seat or self.players[0]) if self.has_several else ""
 
     @property
     def has_several(self) -> bool:
-        """Whether they play several seats."""
+        """True if the participant has several seats."""
         return len(self.players) > 1
 
     @property
     def views(self) -> tuple[str | None, ...]:
-        """The players in whose words the game is told to them; None: in a spectator's."""
+        """Players whose text views the session receives; None is a spectator's view."""
         return self.players or (None,)
 
     @property
     def received_bytes(self) -> int:
-        """What came over all connections, as messages."""
+        """Bytes of messages received over all connections."""
         return self.earlier_bytes + (self.peer.received_bytes if self.peer is not None else 0)
 
     @property
     def view(self) -> str:
-        """How the session wants to see the game: `state`, `text` or `both`."""
+        """Form in which the client receives the game: `state`, `text` or `both`."""
         return self._view
 
     @view.setter
     def view(self, view: str) -> None:
         self._view = view
+        # Stored, not computed: they are read for every session in every step.
         self.wants_state = view in ("state", "both")
         self.wants_text = view in ("text", "both")

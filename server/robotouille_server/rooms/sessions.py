@@ -1,4 +1,4 @@
-"""All sessions of a server: new ones, and those that come back with a resume token."""
+"""Sessions of a server: new ones, and those that come back with a resume token."""
 
 from __future__ import annotations
 
@@ -10,157 +10,162 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.participant_names import proper_name
 from robotouille_server.auth import (
+    Credentials,
     ResumeGrant,
-    Revocations,
     Role,
     RoleGrant,
-    Tokens,
-    UsedTokens,
     Visitor,
     check_scope,
 )
-from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import JoinedRoom, Session
+from robotouille_server.rooms.session import NO_LIMITS, JoinedRoom, Session, SessionLimits
 from robotouille_server.runtime.metrics import Metrics
-
-__all__ = ["Sessions"]
+from robotouille_server.runtime.settings import ServerSettings
 
 SENT_OUT_SECONDS = 600.0
-"""For which somebody who was sent out while away is told so at the return."""
+"""Seconds for which the removal of an absent participant is remembered, to explain it later."""
 REVOKED_LOOK_SECONDS = 1.0
-"""Between two looks at the list of revoked tokens."""
+"""Seconds between two checks of the list of revoked tokens."""
 
 
 class Sessions:
-    """Sessions by id, until they expire: one without a connection is kept for its room's grace.
+    """Sessions by id.
 
-    Of a session's resume tokens the one that was used last is still good, since what it was
-    answered may have been lost on the way, and so is the next; those before are worth nothing.
+    A session without a connection is kept for the grace of its room. A session accepts its last
+    used resume token and the next one, because the answer to the last one may have been lost.
+    Earlier tokens are invalid.
     """
 
     def __init__(
         self,
-        tokens: Tokens,
-        used: UsedTokens,
-        revoked: Revocations,
-        randomness: random.Random,
-        token_seconds: float,
+        settings: ServerSettings,
         metrics: Metrics,
-        *,
-        strict: bool = False,
-        max_spectators: int = 200,
+        credentials: Credentials,
+        randomness: random.Random,
     ) -> None:
         self.by_id: dict[str, Session] = {}
-        self._tokens = tokens
-        self._used = used
-        self._revoked = revoked
-        self._judged: frozenset[str] = frozenset()
+        self._metrics = metrics
+        self._tokens = credentials.tokens
+        self._used = credentials.used
+        self._revoked = credentials.revoked
+        self._random = randomness
+        self._strict = settings.require_token
+        self._max_spectators = settings.max_spectators
+        self._token_seconds = settings.resume_hours * 3600
+        self._checked: frozenset[str] = frozenset()
         self._token_watch: asyncio.TimerHandle | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
         self._stopped = False
-        self._random = randomness
-        self._token_seconds = token_seconds
-        self._metrics = metrics
-        self._strict = strict
-        self._max_spectators = max_spectators
 
-    # Newcomers
+    # New sessions
 
     def role_of(self, hello: messages.Hello, visitor: Visitor) -> tuple[Role, RoleGrant | None]:
-        """What a newcomer may do, and the token that says so, if one does."""
+        """Return the role of a new participant, and the grant of its role token."""
         if hello.token is None:
             return self._role_without_token(visitor, "token"), None
         grant = self._tokens.check_role(hello.token)
+        # Only checked here; the token is used up by the first join. A client whose first connection
+        # is lost before it has joined can therefore try again.
         if grant.once:
             self._used.check(grant.token_id)
         return grant.role, grant
 
     def _role_without_token(self, visitor: Visitor, field: str) -> Role:
-        """A program on this machine may do what a host may, anybody else play; where the server
-        is `strict`, nobody may do anything."""
+        """Return `host` for programs on this machine, `player` for all others."""
+        # Also for local programs: on a shared machine, every user is local (docs/security.md).
         self._check_strict(field)
         return Role.HOST if visitor.local else Role.PLAYER
 
     def _check_strict(self, field: str) -> None:
         if self._strict:
-            raise ProtocolError("auth/required", "this server asks for a token", field)
+            raise ProtocolError("auth/required", "this server requires a token", field)
 
     def open(self, hello: messages.Hello, role: Role, grant: RoleGrant | None) -> Session:
-        """A newcomer's session; a token's name is binding."""
+        """Open a session. The name in a token takes precedence over the client's."""
         name = proper_name(grant.name if grant is not None else "") or proper_name(hello.name)
         if not name:
-            message = "nothing of this name can be seen"
+            message = "the name has no visible character"
             raise ProtocolError("message/invalid-field", message, "name")
         session = Session(
+            # Ids appear in recordings and are no secret. Only the signature of a resume token gives
+            # access to a session.
             f"{self._random.getrandbits(64):016x}",
             name=name,
             kind=hello.kind,
             role=role,
             participant=grant.subject if grant is not None else "",
-            only_episode=grant.episode if grant is not None else "",
-            only_seat=grant.seat if grant is not None else "",
-            role_expires=grant.expires if grant is not None else 0.0,
-            token_id=grant.token_id if grant is not None else "",
-            once=grant.once if grant is not None else False,
+            limits=_limits(grant),
         )
         self.by_id[session.id] = session
         return session
 
-    # Those who come back
+    # Returning sessions
 
     def check_may_return(self, grant: ResumeGrant) -> None:
-        """What can be said of a resume token before anything is looked for: ProtocolError
-        `auth/required` where only those with a token may come in by now."""
+        """Raise ProtocolError `auth/required` if a session without a token may not come back."""
         if grant.anonymous:
             self._check_strict("resume")
 
-    def judge(self, grant: ResumeGrant, room: Room | None, visitor: Visitor) -> Role:
-        """Whether the session of a resume token may come back, and as what: by the rules that
-        hold now. `room` is the one that the token leads to.
+    def judge(self, grant: ResumeGrant, room: JoinedRoom | None, visitor: Visitor) -> Role:
+        """Return the role with which a session may come back, by the present rules.
 
-        ProtocolError `auth/expired` where the session, its place or the token has had its day,
-        `auth/required` where only those with a token may come in by now. Nothing is changed.
+        Nothing is changed.
+
+        Args:
+            grant: The content of the resume token.
+            room: The room that the token leads to.
+            visitor: Where the connection comes from.
+
+        Raises:
+            ProtocolError: `auth/expired` if the session, its place or the token has expired,
+                `auth/required` if the server requires a role token by now.
         """
         session = self.by_id.get(grant.session)
         home, players = _place(session, grant, room)
+        # Spectators are not recorded, and seats may have been freed: there is nothing to return to.
         if session is None and home is None:
-            raise _gone("this connection cannot be resumed any more")
+            raise _expired("this connection cannot be resumed any more")
+        # Older tokens are refused, because a copied token must become worthless once its owner has
+        # returned (docs/decisions/0014).
         if grant.generation < _generation(session, home, players):
-            raise _gone("this token was used before, and replaced")
+            raise _expired("this token was used before and has been replaced")
+        # Everything that `join` would check is checked again: bans, the scope and the limits may
+        # have changed since the token was signed.
         if home is not None:
             self._check_place(session, grant, home, watches=not players)
+        # Computed now instead of taken from the token: `require_token` or a proxy may have been
+        # set up since, and the client may now come from elsewhere.
         if grant.anonymous:
             return self._role_without_token(visitor, "resume")
         if not self._tokens.past(grant.role_expires):
             return grant.role
         if not players and self._strict:
-            raise _gone("the role token of this connection has expired")
-        # It keeps its seats, not what else the token allowed.
+            raise _expired("the role token of this connection has expired")
+        # The session keeps its seats after its token has expired, but no other privileges.
         return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
 
     def _check_place(
         self, session: Session | None, grant: ResumeGrant, room: JoinedRoom, *, watches: bool
     ) -> None:
-        """Whether there is still a place for somebody who was here."""
         if room.bans(grant.session, grant.participant):
-            raise _gone("you were sent out of this episode")
+            raise _expired("you were removed from this episode")
         check_scope(grant.only_episode, room.id, room.code, "resume")
+        # A second connection that takes over a watching session does not add a spectator.
         watching = session is not None and session.peer is not None
         if watches and not watching and room.spectators >= self._max_spectators:
-            raise _gone(f"{self._max_spectators} spectators watch already")
+            raise _expired(f"the episode has {self._max_spectators} spectators already")
 
-    def resume(self, grant: ResumeGrant, room: Room | None, role: Role) -> Session:
-        """The session of a resume token that was judged to be good for this role: from memory,
-        or from the seats that are recorded as its."""
+    def resume(self, grant: ResumeGrant, room: JoinedRoom | None, role: Role) -> Session:
+        """Return the session of a resume token that `judge` has accepted."""
         session = self.by_id.get(grant.session)
         if session is None:
             session = self._from_before(grant, room)
+        # The client has proved that it received this token, so earlier ones are obsolete.
         session.generation = grant.generation
         session.role = role
         return session
 
-    def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session:
-        """A session of a process before this one: whoever has seats, or watched."""
+    def _from_before(self, grant: ResumeGrant, room: JoinedRoom | None) -> Session:
+        """Restore a session of an earlier process, from its token and the recorded seats."""
         _, players = _place(None, grant, room)
         seat = room.episode.seats[players[0]] if room is not None and players else None
         session = Session(
@@ -168,60 +173,72 @@ class Sessions:
             name=grant.name,
             kind=grant.kind,
             role=grant.role,
+            # The recording has the pseudonym that the episode was played under; the token is the
+            # fallback for spectators, who are not recorded.
             participant=seat.participant if seat is not None else grant.participant,
-            only_episode=grant.only_episode,
-            only_seat=grant.only_seat,
-            role_expires=grant.role_expires,
-            token_id=grant.token_id,
+            limits=SessionLimits(
+                grant.only_episode, grant.only_seat, grant.role_expires, grant.token_id
+            ),
         )
         session.view = grant.view
         if room is not None:
-            room.seat_again(session, players)
+            room.readmit(session, players)
         self.by_id[session.id] = session
         return session
 
     def resume_token(self, session: Session) -> str:
-        """The token that brings a session back, the next time."""
-        return self._tokens.mint_resume(
+        """Return the token with which the client can resume the session next time."""
+        limits = session.limits
+        grant = ResumeGrant(
             session=session.id,
+            # The next generation. The present one stays valid until the client has used this token,
+            # because the message with it may be lost.
             generation=session.generation + 1,
             name=session.given_name if session.players else session.name,
             kind=session.kind,
             role=session.role,
-            seconds=self._token_seconds,
             episode=session.room.id if session.room is not None else "",
             seat=session.player or "",
-            only_episode=session.only_episode,
-            only_seat=session.only_seat,
+            only_episode=limits.only_episode,
+            only_seat=limits.only_seat,
             view=session.view,
-            role_expires=session.role_expires,
-            token_id=session.token_id,
+            role_expires=limits.role_expires,
+            token_id=limits.token_id,
+            # Left out if it equals the session id: tokens are in every `joined` and `welcome`.
             participant=session.participant if session.participant != session.id else "",
         )
+        return self._tokens.mint_resume(grant, self._token_seconds)
 
-    # Connections that come and go
+    # Connections
 
     def connected(self, session: Session) -> None:
-        """A session has a connection (again): it does not expire."""
+        """Keep a session, because it has a connection (again)."""
         self._keep(session)
+        # The watch runs only while a connection has a token. Without tokens, the server sets no
+        # timer.
         if session.token_id and self._token_watch is None and not self._stopped:
             self._watch_tokens()
 
     def disconnected(self, session: Session) -> None:
-        """A session has lost its connection: it is kept for a while, as a player's seats are."""
+        """Let a session without a connection expire after the grace of its room.
+
+        A player's session does not expire while the episode runs: the episode frees its seats.
+        """
         room = session.room
         if room is not None:
             room.connection_lost(session)
+        # The sessions of players whose grace has passed are dropped by `Membership.vacate`, so that
+        # seat and session end in the same step.
         if not session.players or room is None or room.episode.phase is Phase.ENDED:
             self._expire_in(room.episode.rules.grace if room is not None else 0.0, session)
 
     def sent_out(self, session: Session) -> None:
-        """Somebody who is away is told of it at the return, if that is soon."""
+        """Keep the session of a removed participant for a while, to tell it when it returns."""
         self._keep(session)
         self._expire_in(SENT_OUT_SECONDS, session)
 
     def stop(self) -> None:
-        """Nobody expires any more, and no tokens are looked at."""
+        """Cancel all timers."""
         self._stopped = True
         for expiry in self._expiries.values():
             expiry.cancel()
@@ -230,7 +247,7 @@ class Sessions:
             self._token_watch = None
 
     def forget(self, session: Session) -> None:
-        """A session that has no place any more, and nobody connected to it."""
+        """Forget a session that has lost its place, unless it has a connection."""
         if session.peer is None:
             self.by_id.pop(session.id, None)
 
@@ -250,25 +267,25 @@ class Sessions:
                 session.room.leave(session)
             self.forget(session)
 
-    # Tokens that are revoked
+    # Revoked tokens
 
     def _watch_tokens(self) -> None:
-        """Look once a second whether a token was revoked, while anybody is here with one."""
         later = asyncio.get_running_loop().call_later
-        self._token_watch = later(REVOKED_LOOK_SECONDS, self._look_at_tokens)
+        self._token_watch = later(REVOKED_LOOK_SECONDS, self._check_tokens)
 
-    def _look_at_tokens(self) -> None:
+    def _check_tokens(self) -> None:
         self._token_watch = None
         if self._cut_revoked(self._revoked.ids):
             self._watch_tokens()
 
     def _cut_revoked(self, revoked: frozenset[str]) -> bool:
-        """Close the connections of those whose tokens were revoked since this was last called;
-        whether anybody is connected with a token."""
+        """Close connections with newly revoked tokens; return whether others have tokens."""
         bearers = (s for s in self.by_id.values() if s.token_id and s.peer is not None)
-        if revoked is self._judged:
+        # `Revocations` returns the same object until the file changes, so the usual check compares
+        # two references instead of going through all sessions.
+        if revoked is self._checked:
             return any(bearers)
-        self._judged = revoked
+        self._checked = revoked
         left = 0
         for session in list(bearers):
             left += session.token_id not in revoked
@@ -278,10 +295,16 @@ class Sessions:
         return left > 0
 
 
+def _limits(grant: RoleGrant | None) -> SessionLimits:
+    if grant is None:
+        return NO_LIMITS
+    return SessionLimits(grant.episode, grant.seat, grant.expires, grant.token_id, grant.once)
+
+
 def _place(
-    session: Session | None, grant: ResumeGrant, room: Room | None
+    session: Session | None, grant: ResumeGrant, room: JoinedRoom | None
 ) -> tuple[JoinedRoom | None, tuple[str, ...]]:
-    """The room that a session comes back to, and its seats there; no room if it has no place."""
+    """Return the room and seats to which a session comes back; no room if its place is gone."""
     if session is not None:
         return session.room, session.players
     if room is None:
@@ -293,12 +316,12 @@ def _place(
 
 
 def _generation(session: Session | None, room: JoinedRoom | None, players: tuple[str, ...]) -> int:
-    """That of the resume token which was used last, as far as it is known."""
+    """Return the last generation of a session's resume tokens, or 0 if it is unknown."""
     if session is not None:
         return session.generation
     return room.episode.seats[players[0]].generation if room is not None and players else 0
 
 
-def _gone(why: str) -> ProtocolError:
-    """To be answered by a `hello` without 'resume', which is judged like anybody's."""
-    return ProtocolError("auth/expired", f"{why}; say hello without 'resume'", "resume")
+def _expired(why: str) -> ProtocolError:
+    """Return an error that tells the client to start a new session."""
+    return ProtocolError("auth/expired", f"{why}; send hello without 'resume'", "resume")

@@ -1,9 +1,8 @@
-"""The write-ahead rule: nothing is published before it is written.
+"""Write-ahead rule: events are published only after they have been written to the recording.
 
-What an episode has to report is collected, committed to its recording, and only then published.
-While the recording fails, the episode is paused; its events wait, and so does whatever would show
-somebody a state that is not written. No clock and no timer is kept here: the caller says what time
-it is, and when to try again.
+Without this rule, a restarted server could continue from a state that participants have already
+left behind. While the recording cannot be written, the episode is paused, and answers that would
+show an unwritten state are held back. Time is an argument: the caller decides when to retry.
 """
 
 from __future__ import annotations
@@ -14,16 +13,14 @@ from typing import Protocol
 from robotouille.episode import Episode, Event, PauseReason, Phase
 from robotouille.errors import ProtocolError
 
-__all__ = ["MAX_DEFERRED", "MAX_UNWRITTEN", "EventLog", "WriteAhead"]
-
 MAX_DEFERRED = 4
-"""Answers to one recipient that wait for the recording; more are asked for again."""
+"""Most answers deferred per recipient. Clients repeat requests whose answers were dropped."""
 MAX_UNWRITTEN = 64 * 1024
-"""Bytes of a failing recording that may wait; until they are written nobody can come back."""
+"""Most unwritten bytes with which participants can still come back. Each return adds to them."""
 
 
 class EventLog(Protocol):
-    """Where events are written: see `Journal`."""
+    """Log that events are written to; see `Journal`."""
 
     @property
     def waiting(self) -> int:
@@ -31,119 +28,134 @@ class EventLog(Protocol):
 
     @property
     def problem(self) -> str:
-        """Why they are not; empty while all is well."""
+        """Reason why writing fails, or an empty string."""
 
     def add(self, events: Iterable[Event]) -> None:
-        """Take events, for the next `write`."""
+        """Add events for the next `write`."""
 
     def write(self) -> bool:
-        """Write all that waits; False if that failed, and it may be tried again."""
+        """Write everything; return False if that failed and can be retried."""
 
 
-class WriteAhead:
-    """Publishes the events of an episode once they are written; at once where there is no `log`.
+class CommitGate:
+    """Holds back answers that would show an unwritten state, while writing fails."""
 
-    `publish` is called for each event, in order; `failing_changed` when writing begins to fail and
-    when it works again. While `failing` is true, `flush` has to be called with `retry` from time to
-    time.
-    """
+    __slots__ = ("_deferred", "_log", "failing")
 
-    __slots__ = (
-        "_deferred",
-        "_episode",
-        "_failing_changed",
-        "_log",
-        "_publish",
-        "_uncommitted",
-        "failing",
-    )
-
-    def __init__(
-        self,
-        episode: Episode,
-        log: EventLog | None,
-        publish: Callable[[Event], None],
-        failing_changed: Callable[[bool], None],
-    ) -> None:
+    def __init__(self, log: EventLog | None) -> None:
         self.failing = False
-        self._episode = episode
         self._log = log
-        self._publish = publish
-        self._failing_changed = failing_changed
-        self._uncommitted: list[Event] = []
         self._deferred: dict[Hashable, list[Callable[[], None]]] = {}
 
-    def flush(self, now: float, *, retry: bool = False) -> list[Event]:
-        """Collect, commit, publish; the events that were published, none while writing fails."""
-        self.collect()
-        if not self._uncommitted or (self.failing and not retry) or not self.commit(now):
-            return []
-        self._send_deferred()
-        events, self._uncommitted = self._uncommitted, []
-        for event in events:
-            self._publish(event)
-        return events
-
-    def collect(self) -> None:
-        """Take what has happened in the episode."""
-        events = self._episode.events()
-        if events:
-            self._uncommitted += events
-            if self._log is not None:
-                self._log.add(events)
-
-    def commit(self, now: float) -> bool:
-        """Write what was collected; where that fails, the episode is paused until it works."""
-        if self._log is None or self._log.write():
-            return self._committed(now)
-        begins = not self.failing
-        self.failing = True
-        episode = self._episode
-        if PauseReason.STORAGE not in episode.pauses and episode.phase is not Phase.ENDED:
-            episode.pause(PauseReason.STORAGE, now)
-            self.collect()
-        if begins:
-            self._failing_changed(True)
-        return False
-
-    def _committed(self, now: float) -> bool:
-        if self.failing:
-            self.failing = False
-            self._failing_changed(False)
-        if PauseReason.STORAGE not in self._episode.pauses:
-            return True
-        self._episode.resume(PauseReason.STORAGE, now)
-        self.collect()
-        return self.commit(now)  # The end of the pause is recorded, too.
-
-    # What shows somebody the state
-
     def when_committed(self, recipient: Hashable, send: Callable[[], None]) -> None:
-        """Call `send` now or, while writing fails, when all is written."""
+        """Call `send` now or, while writing fails, when everything is written."""
         if not self.failing:
             send()
+        # Further answers are dropped, not queued: a client that asks in a loop must not use up the
+        # memory while the disk is full. Clients repeat requests that were not answered.
         elif len(waiting := self._deferred.setdefault(recipient, [])) < MAX_DEFERRED:
             waiting.append(send)
 
     def forget(self, recipient: Hashable) -> None:
-        """Somebody waits for nothing any more."""
+        """Drop the deferred answers to a recipient."""
         self._deferred.pop(recipient, None)
 
-    def _send_deferred(self) -> None:
+    def release(self) -> None:
+        """Send all deferred answers."""
+        # Swapped first, because an answer may defer another one.
         deferred, self._deferred = self._deferred, {}
         for waiting in deferred.values():
             for send in waiting:
                 send()
 
-    # What cannot be had while writing fails
-
     def check(self) -> None:
-        """ProtocolError `server/recording` while writing fails."""
+        """Raise ProtocolError `server/recording` while writing fails."""
         if self.failing:
             problem = self._log.problem if self._log is not None else ""
             raise ProtocolError("server/recording", f"{problem}; try again later")
 
     def check_space(self) -> None:
-        """The same, once so much waits that no coming and going can be recorded any more."""
+        """Raise ProtocolError `server/recording` if too many bytes are unwritten."""
+        # Every return adds events. A client that reconnects in a loop could otherwise make the
+        # unwritten part grow for as long as the disk is full.
         if self._log is not None and self._log.waiting > MAX_UNWRITTEN:
             self.check()
+
+
+class WriteAhead:
+    """Publishes the events of an episode after they are written; at once without a `log`.
+
+    Args:
+        episode: The episode.
+        log: The recording of the episode, if it has one.
+        gate: Is closed while writing fails.
+        publish: Called with each event, in order.
+        failing_changed: Called when writing starts to fail and when it works again. In between,
+            `flush` must be called with `retry` now and then.
+    """
+
+    __slots__ = ("_episode", "_failing_changed", "_gate", "_log", "_publish", "_uncommitted")
+
+    def __init__(
+        self,
+        episode: Episode,
+        log: EventLog | None,
+        gate: CommitGate,
+        publish: Callable[[Event], None],
+        failing_changed: Callable[[bool], None],
+    ) -> None:
+        self._episode = episode
+        self._log = log
+        self._gate = gate
+        self._publish = publish
+        self._failing_changed = failing_changed
+        self._uncommitted: list[Event] = []
+
+    def flush(self, now: float, *, retry: bool = False) -> list[Event]:
+        """Collect, write and publish events; return the published ones."""
+        self._collect()
+        # One attempt per second (`RETRY_SECONDS`) instead of one per event: a failing disk is often
+        # a slow disk, too.
+        if not self._uncommitted or (self._gate.failing and not retry) or not self._commit(now):
+            return []
+        # Answers deferred earlier are about states before these events.
+        self._gate.release()
+        events, self._uncommitted = self._uncommitted, []
+        for event in events:
+            self._publish(event)
+        return events
+
+    def _collect(self) -> None:
+        events = self._episode.events()
+        if events:
+            # Encoded at once: the log needs the events in the order in which they happened, and
+            # encoding again at each retry would take time from other episodes.
+            self._uncommitted += events
+            if self._log is not None:
+                self._log.add(events)
+
+    def _commit(self, now: float) -> bool:
+        if self._log is None or self._log.write():
+            return self._committed(now)
+        begins = not self._gate.failing
+        self._gate.failing = True
+        episode = self._episode
+        # The pause is an event like any other (docs/decisions/0015): it is recorded once writing
+        # works, so the recording explains the gap.
+        if PauseReason.STORAGE not in episode.pauses and episode.phase is not Phase.ENDED:
+            episode.pause(PauseReason.STORAGE, now)
+            self._collect()
+        if begins:
+            self._failing_changed(True)
+        return False
+
+    def _committed(self, now: float) -> bool:
+        if self._gate.failing:
+            self._gate.failing = False
+            self._failing_changed(False)
+        if PauseReason.STORAGE not in self._episode.pauses:
+            return True
+        self._episode.resume(PauseReason.STORAGE, now)
+        self._collect()
+        # The end of the pause is an event, too. Writing it may fail again.
+        return self._commit(now)

@@ -1,4 +1,4 @@
-"""What a process needs whatever it serves: settings, logs, metrics, timers, files it may open.
+"""Runtime of a server process: settings, logs, metrics, timers and limits.
 
-Import from its modules: `robotouille-server --help` needs the settings, and nothing else of it.
+Import from the modules: `robotouille-server --help` needs the settings only.
 """

@@ -1,7 +1,7 @@
-"""The audit log: who used the operator's view, and what they did there.
+"""Audit log: who used the operator page, and what they did there.
 
-One JSON object a line, in a file of the server's state folder that only its user may read. It is
-apart from the server's log, which may be turned off, and which whoever runs the service reads.
+The file in the state folder has one JSON object per line, and only the server's user may read it.
+It is separate from the server's log, which may be turned off and which more people may read.
 """
 
 from __future__ import annotations
@@ -16,12 +16,10 @@ from pathlib import Path
 
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = ["KEPT_FILES", "MAX_AUDIT_BYTES", "AuditLog", "Details"]
-
 MAX_AUDIT_BYTES = 8 * 1024 * 1024
-"""A file that has grown so large is put aside."""
+"""Size at which a file is renamed and a new one is started."""
 KEPT_FILES = 4
-"""So many of those are kept, `.1` being the latest."""
+"""Number of renamed files that are kept; `.1` is the latest."""
 MODE = 0o600
 APPEND = (
     os.O_WRONLY
@@ -32,14 +30,18 @@ APPEND = (
 )
 
 Details = Mapping[str, str | int]
-"""What else a line says."""
+"""Further fields of a line."""
 
 
 class AuditLog:
-    """Appends lines to `path`. `wall` gives the time in seconds since 1970.
+    """Log file. Lines are rare, so the file is opened for each one and may be moved at any time.
 
-    The file is opened for each line: there are few, and so it may be moved away at any time.
-    `problem` says why the last line could not be written; empty where all is well.
+    Args:
+        path: The file.
+        wall: Returns the time in seconds since 1970.
+
+    Attributes:
+        problem: The reason why the last line could not be written, or empty.
     """
 
     def __init__(self, path: Path, wall: Callable[[], float]) -> None:
@@ -57,8 +59,16 @@ class AuditLog:
         result: str = "done",
         details: Details | None = None,
     ) -> None:
-        """One line: `by` whom (a token's subject), with which token, and how it went out (`done`,
-        or the code of a refusal). A line that cannot be written goes to the server's log."""
+        """Write a line; if that fails, write it to the server's log.
+
+        Args:
+            what: The action.
+            by: The subject of the operator's token.
+            token: The id of the operator's token.
+            episode: The id of the episode.
+            result: `done`, or the code of a refusal.
+            details: Further fields.
+        """
         moment = datetime.fromtimestamp(self._wall(), UTC).isoformat(timespec="milliseconds")
         entry = {
             "time": moment.replace("+00:00", "Z"),
@@ -93,7 +103,7 @@ class AuditLog:
             os.close(descriptor)
 
     def _put_aside(self) -> None:
-        """`audit.log` becomes `audit.log.1`, that `.2`, and so on; the last one is deleted."""
+        """Rename `audit.log` to `audit.log.1`, that to `.2`, and so on; delete the last one."""
         names = [self.path, *(self._kept(number) for number in range(1, KEPT_FILES + 1))]
         for older, newer in zip(names[:0:-1], names[-2::-1], strict=True):
             with contextlib.suppress(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""Structured logs: one line an event of a connection or an episode, none a message or a step."""
+"""Structured logs. Events of connections and episodes are logged; messages and steps are not."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ from typing import Any, Protocol
 
 import structlog
 
-__all__ = ["LoopErrors", "configure_logs", "get_logger"]
-
 LINE_SECONDS = 10.0
-"""Between two lines of the event loop that say the same."""
+"""Minimum seconds between two equal lines of the event loop."""
 MAX_KINDS = 100
 
 
 def configure_logs(level: str, log_format: str) -> None:
-    """Log at `level` and above, for people (`console`) or programs (`json`), to stderr."""
+    """Log to stderr, in a format for people (`console`) or programs (`json`)."""
     renderer: Any = (
         structlog.processors.JSONRenderer()
         if log_format == "json"
@@ -42,15 +40,15 @@ def get_logger() -> Any:
 
 
 class Suppressed(Protocol):
-    """Where lines are counted that were not written."""
+    """Counter of suppressed lines."""
 
     log_suppressed: int
 
 
 class LoopErrors:
-    """What the event loop complains of: each complaint once in a while, and how often since.
+    """Logs errors of the event loop, equal ones only now and then.
 
-    Out of descriptors it would say so hundreds of times a second, with a traceback each time.
+    Without file descriptors, the loop reports hundreds of errors per second, with tracebacks.
     """
 
     def __init__(self, now: Callable[[], float], counts: Suppressed) -> None:
@@ -59,7 +57,7 @@ class LoopErrors:
         self._logged: dict[str, tuple[float, int]] = {}
 
     def handle(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """An exception handler for `loop.set_exception_handler`."""
+        """Handle an error; see `loop.set_exception_handler`."""
         text, error = str(context.get("message", "")), context.get("exception")
         kind = f"{text} {type(error).__name__}"
         logged, since = self._logged.get(kind, (-LINE_SECONDS, 0))

@@ -1,4 +1,4 @@
-"""What the server counts, for Prometheus."""
+"""Metrics of the server in the Prometheus format."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
-__all__ = ["BUCKETS", "Durations", "Metrics"]
-
 BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 1.0)
 """Upper bounds of the histograms' buckets, in seconds."""
 
 
 class Durations:
-    """A histogram of seconds: `counts[i]` are those up to `BUCKETS[i]`, the last one the rest."""
+    """Histogram of durations in seconds.
+
+    `counts[i]` counts the durations up to `BUCKETS[i]`; the last entry counts the longer ones.
+    """
 
     def __init__(self) -> None:
         self.counts = [0] * (len(BUCKETS) + 1)
@@ -32,7 +33,7 @@ class Durations:
         self.total += seconds
 
     def family(self, name: str, text: str) -> HistogramMetricFamily:
-        """As Prometheus has it: each bucket counts all that are not above its bound."""
+        """Return the histogram for Prometheus, whose buckets are cumulative."""
         below, rows = 0, []
         for bound, count in zip([*map(str, BUCKETS), "+Inf"], self.counts, strict=True):
             below += count
@@ -41,9 +42,10 @@ class Durations:
 
 
 class Metrics(Collector):
-    """The metrics of one server; each server has a registry of its own.
+    """Metrics of one server, in a registry of its own.
 
-    What is counted at every step or message is a plain number here, read when somebody asks.
+    Counts that change with every step or message are plain numbers, which `collect` converts on
+    request.
     """
 
     def __init__(self) -> None:
@@ -63,46 +65,46 @@ class Metrics(Collector):
             "robotouille_connections", "Open connections", registry=self.registry
         )
         self.episodes = Gauge(
-            "robotouille_episodes", "Episodes that are not over", registry=self.registry
+            "robotouille_episodes", "Episodes that have not ended", registry=self.registry
         )
         self.failing = Gauge(
             "robotouille_failing_recordings",
-            "Episodes that are paused because their recording cannot be written",
+            "Episodes paused because their recording cannot be written",
             registry=self.registry,
         )
         self.errors = Counter(
-            "robotouille_errors", "Errors answered, by code", ["code"], registry=self.registry
+            "robotouille_errors", "Error messages sent, by code", ["code"], registry=self.registry
         )
         self.dropped = Counter(
             "robotouille_dropped_connections",
-            "Connections dropped by the server, by reason",
+            "Connections closed by the server, by reason",
             ["reason"],
             registry=self.registry,
         )
         self.outcomes = Counter(
-            "robotouille_outcomes", "Episodes ended, by reason", ["reason"], registry=self.registry
+            "robotouille_outcomes", "Episodes ended, by outcome", ["reason"], registry=self.registry
         )
         self.snapshots = Counter(
             "robotouille_catch_up_snapshots",
-            "Snapshots sent in place of deltas to clients that fell behind",
+            "Snapshots sent instead of deltas to clients that fell behind",
             registry=self.registry,
         )
         self.resumed = Counter(
             "robotouille_resumed_connections",
-            "Lost connections that came back",
+            "Connections resumed by clients",
             registry=self.registry,
         )
         self.restored = Counter(
             "robotouille_restored_episodes",
-            "Episodes taken up from their recordings",
+            "Episodes restored from their recordings at startup",
             registry=self.registry,
         )
         self.registry.register(self)
 
     def collect(self) -> Iterator[Metric]:
-        """The plain numbers as metrics."""
+        """Yield the plain numbers as metrics."""
         yield CounterMetricFamily("robotouille_steps", "Steps taken", value=self.steps)
-        moves = CounterMetricFamily("robotouille_moves", "Actions by result", labels=["result"])
+        moves = CounterMetricFamily("robotouille_moves", "Actions, by result", labels=["result"])
         moves.add_metric(["applied"], self.applied)
         moves.add_metric(["rejected"], self.rejected)
         yield moves
@@ -116,45 +118,55 @@ class Metrics(Collector):
             "robotouille_sent_bytes", "Bytes of messages sent", value=self.sent_bytes
         )
         yield CounterMetricFamily(
-            "robotouille_suppressed_log_lines", "Log lines held back", value=self.log_suppressed
+            "robotouille_suppressed_log_lines",
+            "Log lines suppressed because similar lines are too frequent",
+            value=self.log_suppressed,
         )
         yield GaugeMetricFamily(
             "robotouille_mqtt_connected",
-            "Whether there is a connection to the MQTT broker",
+            "1 while the server is connected to the MQTT broker",
             value=self.mqtt_connected,
         )
         yield CounterMetricFamily(
-            "robotouille_mqtt_published", "Messages published to it", value=self.mqtt_published
+            "robotouille_mqtt_published",
+            "Messages published to the MQTT broker",
+            value=self.mqtt_published,
         )
         dropped = CounterMetricFamily(
-            "robotouille_mqtt_dropped", "What was to be published, and was not", labels=["what"]
+            "robotouille_mqtt_dropped",
+            "Steps and messages not published over MQTT",
+            labels=["what"],
         )
         dropped.add_metric(["steps"], self.mqtt_dropped_steps)
         dropped.add_metric(["messages"], self.mqtt_dropped_messages)
         yield dropped
-        yield _known("robotouille_disk_free_bytes", "Free on the recordings' disk", self.disk_free)
+        yield _known(
+            "robotouille_disk_free_bytes", "Free bytes on the recordings' disk", self.disk_free
+        )
         yield _known("robotouille_open_descriptors", "Open file descriptors", self.descriptors)
-        yield _known("robotouille_max_descriptors", "Most descriptors", self.max_descriptors)
+        yield _known(
+            "robotouille_max_descriptors",
+            "Maximum number of file descriptors",
+            self.max_descriptors,
+        )
         yield GaugeMetricFamily(
             "robotouille_busiest_participant_bytes_per_second",
-            "What comes from the participant who sends most",
+            "Bytes per second from the participant who sends most",
             value=self.busiest_participant,
         )
-        yield self.lateness.family(
-            "robotouille_step_lateness_seconds", "How late a scheduled step was taken"
-        )
+        yield self.lateness.family("robotouille_step_lateness_seconds", "Delay of scheduled steps")
         yield self.age.family(
             "robotouille_delta_age_seconds",
-            "Time from the moment at which a step is taken to the last of its deltas sent",
+            "Time from taking a step to sending its last delta, recording included",
         )
 
     def page(self) -> bytes:
-        """The exposition format's text."""
+        """Return the metrics in the exposition format."""
         return generate_latest(self.registry)
 
 
 def _known(name: str, text: str, value: int | None) -> GaugeMetricFamily:
-    """A gauge that has no value where that cannot be told."""
+    """Return a gauge, without a value if the value is unknown."""
     family = GaugeMetricFamily(name, text)
     if value is not None:
         family.add_metric([], value)

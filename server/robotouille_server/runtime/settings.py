@@ -1,4 +1,4 @@
-"""Every setting of the server: a flag, an environment variable (`ROBOTOUILLE_…`) and a file key."""
+"""Settings of the server, read from flags, environment variables and a TOML file."""
 
 from __future__ import annotations
 
@@ -14,183 +14,224 @@ from pydantic_settings import (
 )
 
 from robotouille.domain.task import Timing
+from robotouille.episode.lifecycle import Absence
 from robotouille.episode.rules import (
-    Absence,
     Clock,
     Countdown,
     Grace,
     MaxSteps,
     MoveBudget,
     Rules,
-    StandIn,
     StepRate,
+    Substitute,
     Thinking,
 )
 
-__all__ = ["ServerSettings"]
-
 
 class ServerSettings(BaseSettings):
-    """Flags (arguments) win over environment variables, those over the file named by `config`.
+    """Settings of a server.
+
+    Arguments (flags) take precedence over environment variables, which take precedence over the
+    file named by `config`.
 
     Raises:
-        ValueError: A setting is unknown or cannot have this value.
-        FileNotFoundError: The file named by `config` is not there.
+        ValueError: A setting is unknown or has an invalid value.
+        FileNotFoundError: The file named by `config` does not exist.
     """
 
     model_config = SettingsConfigDict(
         env_prefix="ROBOTOUILLE_", extra="forbid", allow_inf_nan=False
     )
 
-    config: Path | None = Field(None, description="TOML file with any of these settings.")
-    host: str = Field("127.0.0.1", description="Address to listen on; 0.0.0.0 for all.")
-    port: Annotated[int, Field(ge=0, le=65535)] = Field(
-        8765, description="TCP port; 0 takes a free one."
+    config: Path | None = Field(None, description="TOML file to read settings from.")
+    host: str = Field(
+        "127.0.0.1", description="Address to listen on; 0.0.0.0 listens on all interfaces."
     )
-    mode: Clock = Field(Clock.LOCKSTEP, description="Clock: turn, lockstep or realtime.")
-    step_rate: StepRate = Field(5.0, description="Steps a second in real time.")
+    port: Annotated[int, Field(ge=0, le=65535)] = Field(
+        8765, description="TCP port to listen on; 0 picks a free port."
+    )
+    mode: Clock = Field(
+        Clock.LOCKSTEP, description="Clock of an episode: turn, lockstep or realtime."
+    )
+    step_rate: StepRate = Field(5.0, description="Steps per second of the realtime clock.")
     move_budget: MoveBudget | None = Field(
         None,
-        description="Seconds a seat may take for a move where steps wait for it; 0: no limit. "
-        "If nothing is said, 300 with several seats and no limit with one.",
+        description="Seconds a seat may take for a move before the step is taken without it; "
+        "0 removes the limit. Default: 300 with several seats, no limit with one.",
     )
     thinking: Thinking = Field(
-        "wall", description="What thinking costs in real time: wall clock, or declared time."
+        "wall",
+        description="How the realtime clock measures thinking time: wall (elapsed time) or "
+        "declared (by the client).",
     )
     timing: Timing | None = Field(
-        None, description="Timing profile: benchmark or people; people in real time by default."
+        None,
+        description="Timing profile: benchmark or people. Default: people with the realtime "
+        "clock, otherwise benchmark.",
     )
     task: str = Field(
-        "multi_agent/01_lettuce_burger", description="Task (name or problem file) to open first."
+        "multi_agent/01_lettuce_burger",
+        description="Task name or problem file of the first episode, which the server opens "
+        "at startup.",
     )
     tasks: Path | None = Field(
         None,
-        description="Folder of your own problem files, which clients open by name; with what they "
-        "look like.",
+        description="Folder of your own problem files and their pictures. Clients can open "
+        "these tasks by name.",
     )
     seats: Annotated[int, Field(ge=1, le=16)] | None = Field(
-        None, description="Number of seats, where the task leaves a choice."
+        None, description="Number of seats, for tasks that allow several."
     )
-    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of everything random.")
+    seed: Annotated[int, Field(ge=0)] = Field(
+        0, description="Random seed. It chooses the objects that a problem file leaves open."
+    )
     max_steps: MaxSteps = Field(
         500,
-        description="Step limit of an episode. If nothing is said, games with people's timing have "
-        "one from the shortest plan.",
+        description="Maximum number of steps of an episode. If unset, episodes with people's "
+        "timing get a limit computed from the shortest plan.",
     )
-    grace: Grace = Field(30.0, description="Seconds a lost connection keeps its seat.")
+    grace: Grace = Field(
+        30.0, description="Seconds for which a disconnected player's seat is kept."
+    )
     countdown: Countdown = Field(
         3.0,
-        description="Seconds from when everybody is there until a game in real time begins, if a "
-        "person plays; 0: at once.",
+        description="Seconds of countdown before a realtime episode with people; 0 starts it "
+        "immediately.",
     )
     absence: Absence = Field(
         Absence.WAIT,
-        description="What happens while a participant is away: wait, pause, bot or end.",
+        description="Policy for disconnected players: wait, pause, bot or end.",
     )
-    stand_in: StandIn = Field(
-        "planner", description="Which bot plays for the absent, with --absence bot."
+    substitute: Substitute = Field(
+        "planner",
+        description="Bot that plays for an absent player with --absence bot: planner or random.",
     )
     recordings: Path = Field(Path("recordings"), description="Folder for recordings.")
-    record: bool = Field(True, description="Record every episode.")
+    record: bool = Field(
+        True, description="Record every episode. Without recordings, a restart ends all episodes."
+    )
     state: Path | None = Field(
-        None, description="Folder for the server's keys (default: RECORDINGS.state)."
+        None,
+        description="Folder for keys, revoked tokens and the audit log. Default: the name of "
+        "the recordings folder plus .state.",
     )
     keys: Path | None = Field(
-        None, description="File of keys that sign tokens (default: STATE/keys.json)."
+        None,
+        description="File with the keys that sign tokens. Default: keys.json in the state folder.",
     )
     signing_keys: SecretStr | None = Field(
-        None, description="The keys themselves, as NAME:BASE64URL,…; the first signs."
+        None,
+        description="Signing keys as NAME:BASE64URL,… instead of a key file. The first key signs.",
     )
     require_token: bool = Field(
-        False, description="Let in only those with a token (robotouille-token)."
+        False,
+        description="Refuse connections without a role token, including connections from this "
+        "machine.",
     )
     resume_hours: Annotated[float, Field(gt=0)] = Field(
-        24.0, description="Hours for which a resume token is good."
+        24.0, description="Hours for which a resume token is valid."
     )
     recovery_seconds: Annotated[float, Field(ge=0)] = Field(
-        10.0, description="Seconds an episode waits for its players after a restart."
+        10.0, description="Seconds for which episodes wait for their players after a restart."
     )
     drain_seconds: Annotated[float, Field(ge=0)] = Field(
         10.0, description="Seconds that running episodes have to finish after SIGTERM."
     )
-    tls_cert: Path | None = Field(None, description="Certificate chain (PEM); turns on TLS.")
-    tls_key: Path | None = Field(None, description="Private key of the certificate (PEM).")
+    tls_cert: Path | None = Field(None, description="TLS certificate chain (PEM). Turns on TLS.")
+    tls_key: Path | None = Field(None, description="Private key of the TLS certificate (PEM).")
     origins: str = Field(
-        "", description="Web sites whose pages may connect, as https://HOST,…; none if empty."
+        "",
+        description="Comma-separated origins of web pages that may connect, such as "
+        "https://example.org.",
     )
     trust_proxy: str = Field(
         "",
-        description="Proxies whose X-Forwarded-For is believed: addresses, networks, loopback.",
+        description="Comma-separated proxies whose X-Forwarded-For header is trusted: "
+        "addresses, networks, loopback or private.",
     )
     metrics_from: str = Field(
         "",
-        description="Who may read /metrics beside this machine, if no proxy is between: addresses, "
-        "networks, private.",
+        description="Comma-separated addresses or networks that may read /metrics in addition "
+        "to this machine; private means all private networks.",
     )
     record_addresses: bool = Field(
-        False, description="Write addresses of participants to the log and the operator's view."
+        False,
+        description="Write participants' IP addresses to the log and show them on the "
+        "operator page.",
     )
     workers: Annotated[int, Field(ge=1, le=23)] = Field(
-        1, description="Processes that share the load; each has a port of its own too."
+        1, description="Number of worker processes. Each worker also listens on a port of its own."
     )
     worker_url: str = Field(
-        "", description="Address of a worker behind a proxy, e.g. wss://HOST/w{worker}."
+        "", description="Public URL of a worker behind a proxy, such as wss://HOST/w{worker}."
     )
-    operator: bool = Field(True, description="Serve the operator's view.")
-    operator_host: str = Field("127.0.0.1", description="Address of the operator's view.")
+    operator: bool = Field(True, description="Serve the operator page and API.")
+    operator_host: str = Field("127.0.0.1", description="Address of the operator page.")
     operator_names: str = Field(
-        "", description="Host names by which browsers may call the operator's view, with commas."
+        "", description="Comma-separated host names that browsers may use for the operator page."
     )
     operator_port: Annotated[int, Field(ge=0, le=65535)] | None = Field(
-        None, description="Port of the operator's view (default: the one after all others)."
+        None,
+        description="Port of the operator page. Default: the first port after the server's "
+        "and the workers' ports.",
     )
     mqtt: str = Field(
         "",
-        description="MQTT broker that is told of episodes and may send commands, as "
-        "mqtt://[USER@]HOST[:PORT] or mqtts://…; none if empty.",
+        description="MQTT broker for live data and commands, as mqtt://[USER@]HOST[:PORT] or "
+        "mqtts://….",
     )
     mqtt_name: str = Field(
-        "", description="The server's name in topics (default: its host's name and port)."
+        "", description="Name of this server in MQTT topics. Default: host name and port."
     )
     mqtt_ca: Path | None = Field(
-        None, description="Certificate authority of the broker (PEM; default: the system's)."
+        None,
+        description="Certificate authority of the MQTT broker (PEM). Default: the system's "
+        "authorities.",
     )
     mqtt_password_file: Path | None = Field(
-        None, description="File with the password for the broker."
+        None, description="File with the password for the MQTT broker."
     )
-    mqtt_password: SecretStr | None = Field(None, description="The password itself.")
-    max_episodes: Annotated[int, Field(ge=1)] = Field(2000, description="Episodes at a time.")
+    mqtt_password: SecretStr | None = Field(None, description="Password for the MQTT broker.")
+    max_episodes: Annotated[int, Field(ge=1)] = Field(
+        2000, description="Maximum number of episodes that have not ended."
+    )
     max_connections: Annotated[int, Field(ge=1)] = Field(
-        20_000, description="Connections at a time."
+        20_000, description="Maximum number of connections."
     )
     max_connections_per_address: Annotated[int, Field(ge=1)] = Field(
         64,
-        description="Connections at a time from one address, or with tokens of one subject (this "
-        "machine: no limit).",
+        description="Maximum number of connections per IP address, or per token subject. "
+        "Connections from this machine are not limited.",
     )
     max_episodes_per_owner: Annotated[int, Field(ge=1)] = Field(
-        50, description="Episodes at a time that one token may have opened."
+        50, description="Maximum number of open episodes per token subject."
     )
     max_reserved_per_owner: Annotated[int, Field(ge=1)] = Field(
         1000,
-        description="… that wait for their first player, for as long as `open_for` says: they do "
-        "not count among the others.",
+        description="Maximum number of episodes per token subject that are kept open with "
+        "open_for and wait for their first player. They do not count towards "
+        "max_episodes_per_owner.",
     )
-    max_spectators: Annotated[int, Field(ge=0)] = Field(200, description="Spectators an episode.")
+    max_spectators: Annotated[int, Field(ge=0)] = Field(
+        200, description="Maximum number of spectators per episode."
+    )
     hello_seconds: Annotated[float, Field(gt=0)] = Field(
-        10.0, description="Seconds in which a new connection must say hello."
+        10.0, description="Seconds within which a new connection must send hello."
     )
     stall_seconds: Annotated[float, Field(gt=0)] = Field(
-        15.0, description="Seconds after which a client that does not read is dropped."
+        15.0,
+        description="Seconds after which a client that does not read its messages is disconnected.",
     )
     messages_per_second: Annotated[float, Field(gt=0)] = Field(
         200.0,
-        description="Messages a second from one connection; bursts of twice that.",
+        description="Sustained messages per second and connection. Bursts may be twice as large.",
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(
-        "info", description="Least severe log lines to print."
+        "info", description="Lowest severity of log lines to print: debug, info, warning or error."
     )
-    log_format: Literal["console", "json"] = Field("console", description="Format of log lines.")
+    log_format: Literal["console", "json"] = Field(
+        "console", description="Format of log lines: console or json."
+    )
 
     @classmethod
     def settings_customise_sources(
@@ -201,19 +242,21 @@ class ServerSettings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Where settings come from, what wins first; pydantic asks for it."""
+        """Return the sources of settings, highest precedence first. Called by pydantic."""
         file = {**env_settings(), **init_settings()}.get("config")
         sources: list[PydanticBaseSettingsSource] = [init_settings, env_settings]
         if file:
             if not Path(file).is_file():
-                found = "is a folder" if Path(file).is_dir() else "is not there"
-                raise FileNotFoundError(f"{file} {found}; it names a TOML file")
+                found = "is a folder" if Path(file).is_dir() else "does not exist"
+                raise FileNotFoundError(f"{file} {found}; config must name a TOML file")
             sources.append(TomlConfigSettingsSource(settings_cls, Path(file)))
         return tuple(sources)
 
     def rules(self) -> Rules:
-        """The rules of an episode for which its creator asks nothing else, but for the move budget,
-        which depends on its seats, too."""
+        """Return the default rules of an episode.
+
+        The move budget is missing because it also depends on the number of seats.
+        """
         return Rules(
             clock=self.mode,
             step_rate=self.step_rate,
@@ -222,21 +265,21 @@ class ServerSettings(BaseSettings):
             grace=self.grace,
             countdown=self.countdown,
             absence=self.absence,
-            stand_in=self.stand_in,
+            substitute=self.substitute,
         )
 
     @property
     def state_folder(self) -> Path:
-        """Where the server keeps what is nobody else's business."""
+        """Folder for keys, revoked tokens and the audit log. Only the server may read it."""
         return self.state or self.recordings.with_name(f"{self.recordings.name}.state")
 
     @property
     def is_local(self) -> bool:
-        """Whether only programs on this machine can connect, if no proxy lets others in."""
+        """True if the server listens on a loopback address only."""
         return self.host in ("127.0.0.1", "localhost", "::1")
 
     def timing_for(self, clock: Clock) -> Timing:
-        """The timing profile: what is set, else people in real time and benchmark elsewhere."""
+        """Return the timing profile that is set, or the default for a clock."""
         if self.timing is not None:
             return self.timing
         return Timing.PEOPLE if clock is Clock.REALTIME else Timing.BENCHMARK

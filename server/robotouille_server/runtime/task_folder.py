@@ -1,7 +1,7 @@
-"""The operator's own tasks: a folder of problem files, by name, with what they look like.
+"""Folder of the operator's own tasks: problem files, with their renderings and pictures.
 
-All is read and checked when the server starts. A client is sent the domain with the task, and the
-rendering and pictures when it asks for them.
+The server reads and checks all files when it starts. Clients receive the domain with the task, and
+the rendering and pictures on request.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from robotouille.domain.pictures import PictureError, picture_digest, plain_pict
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, RobotouilleError
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder
 from robotouille.world.lint import sound_task
 
-__all__ = ["Look", "TaskFolder", "TaskFolderError", "read_task_folder"]
-
 MAX_FILES = 2_000
-"""In the folder and all those in it."""
+"""Files in the folder and its subfolders."""
 MAX_TOTAL_BYTES = 32 * 1024 * 1024
-"""Of all pictures."""
-MAX_TOLD = 20
-"""Faults that are listed."""
+"""Total size of all pictures."""
+MAX_FAULTS = 20
+"""Faults listed in an error."""
 
 
 class TaskFolderError(RobotouilleError):
-    """A folder of tasks that cannot be served, and why."""
+    """The folder of tasks cannot be served."""
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What a task looks like, and which keys its actions have.
+class TaskAssets:
+    """Rendering, key bindings and pictures of a task.
 
-    `rendering` and `bindings` are JSON values; `pictures` are the digests of pictures by the names
-    that the rendering has for them, of those that are not shipped.
+    Attributes:
+        rendering: The rendering as a JSON value.
+        bindings: The key bindings as a JSON value.
+        pictures: The digests of pictures that are not shipped, by their names in the rendering.
     """
 
     rendering: Mapping[str, Any]
@@ -51,38 +51,41 @@ class Look:
 
 
 class TaskFolder:
-    """The tasks of a folder. Without one there are none."""
+    """Tasks of a folder; empty without one."""
 
     def __init__(
         self,
         paths: Mapping[str, Path] | None = None,
-        looks: Mapping[str, Look] | None = None,
+        assets: Mapping[str, TaskAssets] | None = None,
         pictures: Mapping[str, bytes] | None = None,
     ) -> None:
         self._paths = dict(paths or {})
-        self._looks = dict(looks or {})
+        self._assets = dict(assets or {})
         self._pictures = dict(pictures or {})
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What its tasks are called."""
+        """Names of the tasks."""
         return tuple(self._paths)
 
     def load(self, name: str, seats: int | None, timing: Timing, seed: int) -> Task | None:
-        """A task by its name, with `@N` for N seats; None if there is none. FileError as
-        `load_task` raises it."""
+        """Load a task by its name, with `@N` for N seats; return None if it is not in the folder.
+
+        Raises:
+            FileError: As `load_task`.
+        """
         base, _, count = name.partition("@")
         path = self._paths.get(base)
         if path is None:
             return None
         return _loaded(f"{path}@{count}" if count else str(path), seats, timing, seed)
 
-    def look(self, name: str) -> Look | None:
-        """What a task of this name looks like; None if it is not one of the folder's."""
-        return self._looks.get(name)
+    def assets(self, name: str) -> TaskAssets | None:
+        """Return the rendering and pictures of a task; None if it is not in the folder."""
+        return self._assets.get(name)
 
     def picture(self, digest: str) -> bytes:
-        """A picture that a `Look` names; KeyError if there is none."""
+        """Return a picture by its digest; raise KeyError if it does not exist."""
         return self._pictures[digest]
 
 
@@ -95,11 +98,11 @@ def read_task_folder(folder: Path) -> TaskFolder:
     """Read and check all tasks of a folder.
 
     Raises:
-        TaskFolderError: It is no folder, has too many files or a link that leads out of it, or a
-            file in it is wrong: all faults are told.
+        TaskFolderError: The folder does not exist, has too many files or links that lead out of
+            it, or contains invalid files. The error lists all faults.
     """
     if not folder.is_dir():
-        raise TaskFolderError(f"--tasks {folder}: there is no such folder")
+        raise TaskFolderError(f"--tasks {folder}: the folder does not exist")
     faults = list(_links_outside(folder))
     if faults:
         raise _refused(folder, faults)
@@ -114,48 +117,51 @@ def read_task_folder(folder: Path) -> TaskFolder:
         except (PictureError, TaskFolderError) as error:
             faults.append(str(error))
     if not faults and not reading.paths:
-        faults.append("there is no problem file in it")
+        faults.append("the folder has no problem file")
     if faults:
         raise _refused(folder, faults)
-    return TaskFolder(reading.paths, reading.looks, reading.pictures)
+    return TaskFolder(reading.paths, reading.assets, reading.pictures)
 
 
 def _refused(folder: Path, faults: list[str]) -> TaskFolderError:
-    more = [f"… and {len(faults) - MAX_TOLD} more"] if len(faults) > MAX_TOLD else []
-    return TaskFolderError("\n  ".join([f"--tasks {folder}:", *faults[:MAX_TOLD], *more]))
+    more = [f"… and {len(faults) - MAX_FAULTS} more"] if len(faults) > MAX_FAULTS else []
+    return TaskFolderError("\n  ".join([f"--tasks {folder}:", *faults[:MAX_FAULTS], *more]))
 
 
 def _links_outside(folder: Path) -> Iterator[str]:
-    """Links that lead out of a folder; TaskFolderError if there is too much in it."""
+    """Yield the links that lead out of a folder; raise TaskFolderError if it has too many files.
+
+    A link could let a client download files that the operator did not mean to serve.
+    """
     whole, count = folder.resolve(), 0
     for place, folders, files in os.walk(folder):
         for name in (*folders, *files):
             count += 1
             if count > MAX_FILES:
-                raise TaskFolderError(f"--tasks {folder}: has more than {MAX_FILES:,} files")
+                raise TaskFolderError(f"--tasks {folder}: more than {MAX_FILES:,} files")
             path = Path(place, name)
             if path.is_symlink() and not path.resolve().is_relative_to(whole):
-                yield f"{path.relative_to(folder)}: is a link that leads out of the folder"
+                yield f"{path.relative_to(folder)}: a link that leads out of the folder"
 
 
 class _Reading:
-    """What has been read of a folder so far."""
+    """Content of a folder that has been read so far."""
 
     def __init__(self) -> None:
         self.paths: dict[str, Path] = {}
-        self.looks: dict[str, Look] = {}
+        self.assets: dict[str, TaskAssets] = {}
         self.pictures: dict[str, bytes] = {}
 
     def add(self, path: Path) -> None:
-        """One more task."""
+        """Read a task."""
         name = path.stem
         if name in task_names() or len(name) > 64:
-            raise TaskFolderError(f"{path.name}: a shipped task is called so, or it is too long")
+            raise TaskFolderError(f"{path.name}: the name is too long, or a shipped task has it")
         task = sound_task(load_task(str(path)))
         self.paths[name] = path
-        self.looks[name] = self._look(task)
+        self.assets[name] = self._read_assets(task)
 
-    def _look(self, task: Task) -> Look:
+    def _read_assets(self, task: Task) -> TaskAssets:
         rendering = rendering_of(task)
         pictures = {}
         for file in sorted(rendering.files()):
@@ -165,7 +171,7 @@ class _Reading:
             if found is None or found.is_relative_to(data_folder("assets")):
                 continue
             pictures[file] = self._picture(found)
-        return Look(
+        return TaskAssets(
             rendering.model_dump(mode="json", by_alias=True, exclude_defaults=True),
             bindings_of(task).model_dump(mode="json", by_alias=True, exclude_defaults=True),
             pictures,

@@ -1,35 +1,79 @@
-"""When rooms want to be called, and what time it is for them.
+"""Timers and time of all rooms.
 
-One timer of the event loop serves the timers of all rooms. The event loop compares its own
-timers in Python, a dozen times for each of a thousand rooms' steps; here plain tuples are compared.
+One timer of the event loop serves the timers of all rooms. The event loop compares its timer
+objects in Python, about a dozen times per step and room. Here, tuples are compared, in C.
 
-The rooms' time is the event loop's without what the process has stood still (SIGSTOP, a suspended
-machine, a blocked loop): nobody could come back then, and no step was taken.
+The time of the rooms excludes time in which the process was suspended (SIGSTOP, a suspended
+machine, a blocked loop). Players could not come back then, so their grace must not run out.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Set
 from heapq import heapify, heappop, heappush
 from itertools import count
+from typing import Generic, TypeVar
 
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = ["BEAT", "LATE", "TimerHandle", "TimerQueue"]
+R = TypeVar("R")
+
+
+class Rounds(Generic[R]):
+    """Calls a function for all live rooms, in rounds.
+
+    Args:
+        live: The live rooms.
+        seconds: The seconds between the end of a round and the start of the next one.
+        check: Is called with a room. If it returns True because it had work to do, the round
+            continues in another turn of the event loop.
+    """
+
+    def __init__(self, live: Set[R], seconds: float, check: Callable[[R], bool]) -> None:
+        self._live = live
+        self._seconds = seconds
+        self._check = check
+        self._timer: asyncio.Handle | None = None
+
+    def begin(self) -> None:
+        """Start rounds, because there is a live room."""
+        if self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(self._seconds, self._go_round)
+
+    def stop(self) -> None:
+        """Stop."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _go_round(self) -> None:
+        self._timer = None
+        if self._live:
+            self._go_on(iter(list(self._live)))
+
+    def _go_on(self, rooms: Iterator[R]) -> None:
+        for room in rooms:
+            # An episode may have ended since the round began; its file then belongs to a thread.
+            if room in self._live and self._check(room):
+                self._timer = asyncio.get_running_loop().call_soon(self._go_on, rooms)
+                return
+        self._timer = None
+        self.begin()
+
 
 AT_ONCE = 50
-"""Calls after which what has come from the network has its turn."""
+"""Calls in a row, before data from the network is processed."""
 TIDY_FROM = 100
-"""Cancelled timers from which on the heap is looked through, if they are half of it."""
+"""Cancelled timers above which the heap is cleaned up, if they are half of it."""
 BEAT = 2.0
-"""Seconds after which the clock is looked at, at the latest, while there are timers."""
+"""Maximum seconds between two readings of the clock while there are timers."""
 LATE = 3.0
-"""Seconds by which that is late at least when the process has stood still."""
+"""Delay of such a reading above which the process counts as suspended."""
 
 
 class TimerHandle:
-    """A call that is due; it is called with the time at which it was due."""
+    """Timer that calls a function with the time at which it was due."""
 
     __slots__ = ("call", "due")
 
@@ -39,8 +83,11 @@ class TimerHandle:
 
 
 class TimerQueue:
-    """Calls at given times of its own clock, each at most once. `lost` are the seconds for which
-    the process has stood still so far."""
+    """Timers on a clock of their own.
+
+    Attributes:
+        lost: The seconds for which the process has been suspended.
+    """
 
     def __init__(self) -> None:
         self.lost = 0.0
@@ -55,20 +102,23 @@ class TimerQueue:
         self._running = self._watching = False
 
     def time(self) -> float:
-        """What time it is for the rooms."""
+        """Return the time of the rooms."""
         now = self._loop_time()
+        # While timers exist, the clock is read every `BEAT` seconds, so a longer gap means that the
+        # process did not run.
         if now - self._seen > BEAT + LATE and self._watching:
-            self._stood_still(now - self._seen)
+            self._was_suspended(now - self._seen)
         self._seen = now
         return now - self.lost
 
-    def _stood_still(self, seconds: float) -> None:
+    def _was_suspended(self, seconds: float) -> None:
         self.lost += seconds
-        get_logger().warning("the server stood still", seconds=round(seconds, 1))
+        get_logger().warning("the server was suspended", seconds=round(seconds, 1))
 
     def call_at(self, due: float, call: Callable[[float], None]) -> TimerHandle:
-        """Call `call(due)` at the time `due`, or soon if that has passed."""
+        """Call `call(due)` at `due`, or soon if that time has passed."""
         handle = TimerHandle(due, call)
+        # The number keeps the order of equal times and stops the comparison before the handle.
         heappush(self._heap, (due, next(self._numbers), handle))
         if not self._running and (self._timer is None or due + self.lost < self._timer_at):
             self._arm()
@@ -79,19 +129,21 @@ class TimerQueue:
             return
         handle.call = None
         self._cancelled += 1
+        # Removing an entry from the middle of a heap takes linear time, so many are removed at
+        # once.
         if self._cancelled > TIDY_FROM and self._cancelled > len(self._heap) // 2:
             self._heap = [entry for entry in self._heap if entry[2].call is not None]
             heapify(self._heap)
             self._cancelled = 0
 
     def clear(self) -> None:
-        """Cancel everything."""
+        """Cancel all timers."""
         self._heap.clear()
         self._cancelled = 0
         self._arm()
 
     def _arm(self) -> None:
-        """Wait for the next handle, or the next look at the clock."""
+        """Set the event loop's timer to the next timer or reading of the clock."""
         now = self.time()
         if self._timer is not None:
             self._timer.cancel()
@@ -108,7 +160,7 @@ class TimerQueue:
         self.time()
         try:
             for _ in range(AT_ONCE):
-                # The very sum for which the timer was set: differences round otherwise.
+                # The same sum as in `_arm`: a difference would be rounded differently.
                 if not self._heap or self._heap[0][0] + self.lost > self._seen:
                     return
                 due, _number, handle = heappop(self._heap)

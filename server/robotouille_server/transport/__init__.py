@@ -1,9 +1,8 @@
-"""Bytes in and out: WebSockets, TLS, and what their connections share."""
+"""Transport: WebSocket connections, TLS, and the limits that connections share."""
 
 from robotouille_server.transport.admission import MAX_SURPLUS_CONNECTIONS, Admission, LoopBudget
-from robotouille_server.transport.connection import Connection, cut, frame_of
+from robotouille_server.transport.connection import Connection, PendingConnection, cut, frame_of
 from robotouille_server.transport.peer import MAX_HELD, Peer
-from robotouille_server.transport.pending import PendingConnection
 from robotouille_server.transport.tls import ServerTLS
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""What a server's connections share: the loop budget, TLS handshakes, how many there may be."""
+"""Limits that all connections share: time in the event loop, TLS handshakes, their number."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from typing import Protocol
 
 from robotouille_server.runtime.metrics import Metrics
 
-__all__ = ["MAX_SURPLUS_CONNECTIONS", "Admission", "Handshakes", "LoopBudget"]
-
 LOOP_BUDGET = 96.0
-"""Frames that all connections together have dealt with in one turn of the event loop; what takes
-longer than most counts for several."""
+"""Frames that all connections together process in one turn of the event loop. Expensive ones count
+as several. With more, steps of episodes would be late."""
 HANDSHAKES_AT_ONCE = 16
-"""Each takes half a megabyte, and some milliseconds without a pause."""
+"""Concurrent handshakes. Each takes half a megabyte and blocks the event loop for milliseconds."""
 MAX_SURPLUS_CONNECTIONS = 1000
-"""Connections beyond the limit, whose handshakes say that the server is full."""
+"""Connections beyond the limit that are accepted to answer that the server is full."""
 FAIR_SECONDS = 1.0
-"""After which a handshake makes room, if others wait."""
+"""Seconds after which a handshake is aborted if others wait."""
 
 
 class LoopBudget:
-    """Who has sent something and when it is looked at: so much in each turn of the event loop,
-    and those who wait one after the other. In between steps are taken."""
+    """Budget of work per turn of the event loop, with a fair queue for connections beyond it.
+
+    Between two turns, the event loop takes the steps of episodes.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -35,33 +35,37 @@ class LoopBudget:
 
     @property
     def over(self) -> bool:
-        """Whether the present turn is used up."""
+        """True if the budget of the present turn is used up."""
         return self._spent >= LOOP_BUDGET
 
     @property
     def free(self) -> bool:
-        """Whether something that has just come may be looked at now."""
+        """True if data that has just arrived may be processed now."""
         return not self._waiting and self._spent < LOOP_BUDGET
 
     def spend(self, cost: float) -> None:
-        """So much of the present turn is used up."""
+        """Charge work to the present turn."""
         self._spent += cost
         self._schedule()
 
     def wait(self, resume: Callable[[], None]) -> None:
-        """Call back when all those who wait already have had their turn."""
+        """Call `resume` after all connections in the queue have had their turn."""
+        # First come, first served, so a flooding connection cannot overtake the others.
         self._waiting.append(resume)
         self._schedule()
 
     def _schedule(self) -> None:
         if not self._scheduled:
             self._scheduled = True
+            # Not within this turn: the next one also handles sockets, and timers of steps that are
+            # due.
             self._loop.call_soon(self._turn)
 
     def _turn(self) -> None:
         self._scheduled = False
         self._spent = 0.0
-        for _ in range(len(self._waiting)):  # Those who wait again have their turn in the next.
+        for _ in range(len(self._waiting)):  # Connections that queue again wait for the next turn.
+            # So the timer of a step never waits for more than one budget of work.
             if self.over:
                 break
             self._waiting.popleft()()
@@ -70,14 +74,14 @@ class LoopBudget:
 
 
 class Handshakes:
-    """TLS handshakes under way: few at a time, and the slowest make room where others wait."""
+    """TLS handshakes: few at a time, and slow ones are aborted if others wait."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._all: dict[asyncio.Transport, None] = {}
         self._running: dict[asyncio.Transport, float] = {}
         self._waiting: deque[asyncio.Future[None]] = deque()
-        self._looking: asyncio.TimerHandle | None = None
+        self._timer: asyncio.TimerHandle | None = None
 
     async def make(
         self,
@@ -86,14 +90,15 @@ class Handshakes:
         tls: ssl.SSLContext,
         seconds: float,
     ) -> asyncio.Transport | None:
-        """The encrypted transport; None where the handshake fails, or is not over in time."""
+        """Return the encrypted transport; None if the handshake fails or takes too long."""
         self._all[raw] = None
         try:
+            # Includes the time in the queue, so that waiting clients do not accumulate.
             async with asyncio.timeout(seconds):
                 await self._slot()
                 self._running[raw] = self._loop.time()
                 return await self._loop.start_tls(raw, protocol, tls, server_side=True)
-        except (OSError, TimeoutError):  # Nobody's business.
+        except (OSError, TimeoutError):  # The client's fault; logging it would fill the log.
             return None
         finally:
             del self._all[raw]
@@ -101,23 +106,26 @@ class Handshakes:
                 self._next()
 
     def close(self) -> None:
-        """Make none any more."""
+        """Abort all handshakes."""
         for raw in list(self._all):
             raw.abort()
         for slot in self._waiting:
             slot.cancel()
 
     async def _slot(self) -> None:
+        # Newcomers queue behind those who wait, even if a slot has just become free.
         if len(self._running) < HANDSHAKES_AT_ONCE and not self._waiting:
             return
         slot: asyncio.Future[None] = self._loop.create_future()
         self._waiting.append(slot)
-        self._look()
+        # Slow handshakes are tolerated until another client waits for the slot: a phone on a bad
+        # network needs seconds, and an attacker could hold all slots.
+        self._abort_slow()
         try:
             await slot
         except asyncio.CancelledError:
             if slot.done() and not slot.cancelled():
-                self._next()  # It was given one, and does not need it any more.
+                self._next()  # Pass the slot on.
             raise
 
     def _next(self) -> None:
@@ -127,30 +135,38 @@ class Handshakes:
                 slot.set_result(None)
                 break
 
-    def _look(self) -> None:
-        """Is one under way that has had its time?"""
-        if self._looking is not None:
-            self._looking.cancel()
-            self._looking = None
+    def _abort_slow(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
         now = self._loop.time()
         for raw, begun in list(self._running.items()):
             if now - begun >= FAIR_SECONDS:
                 raw.abort()
         if any(not slot.done() for slot in self._waiting) and self._running:
             due = min(self._running.values()) + FAIR_SECONDS
-            self._looking = self._loop.call_at(max(due, now + 0.1), self._look)
+            # At most ten times a second, however many clients wait.
+            self._timer = self._loop.call_at(max(due, now + 0.1), self._abort_slow)
 
 
 class Pending(Protocol):
-    """Somebody who is connected and has said nothing yet."""
+    """Connection that has not sent anything yet."""
 
     def abort(self) -> None:
-        """Cut them off."""
+        """Close the connection at once."""
 
 
 class Admission:
-    """Those who are connected, whether they have said anything or not. `limit` may be; they have
-    so many seconds to say something, and with `tls` for its handshake before."""
+    """Limits of a server's connections.
+
+    Attributes:
+        limit: The maximum number of connections.
+        tls: The TLS context, if the server uses TLS.
+        opening_seconds: The seconds that a client has for its TLS handshake, and again for its
+            first byte.
+        pending: The connections that have not sent anything yet.
+        admitted: The number of connections.
+    """
 
     def __init__(self, metrics: Metrics, limit: int, opening_seconds: float) -> None:
         loop = asyncio.get_running_loop()
@@ -164,18 +180,20 @@ class Admission:
         self.admitted = 0
 
     def admit(self) -> bool:
-        """One more is connected, if it is not one too many."""
+        """Count a new connection; return False if there are too many."""
+        # Counted from `accept`, not from the end of the handshake: connections that send nothing
+        # need descriptors and memory, too.
         if self.admitted >= self.limit:
             return False
         self.admitted += 1
         return True
 
     def close(self) -> None:
-        """Nobody who has said nothing yet comes in any more."""
+        """Close all connections that have not sent anything."""
         self.handshakes.close()
         for one in list(self.pending):
             one.abort()
 
     def release(self) -> None:
-        """One who was let in is gone."""
+        """Count a connection as closed."""
         self.admitted -= 1

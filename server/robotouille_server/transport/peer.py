@@ -1,4 +1,4 @@
-"""One connection as the rooms see it: send without waiting, never queue without bound."""
+"""Connection as rooms see it: sending never waits, and unsent data is bounded."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from robotouille_server.transport.connection import MAX_HELD, MAX_UNSENT, Connec
 
 __all__ = ["MAX_HELD", "MAX_UNSENT", "Peer"]
 
-LOOK_AGAIN = 0.05
+CHECK_SECONDS = 0.05
+"""Seconds between two checks whether a slow client has caught up."""
 
 
 class Peer:
-    """A connection and how far it is behind.
+    """Connection that skips deltas while its client is slow.
 
-    A client that does not read fills its write buffer; from `MAX_UNSENT` bytes on it gets no more
-    deltas, and a snapshot instead once it has caught up, and nothing it says is read. After
-    `stall_seconds`, or with more than `MAX_HELD` bytes of anything waiting, it is dropped.
+    Above `MAX_UNSENT` unsent bytes, a client receives no deltas, and nothing is read from it. When
+    it has caught up, it receives a snapshot instead of the missed deltas. After `stall_seconds`, or
+    above `MAX_HELD` unsent bytes, it is disconnected.
     """
 
     __slots__ = (
         "_answered",
         "_behind_since",
+        "_checks_at",
         "_closing",
-        "_looks_at",
         "_metrics",
         "_protocol",
         "_stall_seconds",
@@ -60,7 +61,7 @@ class Peer:
         self._stall_seconds = stall_seconds
         self._closing = False
         self._behind_since: float | None = None
-        self._looks_at = 0.0
+        self._checks_at = 0.0
         self._when_caught_up: dict[str, tuple[int, Callable[[], None]]] = {}
 
     @property
@@ -71,67 +72,78 @@ class Peer:
 
     @property
     def unsent(self) -> int:
-        """Bytes that wait to be taken by the network."""
+        """Bytes that the network has not accepted yet."""
         size: int = self._transport.get_write_buffer_size()
         return size
 
     @property
     def latency(self) -> float:
-        """Seconds to the client and back, as the last ping took; 0 before the first."""
+        """Round trip of the last ping in seconds; 0 before the first."""
         return self.socket.latency
 
     def send(self, message: BaseModel) -> None:
-        """Send a message now; dropped silently once the connection is closing."""
+        """Send a message at once; drop it if the connection is closing."""
+        # Checked before encoding, which costs more than the check.
         if self.open:
             self.send_frame(frame_of(self.codec.encode(message)))
 
     def send_frame(self, frame: bytes) -> None:
-        """Send a frame that is made already."""
+        """Send an encoded frame."""
         transport = self._transport
         if self._protocol.state is not Connected.OPEN or transport.is_closing():
             return
+        # Chat and rosters are never skipped, so a reader that stops altogether is disconnected
+        # (docs/decisions/0006).
         if transport.get_write_buffer_size() > MAX_HELD:
             self.drop("stalled")
             return
         self.sent += 1
         metrics = self._metrics
+        # Plain attributes instead of Prometheus counters: this line runs for every message of every
+        # recipient, and a counter takes a lock.
         metrics.sent_messages += 1
         metrics.sent_bytes += len(frame)
         transport.write(frame)
 
     def answer(self, message: BaseModel) -> None:
-        """Send what was asked for, and is paid for by its size."""
+        """Send an answer whose size is charged to the client's message budget."""
         if self.open:
             self.answer_frame(frame_of(self.codec.encode(message)))
 
     def answer_frame(self, frame: bytes) -> None:
-        """The same with a frame that is made already."""
+        """Send an encoded frame as `answer` does."""
+        # Short requests can have long answers; charging only the request would let a client make
+        # the server send a hundred times what it sends.
         self._answered += len(frame)
         self.send_frame(frame)
 
     def take_answered(self) -> int:
-        """Bytes of answers since the last call."""
+        """Return the bytes of answers since the last call."""
         answered, self._answered = self._answered, 0
         return answered
 
     @property
     def behind(self) -> bool:
-        """Whether anything waits to be taken by the network, or did a moment ago."""
+        """True if there is unsent data, or was at the last check."""
         return bool(self._when_caught_up) or self.unsent > 0
 
     def keeps_up(self, catch_up: Callable[[], None]) -> bool:
-        """Whether the client may be sent deltas.
+        """Return whether the client may receive deltas.
 
-        Once it has fallen behind it is not, until it has read what it had; `catch_up` is called
-        then. One that does not read in time is cut off.
+        A client that has fallen behind may not until it has read everything; `catch_up` is called
+        then.
         """
+        # No queue of deltas: when the client has read everything, one snapshot replaces what it
+        # missed.
         if "snapshot" not in self._when_caught_up and self.unsent > MAX_UNSENT:
             self._await("snapshot", 0, catch_up)
         return "snapshot" not in self._when_caught_up
 
     def throttle(self) -> None:
-        """Read no more from a client that does not read what it is answered."""
+        """Stop reading from a client that does not read its answers."""
         if self.unsent > MAX_UNSENT and "reading" not in self._when_caught_up:
+            # A client that sends requests and does not read the answers would otherwise fill its
+            # buffer up to `MAX_HELD`.
             self.socket.pause_reading("unread")
             self._await("reading", MAX_UNSENT, self._read_on)
 
@@ -143,44 +155,49 @@ class Peer:
         loop = self.socket.loop
         if not self._when_caught_up:
             self._behind_since = loop.time()
-            self._look_later()
+            self._check_later()
         self._when_caught_up[what] = (size, then)
 
-    def _look(self) -> None:
-        """Has the client read in the meantime?"""
+    def _check(self) -> None:
         if not self.open or self._behind_since is None:
             self._when_caught_up.clear()
             return
         unsent = self.unsent
         for what, (size, then) in list(self._when_caught_up.items()):
+            # A snapshot waits for an empty buffer, so it is not sent on top of old data. Reading
+            # goes on earlier, at `MAX_UNSENT`.
             if unsent <= size:
                 del self._when_caught_up[what]
                 if what == "snapshot":
                     self._metrics.snapshots.inc()
+                # In a turn of its own: `then` may send a long snapshot, and other peers are checked
+                # in this one.
                 self.socket.loop.call_soon(then)
         if not self._when_caught_up:
             self._behind_since = None
             return
         now = self.socket.loop.time()
-        late = now - self._looks_at
-        if late > LATE:  # The server stood still: the client could not be read on.
+        late = now - self._checks_at
+        if late > LATE:  # The server was suspended, so the client could not catch up.
             self._behind_since += late
         if now > self._behind_since + self._stall_seconds:
             self.drop("stalled")
         else:
-            self._look_later()
+            self._check_later()
 
-    def _look_later(self) -> None:
+    def _check_later(self) -> None:
         loop = self.socket.loop
-        self._looks_at = loop.time() + LOOK_AGAIN
-        loop.call_at(self._looks_at, self._look)
+        self._checks_at = loop.time() + CHECK_SECONDS
+        # Polled, because the transport's own callback for a drained buffer belongs to the library.
+        loop.call_at(self._checks_at, self._check)
 
     def close(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
-        """Send `bye` and close the connection politely, without waiting for the client."""
+        """Send `bye` and a close frame, without waiting for the client."""
         self.send(messages.Bye(code=code, reason=reason, retry=retry))
+        # After `bye`, nothing else may be sent, although the socket is still open for a moment.
         self._closing = True
         self.socket.say_goodbye(status, reason)
 
     def drop(self, reason: str) -> None:
-        """Cut the connection off without waiting for the client."""
+        """Abort the connection."""
         self.socket.drop(reason)

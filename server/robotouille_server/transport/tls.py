@@ -1,35 +1,92 @@
-"""TLS for the listening socket, with a certificate that can be renewed while the server runs."""
+"""TLS with a certificate that can be renewed while the server runs."""
 
 from __future__ import annotations
 
 import asyncio
+import ipaddress
+import re
 import ssl
 import stat
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from robotouille.errors import RobotouilleError
 from robotouille_server.runtime.logs import get_logger
-from robotouille_server.transport.certificate import certificate_names
 
-__all__ = ["ServerTLS", "TLSFileError"]
+SUBJECT_ALT_NAME = bytes.fromhex("0603551d11")
+"""The object identifier 2.5.29.17 (RFC 5280, 4.2.1.6) in DER."""
+BOOLEAN, OCTET_STRING, SEQUENCE = 0x01, 0x04, 0x30
+DNS_NAME, IP_ADDRESS = 0x82, 0x87
+
+# Only the first certificate of the chain is the server's own.
+_PEM = re.compile(rb"-----BEGIN CERTIFICATE-----.*?-----END CERTIFICATE-----", re.DOTALL)
+
+
+def certificate_names(chain: bytes) -> tuple[list[str], list[str]]:
+    """Return the DNS names and the addresses in the first certificate of a PEM chain.
+
+    Both are empty if the certificate is unreadable.
+    """
+    dns: list[str] = []
+    addresses: list[str] = []
+    found = _PEM.search(chain)
+    if found is None:
+        return dns, addresses
+    try:
+        names = list(_alternative_names(ssl.PEM_cert_to_DER_cert(found[0].decode("ascii"))))
+        dns += [content.decode("ascii") for tag, content in names if tag == DNS_NAME]
+        addresses += [str(ipaddress.ip_address(own)) for tag, own in names if tag == IP_ADDRESS]
+    except (ValueError, IndexError):
+        return [], []
+    return dns, addresses
+
+
+def _alternative_names(certificate: bytes) -> Iterator[tuple[int, bytes]]:
+    # The standard library decodes only certificates of connected peers, and a dependency for one
+    # field would be too much. The name is only shown to people, so a wrong result is harmless.
+    _, mark, rest = certificate.partition(SUBJECT_ALT_NAME)
+    if not mark:
+        return
+    tag, content, rest = _element(rest)
+    if tag == BOOLEAN:  # The flag that the extension is critical.
+        tag, content, rest = _element(rest)
+    if tag != OCTET_STRING or content[0] != SEQUENCE:
+        raise ValueError("not a list of names")
+    _, names, _ = _element(content)
+    while names:
+        tag, content, names = _element(names)
+        yield tag, content
+
+
+def _element(data: bytes) -> tuple[int, bytes, bytes]:
+    """Return the tag and content of the first DER element, and the data that follows it."""
+    tag, size, start = data[0], data[1], 2
+    if size & 0x80:
+        start += size & 0x7F
+        size = int.from_bytes(data[2:start], "big")
+    if len(data) < start + size:
+        raise ValueError("the certificate is cut off")
+    return tag, data[start : start + size], data[start + size :]
+
 
 POLL_SECONDS = 10.0
 
 
 class TLSFileError(RobotouilleError):
-    """A certificate or key that cannot be used: names the file, the fault, and the way out."""
+    """The certificate or key cannot be used. The message names the file and the remedy."""
 
 
 class ServerTLS:
-    """TLS 1.2 or newer with the certificate chain and the key of two PEM files.
+    """TLS 1.2 or newer with a certificate chain and key from two PEM files.
 
-    Pass `context` to the listening socket and keep `watch` running. Each handshake takes the
-    certificate that is in force at that moment; a renewed one takes the place of the old only when
-    it is whole and fits its key, and connections that are open go on.
+    While `watch` runs, each handshake uses the latest valid certificate. A changed certificate is
+    used only if it is complete and matches its key. Open connections are not affected.
 
-    `name` is what clients may call this server: the first name in the certificate that is no
-    wildcard, else the first address; empty if it has neither.
+    Attributes:
+        context: The context for the listening socket.
+        name: The name for clients: the first name in the certificate that is not a wildcard, or
+            else the first address; empty if there is neither.
     """
 
     def __init__(self, cert: Path, key: Path) -> None:
@@ -43,7 +100,7 @@ class ServerTLS:
 
     @classmethod
     def from_settings(cls, cert: Path | None, key: Path | None) -> ServerTLS:
-        """TLS as two settings ask for it; TLSFileError where only one is given."""
+        """Load the files of the settings; raise TLSFileError if only one is given."""
         if cert is None or key is None:
             given, missing = (
                 ("--tls-cert", "--tls-key") if key is None else ("--tls-key", "--tls-cert")
@@ -52,15 +109,18 @@ class ServerTLS:
         return cls(cert, key)
 
     def reload(self) -> bool:
-        """Take a changed certificate; False where nothing has changed or it cannot be used."""
+        """Load a changed certificate; return whether a new one is used now."""
         seen = self._fingerprint()
         if seen == self._seen:
             return False
+        # Also after a failure: a broken file is reported once, and tried again when it changes.
         self._seen = seen
         try:
             self._current = _load(self.cert, self.key)
         except TLSFileError as error:
-            get_logger().error("certificate not reloaded; the old one stays", error=str(error))
+            get_logger().error(
+                "certificate not reloaded; the previous one stays in use", error=str(error)
+            )
             return False
         self.name = _name(self.cert)
         get_logger().info("certificate reloaded", file=str(self.cert))
@@ -68,7 +128,7 @@ class ServerTLS:
         return True
 
     async def watch(self, seconds: float = POLL_SECONDS) -> None:
-        """Look every so often whether the files have changed, until cancelled."""
+        """Reload changed files regularly, until cancelled."""
         while True:
             await asyncio.sleep(seconds)
             self.reload()
@@ -76,8 +136,8 @@ class ServerTLS:
     def _use_current(
         self, connection: ssl.SSLSocket | ssl.SSLObject, name: str | None, context: ssl.SSLContext
     ) -> None:
-        # A context into which a chain is loaded again holds, for a moment or after a fault, the
-        # new certificate with the old key; whole contexts are exchanged instead.
+        # Loading a chain into the same context would, for a moment or after an error, combine the
+        # new certificate with the old key. Contexts are replaced as a whole instead.
         connection.context = self._current
 
     def _fingerprint(self) -> tuple[tuple[int, int, int] | None, ...]:
@@ -86,7 +146,9 @@ class ServerTLS:
     def _warn_if_open(self) -> None:
         if sys.platform != "win32" and stat.S_IMODE(self.key.stat().st_mode) & 0o007:
             get_logger().warning(
-                "others can read the TLS key", file=str(self.key), advice=f"chmod 600 {self.key}"
+                "other users can read the TLS key",
+                file=str(self.key),
+                advice=f"chmod 600 {self.key}",
             )
 
 
@@ -102,10 +164,12 @@ def _load(cert: Path, key: Path) -> ssl.SSLContext:
     _check_pem(cert, b"-----BEGIN CERTIFICATE-----", "certificate", "--tls-cert")
     _check_pem(key, b"PRIVATE KEY-----", "private key", "--tls-key")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    # Older versions have known weaknesses, and no supported client needs them.
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
         context.load_cert_chain(cert, key, password=_refuse_passphrase)
     except ssl.SSLError as error:
+        # The usual mistake, and the state of the files in the middle of a renewal.
         if error.reason == "KEY_VALUES_MISMATCH":
             fault = f"the key {key} does not belong to the certificate {cert}"
             raise TLSFileError(f"{fault}; renew both") from None
@@ -113,8 +177,8 @@ def _load(cert: Path, key: Path) -> ssl.SSLContext:
         raise TLSFileError(f"{cert} and {key} cannot be used: {fault}") from None
     except _NeedsPassphraseError:
         raise TLSFileError(
-            f"{key}: the key has a passphrase, which a server cannot be asked for; "
-            f"write it without: openssl pkey -in KEY -out NEW"
+            f"{key}: the key has a passphrase, which the server cannot ask for; "
+            f"remove it: openssl pkey -in KEY -out NEW"
         ) from None
     except OSError as error:
         raise TLSFileError(f"{cert} and {key} cannot be read: {error.strerror}") from None
@@ -134,7 +198,7 @@ class _NeedsPassphraseError(Exception):
 
 
 def _refuse_passphrase() -> str:
-    """Instead of a prompt on the terminal, which would stop the server."""
+    """Raise an error instead of asking on the terminal, which would block the server."""
     raise _NeedsPassphraseError
 
 
@@ -143,5 +207,6 @@ def _check_pem(path: Path, mark: bytes, what: str, flag: str) -> None:
         content = path.read_bytes()
     except OSError as error:
         raise TLSFileError(f"{flag} {path}: {error.strerror}") from None
+    # OpenSSL's own message for a wrong file names neither the file nor the fault.
     if mark not in content:
-        raise TLSFileError(f"{flag} {path}: there is no {what} in PEM format in it")
+        raise TLSFileError(f"{flag} {path}: the file has no {what} in PEM format")

@@ -1,7 +1,7 @@
-"""Many copies of one world at once, as arrays, for those who train (batch.md).
+"""Many copies of one world at once, as arrays, for training (docs/train.md).
 
-`BatchWorld` runs on the processor: compiled with the extra `fast`, and as plain Python, slowly,
-with NumPy alone. `JaxBatch` does the same in JAX, on a GPU if there is one: the extra `gpu`.
+`BatchWorld` runs on the CPU: compiled with the extra `fast`, and slowly as plain Python with NumPy
+alone. The package `robotouille-jax` does the same in JAX.
 """
 
 from __future__ import annotations
@@ -13,23 +13,21 @@ from robotouille.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from robotouille.batch.batch_world import BatchStep, BatchWorld
-    from robotouille.batch.jax_batch import JaxBatch
 
-__all__ = ["BatchStep", "BatchWorld", "JaxBatch"]
+__all__ = ["BatchStep", "BatchWorld"]
 
-_get = lazy_exports(__name__, "robotouille.batch.batch_world", "robotouille.batch.jax_batch")
+_get = lazy_exports(__name__, "robotouille.batch.batch_world")
 
 
 def __getattr__(name: str) -> Any:
-    """Public names are imported when they are first asked for.
+    """Import a public name on first access.
 
     Raises:
-        MissingExtraError: The library that they need is not installed.
+        MissingExtraError: NumPy is not installed.
     """
     try:
         return _get(name)
     except ModuleNotFoundError as error:
-        if error.name not in ("numpy", "jax"):
+        if error.name != "numpy":
             raise
-        extra = "gpu" if error.name == "jax" else "fast"
-        raise MissingExtraError(f"robotouille.batch.{name}", extra) from None
+        raise MissingExtraError(f"robotouille.batch.{name}", "fast") from None

@@ -1,4 +1,4 @@
-"""Many copies of one world at once, as arrays (batch.md)."""
+"""Many copies of one world at once, as arrays (docs/train.md)."""
 
 from __future__ import annotations
 
@@ -11,34 +11,35 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.kernels.masks import (
+from robotouille.batch.mask_kernels import (
     joint_mask_copies,
     mask_copies,
     random_copies,
     valid_copies,
     vector_copies,
 )
-from robotouille.batch.kernels.steps import first_wrong, step_copies
-from robotouille.batch.rows import row_of, state_of
-from robotouille.batch.rules import Rules
-from robotouille.batch.tables import Ints, initial_row, tables
+from robotouille.batch.rules import CompiledRules
+from robotouille.batch.single_copy import row_of, state_of
+from robotouille.batch.step_kernels import first_invalid, step_copies
+from robotouille.batch.tables import CopyRange, Ints, initial_row, tables
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
 from robotouille.world.world import State, World
-
-__all__ = ["BatchStep", "BatchWorld"]
 
 Bools = npt.NDArray[np.bool_]
 
 ROOM = 64
-"""Numbers kept for each mask, to make it false again."""
+"""Numbers kept for each mask to clear it: their count, and up to 63 valid actions."""
 
 
 class BatchStep(NamedTuple):
-    """What became of a step: arrays with a row for each copy.
+    """Result of a step, as arrays with one row for each copy.
 
-    `rewards` are 1 where the goal holds after it, else 0; `terminated` says where; `applied` which
-    players' actions were applied. What was asked for and not applied was rejected. `overflowed`
-    says which copies had more created objects than there are slots, now or before.
+    Attributes:
+        rewards: 1 if the goal holds after the step, else 0.
+        terminated: True if the goal holds after the step.
+        applied: True for each player whose action was applied. Other actions were rejected.
+        overflowed: True if the copy needed more slots for created objects than there are, in
+            this step or earlier.
     """
 
     rewards: npt.NDArray[np.float32]
@@ -48,28 +49,29 @@ class BatchStep(NamedTuple):
 
 
 class BatchWorld:
-    """Copies of a world, all in their initial state at first.
+    """Copies of a world that take their steps together, all initially in the initial state.
 
-    Actions, masks and vectors are those of `encoding`, the world's. Steps are `World.step`'s, each
-    player's action being applied in the order of their seats. Nothing is random but
-    `random_actions`; the same seed and steps give the same, with any number of threads.
-
-    `rows` holds the states, a row for each copy: copy it to keep them, and assign to it to go back.
-    `overflowed` says which copies stand still until they are reset, since they had more created
-    objects than there are slots.
+    A step does what `World.step` does, with the players' actions in the order of their seats.
+    Only `random_actions` is random. The results depend on the seed and the steps, not on the
+    number of threads.
 
     Args:
-        world: Whose copies they are.
-        copies: How many.
-        seed: Of `random_actions`.
-        threads: In how many threads kernels run, if they are compiled.
-        auto_reset: Whether a copy that reaches its goal or overflows is reset in the same step.
-        slots: How many created objects of a kind there may be at once, as in `{"water": 8}`; masks
-            and vectors are not those of `World.encoding` then, but of `encoding`.
+        world: The world to copy.
+        copies: Number of copies.
+        seed: Seed of `random_actions`.
+        threads: Number of threads that run compiled kernels.
+        auto_reset: Reset a copy that reaches its goal or overflows in the same step.
+        slots: Number of created objects of each kind that can exist at once, as in
+            `{"water": 8}`. Masks and vectors then follow `encoding` instead of `World.encoding`.
+
+    Attributes:
+        encoding: Order of the actions, and layout of the vectors.
+        overflowed: True for each copy that needed more slots for created objects than there
+            are. Such a copy stands still until it is reset.
 
     Raises:
-        RobotouilleError: There are slots for what cannot be created.
-        WrongArgumentError: There is to be no copy, or no thread.
+        RobotouilleError: `slots` has a kind that cannot be created.
+        WrongArgumentError: `copies` or `threads` is less than 1.
     """
 
     def __init__(
@@ -83,12 +85,14 @@ class BatchWorld:
         slots: Mapping[str, int] | None = None,
     ) -> None:
         if copies < 1 or threads < 1:
-            raise WrongArgumentError(f"expected a copy and a thread at least: {copies}, {threads}")
+            raise WrongArgumentError(
+                f"expected at least 1 copy and 1 thread, found {copies}, {threads}"
+            )
         self.world = world
         self.copies = copies
         self.players = world.players
         self.auto_reset = auto_reset
-        self._rules = Rules(world, slots)
+        self._rules = CompiledRules(world, slots)
         self._tables = tables(self._rules)
         self._initial = initial_row(self._rules, self._tables)
         self.action_counts = tuple(len(actions) for actions in self._rules.actions)
@@ -99,10 +103,10 @@ class BatchWorld:
         self.overflowed: Bools = np.zeros(copies, dtype=np.bool_)
         self._random = np.random.default_rng(seed)
         bounds = [copies * i // threads for i in range(threads + 1)]
+        # Threads get fixed ranges of copies, so results do not depend on their number.
         self._ranges = [(first, last) for first, last in pairwise(bounds) if first < last]
-        self._work = self._room(int(self._tables[at.WORK_SIZE]))
-        self._row = self._room(len(self._initial))
-        self._found = self._room(max(self.action_counts) + 1)
+        sizes = len(self._initial), int(self._tables[at.WORK_SIZE]), max(self.action_counts) + 1
+        self._scratch = [[np.zeros(n, dtype=np.int64) for n in sizes] for _ in self._ranges]
         self._masks = [
             (np.zeros((copies, count), np.bool_), np.zeros((copies, ROOM), np.int32))
             for count in self.action_counts
@@ -111,10 +115,13 @@ class BatchWorld:
 
     @property
     def rows(self) -> Ints:
-        """The states, a row for each copy; kernels trust what is in them.
+        """The states, one row for each copy.
+
+        Copy the array to keep the states, and assign the copy to return to them. Kernels do not
+        check the rows.
 
         Raises:
-            WrongArgumentError: What is assigned is no array of this shape.
+            WrongArgumentError: The assigned value is not an array of this shape and type.
         """
         return self._rows
 
@@ -126,10 +133,10 @@ class BatchWorld:
         self._rows = rows
 
     def reset(self, mask: npt.ArrayLike | None = None) -> None:
-        """Put copies into the initial state: all, or those of which `mask` is true.
+        """Put all copies, or those for which `mask` is true, into the initial state.
 
         Raises:
-            WrongArgumentError: The mask has not one truth value for each copy.
+            WrongArgumentError: The mask does not have one boolean for each copy.
         """
         chosen = np.ones(self.copies, dtype=np.bool_) if mask is None else np.asarray(mask)
         if chosen.shape != (self.copies,) or chosen.dtype != np.bool_:
@@ -143,33 +150,19 @@ class BatchWorld:
         """Take a joint action in each copy.
 
         Args:
-            actions: For each copy and player the number of an action, or -1 for nothing; with one
-                player, one number for each copy will do.
+            actions: Number of an action for each copy and player, or -1 for no action. With one
+                player, the array can have one dimension.
 
         Raises:
-            WrongArgumentError: There is no such number, or not one for each copy and player.
+            WrongArgumentError: A number is not one of an action, or the shape is wrong.
         """
         chosen = self._actions(actions)
         applied = np.zeros(chosen.shape, dtype=np.bool_)
         terminated = np.zeros(self.copies, dtype=np.bool_)
 
-        def work(part: int, first: int, last: int) -> None:
-            step_copies(
-                self._tables,
-                self.rows,
-                self._initial,
-                self._row[part],
-                self._work[part],
-                chosen,
-                first,
-                last,
-                terminated,
-                applied,
-                self.overflowed,
-                self.auto_reset,
-            )
-
-        self._run(work)
+        self._run(lambda block: step_copies(
+            block, self._initial, chosen, terminated, applied, self.overflowed, self.auto_reset
+        ))  # fmt: skip
         overflowed = self.overflowed.copy()
         if self.auto_reset:
             self.overflowed[:] = False
@@ -184,7 +177,7 @@ class BatchWorld:
                 f"expected integers of shape {shape}, found {chosen.dtype} {chosen.shape}"
             )
         chosen = np.ascontiguousarray(chosen.reshape(shape), dtype=np.int64)
-        wrong = first_wrong(self._tables, chosen)
+        wrong = first_invalid(self._tables, chosen)
         if wrong >= 0:
             copy, seat = divmod(wrong, shape[1])
             raise WrongArgumentError(
@@ -194,99 +187,77 @@ class BatchWorld:
         return chosen
 
     def masks(self, player: str) -> Bools:
-        """Which of a player's actions are valid, for each copy: see `State.mask`.
+        """Return for each copy which of a player's actions are valid; see `State.mask`.
 
-        The array is the batch's own: the next call for that player changes it. Copy it to keep it,
-        and do not write on it.
+        The next call for this player changes the returned array. Copy it to keep it, and do not
+        write to it.
 
         Raises:
-            UnknownNameError: There is no such player.
+            UnknownNameError: The task has no such player.
         """
         seat = self._seat(player)
         masks, true = self._masks[seat]
-
-        def work(part: int, first: int, last: int) -> None:
-            states = self._tables, self.rows, self._row[part], self._work[part]
-            mask_copies(*states, seat, first, last, masks, true, self._found[part])
-
-        self._run(work)
+        self._run(lambda block: mask_copies(block, seat, masks, true))
         return masks
 
     def joint_masks(self) -> Bools:
-        """The masks of all players, one behind the other, for each copy: a new array."""
+        """Return the masks of all players side by side, as a new array."""
         starts = self._starts
         masks = np.zeros((self.copies, int(starts[-1])), dtype=np.int8)
-
-        def work(part: int, first: int, last: int) -> None:
-            states = self._tables, self.rows, self._row[part], self._work[part]
-            joint_mask_copies(*states, first, last, masks, starts, self._found[part])
-
-        self._run(work)
+        self._run(lambda block: joint_mask_copies(block, masks, starts))
         return masks.view(np.bool_)
 
     def valid(self, actions: npt.ArrayLike) -> Bools:
-        """Which of these actions are valid now, before any of them is applied.
+        """Return which of these actions are valid now, before any of them is applied.
 
         Args:
             actions: As for `step`; -1 is not valid.
 
         Raises:
-            WrongArgumentError: There is no such number, or not one for each copy and player.
+            WrongArgumentError: A number is not one of an action, or the shape is wrong.
         """
         chosen = self._actions(actions)
         valid = np.zeros(chosen.shape, dtype=np.bool_)
-        self._run(lambda part, first, last: valid_copies(
-            self._tables, self.rows, self._row[part], chosen, first, last, valid
-        ))  # fmt: skip
+        self._run(lambda block: valid_copies(block, chosen, valid))
         return valid
 
     def random_actions(self) -> npt.NDArray[np.int64]:
-        """A valid action of each player in each copy, all as likely; -1 where there is none."""
+        """Draw a valid action for each copy and player uniformly; -1 if no action is valid."""
         shape = (self.copies, len(self.players))
+        # Drawn here because a generator in each kernel would make results depend on the threads.
         draws = self._random.random(shape)
         actions = np.empty(shape, dtype=np.int64)
-
-        def work(part: int, first: int, last: int) -> None:
-            states = self._tables, self.rows, self._row[part], self._work[part]
-            random_copies(*states, draws, first, last, actions, self._found[part])
-
-        self._run(work)
+        self._run(lambda block: random_copies(block, draws, actions))
         return actions
 
     def vectors(self) -> npt.NDArray[np.float32]:
-        """The states as numbers, for each copy: see `State.vector`."""
+        """Return the states as vectors; see `State.vector`."""
         vectors = np.zeros((self.copies, self.vector_size), dtype=np.float32)
-        self._run(lambda _, first, last: vector_copies(
-            self._tables, self.rows, first, last, vectors
-        ))  # fmt: skip
+        self._run(lambda block: vector_copies(block, vectors))
         return vectors
 
     def state(self, copy: int) -> State:
-        """The state of a copy, as one of the world's: to look at, show or plan from.
+        """Return the state of a copy as a state of the world.
 
-        Created objects are called by the slots that they stand in, so their numbers may be lower
-        than on the course of play that led there.
+        Created objects are named after their slots, so their numbers can be lower than in an
+        episode that took the same steps.
 
         Raises:
-            WrongArgumentError: The copy has overflowed, and has no state.
+            WrongArgumentError: The copy has overflowed.
         """
         if self.overflowed[copy]:
-            raise WrongArgumentError(f"copy {copy} has overflowed: reset it")
+            raise WrongArgumentError(f"copy {copy} has overflowed; call reset")
         return state_of(self.rows[copy], self._rules, self._tables)
 
     def set_state(self, copy: int, state: State) -> None:
         """Put a copy into a state.
 
         Raises:
-            SlotOverflowError: It has more created objects than there are slots.
-            WrongWorldError: It is one of another task.
+            SlotOverflowError: The state has more created objects than there are slots.
+            WrongWorldError: The state belongs to another task.
         """
         self.rows[copy] = row_of(state, self._rules, self._tables)
         self.overflowed[copy] = False
-
-    def _room(self, size: int) -> list[Ints]:
-        """Arrays to write on, one for each thread."""
-        return [np.zeros(size, dtype=np.int64) for _ in self._ranges]
 
     def _seat(self, player: str) -> int:
         try:
@@ -295,15 +266,14 @@ class BatchWorld:
             near = did_you_mean(player, self.players)
             raise UnknownNameError(f"no player {player!r}{near}") from None
 
-    def _run(self, work: Callable[[int, int, int], None]) -> None:
-        """Have each thread do its part of the copies."""
-        if self._pool is None:
-            for part, (first, last) in enumerate(self._ranges):
-                work(part, first, last)
-            return
-        tasks = [
-            self._pool.submit(work, part, first, last)
-            for part, (first, last) in enumerate(self._ranges)
+    def _run(self, kernel: Callable[[CopyRange], None]) -> None:
+        """Run a kernel on all copies, split among the threads."""
+        blocks = [
+            CopyRange(self._tables, self.rows, row, work, found, first, last)
+            for (row, work, found), (first, last) in zip(self._scratch, self._ranges, strict=True)
         ]
-        for task in tasks:
+        if self._pool is None:
+            kernel(blocks[0])
+            return
+        for task in [self._pool.submit(kernel, block) for block in blocks]:
             task.result()

@@ -1,113 +1,43 @@
-"""Where things are in the arrays that kernels work on.
+"""Layout of the arrays that kernels read and write.
 
-Kernels get few arrays, since each argument costs time where they are compiled and called. All
-tables of a world are one array of 64-bit integers, `t`: its first numbers, which are named here,
-are sizes and places, or say where in `t` a list begins. A list of lists of unequal length is two:
-`X_AT`, where the i-th begins, and `X`; the i-th ends where the next begins.
+Kernels take few arrays because each argument costs time when they are compiled and called.
 
-A copy's state is a row: words of atoms, then for each kind of created objects how many slots are
-in use (`TOP`), for each player how many steps it is busy (`BUSY`), 0 where the goal is known not to
-hold (`GOAL`), the number of active effects (`COUNT`), these in order of creation (`ORDER`), and a
-counter for each node (`PROGRESS`). A word holds 63 atoms, so it is never negative.
+Tables
+    All tables of a world are one array of 64-bit integers, `t`. It begins with the numbers named
+    here: sizes, positions, and for each list its start in `t`. A list of lists is two lists: `X_AT`
+    has the start of each part, and `X` the parts. A part ends where the next one begins.
 
-A rule says what is tested and written by an action (all players', one behind the other), a node
-(from `FIRST_NODE` on), or a creation or deletion (`FIRST_OUTCOME`). It is a record of numbers: how
-many follow for tests, these, how many follow for writes, and these. A test is a word, a mask, and
-what the word has to be under that mask; a write is a word, what becomes true of it, and what
-becomes false. An action's has its duration behind that, how many effects it starts, and these.
+Rows
+    The state of a copy is a row, in this order: words of atoms; for each kind of created object,
+    the number of filled slots (`TOP`); for each player, the number of steps for which it is busy
+    (`BUSY`); 0 if the goal is known not to hold (`GOAL`); the number of active effects (`COUNT`);
+    the active effects in order of creation (`ORDER`); a counter for each node (`PROGRESS`).
 
-What a step writes on meanwhile is `work`: `STARTED` and `DELETED` say how many effects a run has
-started and how many objects it has deleted, `HOLES` and `OVERFLOWED` whether a slot has become
-empty, or was missing, in this step, `TOUCHED` which atoms have changed that the goal is about
-(`RELEVANT`, by word). Behind these are the atoms about deleted objects (`GONE`, by
-word), whether each object was deleted, the effects started, a copy of a row, and for the goal, of
-each condition, the next choice, of each variable, the object that stands for it, and the choices
-that each condition has now; at last the nodes of a tree that wait to be visited.
+Rules
+    A rule has the tests and writes of an action, of an effect's node (from `FIRST_NODE` on), or of
+    a creation or deletion (from `FIRST_OUTCOME` on). Its record is: count of the tests' numbers,
+    the tests, count of the writes' numbers, the writes. A test is a word, a mask, and the value
+    of the word under the mask. A write is a word, the bits that become 1, and the bits that
+    become 0. An action's record continues with its duration, the number of effects that it
+    starts, and these effects.
+
+Work
+    A step stores temporary values in `work`. A run is the update of one action's effects, or of
+    all effects at the end of a step. The flags are the number of effects that the run has started
+    (`STARTED`), the number of objects that it has deleted (`DELETED`), whether a slot became empty
+    in this step (`HOLES`), whether a slot was missing (`OVERFLOWED`), and the changed atoms that
+    the goal mentions (`TOUCHED`). Then come: the atoms about deleted objects by word (`GONE`), a
+    flag for each deleted object (`IS_DELETED`), the started effects (`IS_STARTED`), a copy of a
+    row (`ROW_COPY`), the goal search (`CURSOR` for each condition, `BINDING` for each variable,
+    `LIVE` choices and their number), and the tree nodes that wait to be visited (`STACK`).
 """
 
 from __future__ import annotations
 
-__all__ = [
-    "ABOUT",
-    "ABOUT_AT",
-    "ACTION_AT",
-    "ATOMS",
-    "ATOM_FROM",
-    "BINDING",
-    "BORN",
-    "BORN_AT",
-    "BUSY",
-    "CHOICE_AT",
-    "CHOICE_OF",
-    "CHOSEN",
-    "CHOSEN_ATOMS",
-    "CHOSEN_ATOMS_WIDTH",
-    "CHOSEN_WIDTH",
-    "CONDITIONS",
-    "COUNT",
-    "CREATES",
-    "CURSOR",
-    "DELETED",
-    "EFFECTS",
-    "EFFECT_AT",
-    "EFFECT_FROM",
-    "END",
-    "EXISTS",
-    "FIRST_NODE",
-    "FIRST_OUTCOME",
-    "FRESH",
-    "GOAL",
-    "GONE",
-    "HOLES",
-    "IS_DELETED",
-    "IS_STARTED",
-    "KIND",
-    "KINDS",
-    "LIVE",
-    "LIVE_COUNT",
-    "MENTIONS",
-    "MENTION_AT",
-    "MENTION_WORD",
-    "NEED_AT",
-    "NEED_CHOICE",
-    "NEED_MASK",
-    "NEED_WORD",
-    "NUMBERS",
-    "OBJECTS",
-    "ORDER",
-    "OUTCOME",
-    "OVERFLOWED",
-    "PLAYERS",
-    "PROGRESS",
-    "RELEVANT",
-    "ROOT",
-    "ROW_COPY",
-    "RULE",
-    "RULE_AT",
-    "SHIFTS",
-    "SLOT_AT",
-    "SLOT_OF",
-    "STACK",
-    "STARTED",
-    "SUBJECT",
-    "TOP",
-    "TOTAL",
-    "TOUCHED",
-    "TREE",
-    "VARIABLE",
-    "VARIABLES",
-    "VARIABLE_AT",
-    "VARIABLE_KIND",
-    "WIDTH",
-    "WORD",
-    "WORDS",
-    "WORK_SIZE",
-]
-
 WORD = 63
-"""Atoms in a word."""
+"""Atoms in a word. 63 keep the sign bit clear, so shifts and comparisons need no special case."""
 
-# Sizes; places in a row; places in `work`.
+# Sizes; positions in a row; positions in `work`.
 (
     WORDS, ATOMS, PLAYERS, EFFECTS, OBJECTS, KINDS, SHIFTS, CONDITIONS, VARIABLES, CHOSEN_WIDTH,
     CHOSEN_ATOMS_WIDTH, FIRST_NODE, FIRST_OUTCOME,
@@ -115,8 +45,8 @@ WORD = 63
     GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, LIVE, LIVE_COUNT, STACK, WORK_SIZE,
 ) = range(30)  # fmt: skip
 
-# Lists: of rules; of effects, their nodes and what these do; of objects and their
-# slots; of the goal's conditions; of the trees of valid actions (`match_tree`).
+# Lists of rules; of effects, their nodes and outcomes; of objects and their slots; of the goal's
+# conditions; of the trees of valid actions (`match_tree`).
 (
     ACTION_AT, RULE_AT, RULE,
     EFFECT_AT, ABOUT_AT, ABOUT, KIND, END, TOTAL, SUBJECT, CREATES, OUTCOME,
@@ -131,4 +61,4 @@ NUMBERS = 67
 """Named numbers at the beginning of `t`."""
 
 STARTED, DELETED, HOLES, OVERFLOWED, TOUCHED = range(5)
-"""Places in `work`."""
+"""Positions of the flags in `work`."""

@@ -1,6 +1,7 @@
-"""What a step does, over numbers: atoms, objects, effects and actions of an `Encoding`.
+"""The rules of a world in the numbers of its `Encoding`: atoms, objects, effects and actions.
 
-`Rules` are compiled from a world once. `tables` lays them out for kernels, `padded` for JAX.
+A world's rules are compiled once. `tables` lays them out for kernels; the package
+`robotouille-jax` lays them out for JAX.
 """
 
 from __future__ import annotations
@@ -8,40 +9,135 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
-from robotouille.batch.goal_rule import GoalRule, goal_rule
+from robotouille.domain.schema import GoalTerm
+from robotouille.errors import RobotouilleError
 from robotouille.world.arrays.encoding import Encoding
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import EXISTS, bits_of
 from robotouille.world.grounding.effects import Effect, EffectNode
-from robotouille.world.grounding.objects import bound
+from robotouille.world.grounding.objects import Atom, bound
 from robotouille.world.world import World
 
-__all__ = [
-    "CONDITIONAL",
-    "CREATION",
-    "DELAYED",
-    "DELETION",
-    "REPETITIVE",
-    "ActionRule",
-    "EffectOutcome",
-    "EffectRule",
-    "NodeRule",
-    "Rules",
-    "Shift",
-]
+
+@dataclass(frozen=True, slots=True)
+class GoalChoice:
+    """Objects, one for each variable, that meet a condition of the goal if all `atoms` hold."""
+
+    objects: tuple[int, ...]
+    atoms: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionRule:
+    """One condition of the goal: its distinct variables and the choices that can meet it."""
+
+    variables: tuple[int, ...]
+    choices: tuple[GoalChoice, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GoalRule:
+    """The goal's conditions in the order in which a search should meet them.
+
+    `kinds` has a number for each variable: two variables with the same number need different
+    objects.
+    """
+
+    conditions: tuple[ConditionRule, ...]
+    kinds: tuple[int, ...]
+
+
+def goal_rule(world: World, atoms: Mapping[Atom, int], objects: Mapping[str, int]) -> GoalRule:
+    """Return a world's goal in the numbers of its encoding."""
+    identifiers = list(world.goal.variables)
+    kinds = [variable.kind for variable in world.goal.variables.values()]
+    numbers = {identifier: i for i, identifier in enumerate(identifiers)}
+    rules = []
+    for term in world.goal.terms:
+        distinct = list(dict.fromkeys(term.ids))
+        places = [term.ids.index(identifier) for identifier in distinct]
+        choices = tuple(
+            GoalChoice(tuple(objects[names[place]] for place in places), needed)
+            for names, needed in _choices(world, term, atoms)
+            if all(name in objects for name in names) and _suits(world, term, names)
+        )
+        rules.append(ConditionRule(tuple(numbers[i] for i in distinct), choices))
+    initial = {i for atom, i in atoms.items() if world.initial.facts & world.table.bit.get(atom, 0)}
+    order = _in_order(rules, initial)
+    return GoalRule(tuple(order), tuple(kinds.index(kind) for kind in kinds))
+
+
+def _choices(
+    world: World, term: GoalTerm, atoms: Mapping[Atom, int]
+) -> Iterator[tuple[tuple[str, ...], tuple[int, ...]]]:
+    """Yield the names that can meet a condition, with the atoms that have to hold."""
+    table = world.table
+    if term.predicate not in table.static_predicates:
+        for atom in (table.atoms[i] for i in bits_of(world.goal.possible_mask(term))):
+            if atom in atoms:
+                yield atom[1:], (atoms[atom],)
+        return
+    pools = [world.goal.candidates(identifier) for identifier in term.ids]
+    for atom in sorted(a for a in table.static if a[0] == term.predicate):
+        if all(name in pool for name, pool in zip(atom[1:], pools, strict=True)):
+            # Objects can be deleted, so a static atom holds only while they exist.
+            exist = [(EXISTS, name) for name in dict.fromkeys(atom[1:])]
+            yield atom[1:], tuple(atoms[e] for e in exist if e in table.bit)
+
+
+def _suits(world: World, term: GoalTerm, names: tuple[str, ...]) -> bool:
+    """Return whether equal ids get one object and different ids of a kind different objects."""
+    variables = world.goal.variables
+    for (one, name), (other, taken) in combinations(zip(term.ids, names, strict=True), 2):
+        alike = variables[one].kind == variables[other].kind
+        if name != taken if one == other else name == taken and alike:
+            return False
+    return True
+
+
+def _in_order(rules: list[ConditionRule], initial: set[int]) -> Iterator[ConditionRule]:
+    """Order the conditions so that a search fails early.
+
+    Conditions that share a variable with an earlier one come first, because bound variables
+    exclude most choices. Ties go to the condition with the fewest choices in the initial state.
+    """
+    left, bound = list(rules), set[int]()
+
+    def cost(rule: ConditionRule) -> tuple[bool, int, int]:
+        new = sum(variable not in bound for variable in rule.variables)
+        holding = sum(set(choice.atoms) <= initial for choice in rule.choices)
+        return bool(bound) and new == len(rule.variables), holding, new
+
+    while left:
+        rule = min(left, key=cost)
+        left.remove(rule)
+        bound.update(rule.variables)
+        yield rule
+
 
 CONDITIONAL, DELAYED, REPETITIVE, CREATION, DELETION = range(5)
 KINDS = ("conditional", "delayed", "repetitive", "creation", "deletion")
+"""Kinds of special effects; kernels use their indices."""
+
+
+def _kind_number(kind: str) -> int:
+    if kind not in KINDS:
+        raise RobotouilleError(
+            f"batch worlds do not support special effects of kind {kind!r}; "
+            "add it to KINDS and to step_kernels.py"
+        )
+    return KINDS.index(kind)
 
 
 @dataclass(frozen=True, slots=True)
 class ActionRule:
-    """A ground action: it applies where all of `required` hold and none of `forbidden`, if that is
-    `possible` at all.
+    """A ground action, valid if all `required` atoms are true and no `forbidden` atom is.
 
-    It makes `clears` false and `sets` true, starts `effects` in this order, and keeps its player
-    busy for `duration` steps, where that is more than one.
+    The action makes `clears` false and `sets` true and starts `effects` in this order. It keeps
+    its player busy for `duration` steps; 0 stands for one step. An action that is not `possible`
+    is never valid.
     """
 
     possible: bool
@@ -55,7 +151,7 @@ class ActionRule:
 
 @dataclass(frozen=True, slots=True)
 class EffectOutcome:
-    """What an effect does when it creates or deletes: atoms, and the effects it starts."""
+    """Result of a creation or deletion: changed atoms, and effects that it starts (`born`)."""
 
     sets: tuple[int, ...]
     clears: tuple[int, ...]
@@ -64,10 +160,11 @@ class EffectOutcome:
 
 @dataclass(frozen=True, slots=True)
 class NodeRule:
-    """A node of a special effect. Those nested in it follow it, up to `end`.
+    """A node of a special effect; the nodes nested in it follow, up to `end`.
 
-    `kind` is the place in `KINDS`. `subject` is what a deletion deletes, `creates` the place of the
-    kind that a creation creates, and `outcomes` has what that does: a creation's in each slot.
+    `kind` is an index into `KINDS`. `subject` is the object that a deletion deletes. `creates` is
+    the kind that a creation creates, as an index into `CompiledRules.kinds`. `outcomes` has one
+    entry for a deletion, and one for each slot for a creation.
     """
 
     kind: int
@@ -85,7 +182,10 @@ class NodeRule:
 
 @dataclass(frozen=True, slots=True)
 class EffectRule:
-    """A special effect: its nodes are `first` up to `end`; it ends with any of its `objects`."""
+    """A special effect: its nodes are `first` up to `end`.
+
+    The effect ends when one of its `objects` is deleted.
+    """
 
     first: int
     end: int
@@ -94,25 +194,27 @@ class EffectRule:
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """What moves up when the object in a slot has gone: where each atom and effect comes from.
+    """Source of each atom's and effect's value after a slot has become empty.
 
-    What comes from nowhere, -1, is false or inactive.
+    Objects in later slots move up by one. -1 stands for false or inactive.
     """
 
     atoms: tuple[int, ...]
     effects: tuple[int, ...]
 
 
-class Rules:
-    """The rules of a world, in the numbers of its encoding.
-
-    `nodes` are those of all effects; a node's number is also its counter's. `kinds` are the kinds
-    of objects that have slots, and `exists` the atom of each slot of each; those of a kind that
-    play cannot come to have none.
+class CompiledRules:
+    """The rules of a world in the numbers of its encoding.
 
     Args:
-        world: Whose rules they are.
-        slots: How many created objects of a kind there may be at once, if not as many as usually.
+        world: The world to compile.
+        slots: Number of created objects of each kind that can exist at once; see `Slots` for the
+            default.
+
+    Attributes:
+        nodes: Nodes of all effects. A node's index is also the index of its counter.
+        kinds: Kinds of objects that have slots.
+        exists: For each of `kinds`, the atom of each slot; empty if play cannot reach the kind.
     """
 
     def __init__(self, world: World, slots: Mapping[str, int] | None = None) -> None:
@@ -140,12 +242,12 @@ class Rules:
         self.goal: GoalRule = goal_rule(world, self.atom, self.object)
 
     def atoms_of(self, mask: int) -> tuple[int, ...]:
-        """The atoms of a mask of the world's; those that play cannot come to are left out."""
+        """Return the atoms of a mask of facts, without atoms that play cannot reach."""
         index = self._index
         return tuple(index[i] for i in bits_of(mask) if i in index)
 
     def effect_number(self, label: tuple[str, int, tuple[str, ...]]) -> int:
-        """The number of the effect of a label, about what slots are called by."""
+        """Return the number of an effect whose label names created objects by their slots."""
         return self._effect[label]
 
     def _effects_of(self, effects: Iterable[Effect]) -> tuple[int, ...]:
@@ -174,7 +276,7 @@ class Rules:
             nested += self._node_rules(child, place + 1 + len(nested))
         required = self.atoms_of(node.required)
         rule = NodeRule(
-            kind=KINDS.index(node.kind),
+            kind=_kind_number(node.kind),
             end=place + 1 + len(nested),
             total=node.total,
             possible=node.possible and len(required) == node.required.bit_count(),
@@ -206,9 +308,10 @@ class Rules:
 
     @cached_property
     def shifts(self) -> tuple[tuple[Shift, ...], ...]:
-        """For each kind and slot, what moves when the object in it has gone.
+        """For each kind and slot, how values move after the slot has become empty.
 
-        Empty where play deletes nothing that stands in slots.
+        It is empty if play cannot delete created objects. Most domains cannot, and the lists are
+        as long as the number of slots times the number of atoms.
         """
         in_slots = {self.object[name] for names in self.slots for name in names}
         if not any(node.subject in in_slots for node in self.nodes):

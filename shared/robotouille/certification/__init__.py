@@ -1,4 +1,4 @@
-"""What is proven of plans, written down: certificates, datasets of them, and their check."""
+"""Certificates of plan lengths, certified datasets, and their verification."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ if TYPE_CHECKING:
         load_certificate,
         write_certificate,
     )
-    from robotouille.certification.certifying import BUDGET, certify_dataset
-    from robotouille.certification.checking import check_dataset
-    from robotouille.certification.shipped_plan import plan_beside
+    from robotouille.certification.certifying import BUDGET, certify_dataset, check_dataset
+    from robotouille.certification.step_limit import plan_beside
 else:
     from robotouille.lazy_exports import lazy_exports
 
     __getattr__ = lazy_exports(
         __name__,
         "robotouille.certification.certificate",
-        "robotouille.certification.shipped_plan",
+        "robotouille.certification.step_limit",
         "robotouille.certification.certifying",
-        "robotouille.certification.checking",
     )
 
 __all__ = [

@@ -1,10 +1,11 @@
-"""Certificates: what is proven about the shortest plan of one instance, checkable by anybody.
+"""Certificates: proofs about the shortest plan of one instance that anyone can check.
 
-certificate = certify(task, solve, Limits(expansions=100_000))
-write_certificate(certificate, certificate_path(Path(task.source), task))
-problems = check(certificate, task)  # replays the plan; empty if all holds
+    certificate = certify(task, solve, Limits(expansions=100_000))
+    write_certificate(certificate, certificate_path(Path(task.source), task))
+    problems = check(certificate, task)  # replays the plan; empty if valid
 
-A plan proves itself when it is replayed. A bound does not: `prove_again` asks a planner anew.
+Replaying a plan proves its length. A bound needs another search: `prove_again`. See
+docs/decisions/0012-certificates.md.
 """
 
 from __future__ import annotations
@@ -24,30 +25,18 @@ from robotouille.domain.loading import load_task
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.planning.plan import Plan, read_plan, write_plan
-from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
-from robotouille.planning.validation import replay
+from robotouille.planning.plan import (
+    UNLIMITED,
+    Limits,
+    Plan,
+    Proof,
+    SearchResult,
+    Watch,
+    read_plan,
+    replay,
+    write_plan,
+)
 from robotouille.world.world import State, World
-
-__all__ = [
-    "Certificate",
-    "ContentHash",
-    "Count",
-    "Deadline",
-    "ExpansionBudget",
-    "Flag",
-    "Solver",
-    "certificate_path",
-    "certify",
-    "check",
-    "content_hash",
-    "json_text",
-    "load_certificate",
-    "prove_again",
-    "read_certificate",
-    "write_certificate",
-    "write_whole",
-]
 
 Count = Annotated[int, Field(strict=True, ge=0)]
 Flag = Annotated[bool, Field(strict=True)]
@@ -55,7 +44,7 @@ ContentHash = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 
 
 class Solver(Protocol):
-    """A planner: `robotouille.planning.solve`, or one like it."""
+    """A planner such as `robotouille.planning.solve`."""
 
     def __call__(
         self,
@@ -65,13 +54,12 @@ class Solver(Protocol):
         limits: Limits = UNLIMITED,
         watch: Watch | None = None,
     ) -> SearchResult:
-        """The shortest plan from a state (the initial one if None), as far as the limits allow."""
+        """Return the shortest plan from a state, as far as the limits allow."""
         ...
 
 
 class Deadline:
-    """A `Limits.stop` for so many seconds of real time from now; `struck` once it has stopped a
-    search."""
+    """A `Limits.stop` that is true after some seconds; `struck` once it has stopped a search."""
 
     def __init__(self, seconds: float = math.inf) -> None:
         self.seconds = seconds
@@ -83,15 +71,15 @@ class Deadline:
         return self.struck
 
     def strike(self) -> None:
-        """Stop now, whatever time is left; `seconds` becomes the time that has passed."""
+        """Stop now, and set `seconds` to the time that has passed."""
         self.seconds = min(self.seconds, round(time.monotonic() - self._began, 1))
         self.struck = True
 
 
 class ExpansionBudget(Schema):
-    """What a search may spend: expansions, states in memory, seconds; None is without limit.
+    """Limits of a search: expansions, states in memory and seconds. None means unlimited.
 
-    In a certificate, `seconds` is None unless the clock ended the search.
+    In a certificate, `seconds` is None unless time ended the search.
     """
 
     expansions: Count | None = None
@@ -99,27 +87,27 @@ class ExpansionBudget(Schema):
     seconds: Annotated[float, Field(ge=0)] | None = None
 
     def limits(self) -> Limits:
-        """The limits of a search that begins now."""
+        """Return the limits of a search that begins now."""
         stop = None if self.seconds is None else Deadline(self.seconds)
         return Limits(self.expansions, self.states, stop)
 
     def for_seats(self, seats: int) -> ExpansionBudget:
-        """The expansions of a team, whose every step has many more successors: a 50th of them for
-        each player but the first."""
+        """Return the budget for a team: each further player divides the expansions by 50."""
         if self.expansions is None:
             return self
+        # A step of a team has many more successors, so each expansion takes longer.
         spread: int = 50 ** (seats - 1)
         return self.model_copy(update={"expansions": -(-self.expansions // spread)})
 
     @classmethod
     def of(cls, limits: Limits) -> ExpansionBudget:
-        """What a search with these limits was allowed, once it is over."""
+        """Return the budget of a finished search."""
         stop = limits.stop
         seconds = stop.seconds if isinstance(stop, Deadline) and stop.struck else None
         return cls(expansions=limits.expansions, states=limits.states, seconds=seconds)
 
     def covered_by(self, spent: ExpansionBudget) -> bool:
-        """Whether a search under this budget would give no more than a past one that spent so."""
+        """Return whether a search under this budget could not improve on a past one."""
         unlimited = spent.expansions is None
         enough = unlimited or (self.expansions or math.inf) <= (spent.expansions or 0)
         same = enough and self.states == spent.states
@@ -130,9 +118,9 @@ class ExpansionBudget(Schema):
 class Certificate(Schema):
     """The best known plan of an instance, and a proven lower bound on the length of every plan.
 
-    `instance` is the content hash of the task, and `start` that of the state the plan begins in,
-    None for the initial one. `plan` has one string for each step, as in plan files; it and
-    `length` are None where no plan was found. `digest` is the hash of all other fields.
+    `instance` is the content hash of the task. `start` is the digest of the plan's first state, or
+    None for the initial state. `plan` has one string per step, as in plan files; it and `length`
+    are None without a plan. `digest` is the hash of all other fields.
     """
 
     format: Literal["robotouille-certificate/1"]
@@ -154,18 +142,18 @@ class Certificate(Schema):
 
     @property
     def gap(self) -> int | None:
-        """Steps between the plan and the bound; None without a plan."""
+        """Steps between the bound and the plan; None without a plan."""
         return None if self.length is None else self.length - self.bound
 
     @property
     def content(self) -> str:
-        """What `digest` has to be."""
+        """Expected value of `digest`."""
         row = self.model_dump(mode="json", exclude={"digest"})
         return content_hash(json.dumps(row, sort_keys=True).encode())
 
 
 def content_hash(content: bytes) -> str:
-    """32 hex digits that tell contents apart."""
+    """Return the hash of some bytes as 32 hex digits."""
     return hashlib.blake2b(content, digest_size=16).hexdigest()
 
 
@@ -177,15 +165,15 @@ def certify(
     start: State | None = None,
     known: Plan | None = None,
 ) -> Certificate:
-    """Ask a planner, and certify its answer once the plan has been replayed.
+    """Run a planner and certify its result after replaying the plan.
 
     Args:
-        watch: Is given to the planner, to be called now and then.
-        start: A state of the task to plan from, if not the initial one.
-        known: A plan that is taken if it is shorter than the planner's.
+        watch: Callback of the planner.
+        start: A state of the task from which to plan, by default the initial one.
+        known: A plan to use if it is shorter than the planner's.
 
     Raises:
-        RobotouilleError: The planner's answer does not hold, or it cannot be asked.
+        RobotouilleError: The planner fails, or its result is wrong.
     """
     world = World(task) if start is None else start.world
     result = solver(world, start, limits=limits, watch=watch)
@@ -194,7 +182,7 @@ def certify(
     certificate = _state(result, world, limits, start)
     if problems := check(certificate, task, start):
         name = f"{task.name}@{task.seats}"
-        raise RobotouilleError(f"{name}: {result.planner} is wrong: {'; '.join(problems)}")
+        raise RobotouilleError(f"{name}: wrong result of {result.planner}: {'; '.join(problems)}")
     return certificate
 
 
@@ -227,13 +215,12 @@ def _lines(plan: Plan, world: World) -> tuple[str, ...]:
 
 
 def check(certificate: Certificate, task: Task, start: State | None = None) -> list[str]:
-    """What is wrong with a certificate of a task, each with its field; empty if it is valid.
-
-    The task's own name does not matter: the same kitchen may go by another one elsewhere.
+    """Return the faults of a certificate of a task, each with its field; none if it is valid.
 
     Args:
-        start: The state that the plan has to begin in; None for the initial one.
+        start: The expected first state of the plan; None for the initial state.
     """
+    # The task's name is ignored: the same kitchen may have another name elsewhere.
     strange = _identity_faults(certificate, task, start)
     return strange or [*_claim_faults(certificate), *_plan_faults(certificate, task, start)]
 
@@ -265,17 +252,17 @@ def _claim_faults(certificate: Certificate) -> list[str]:
     steps = None if plan is None else len(plan)
     faults = []
     if length != steps:
-        faults.append(f"length: is {_said(length)}, but the plan has {_said(steps)} steps")
+        faults.append(f"length: {_said(length)}, but the plan has {_said(steps)} steps")
     if length is not None and bound > length:
-        faults.append(f"bound: {bound} is above the length {length}")
+        faults.append(f"bound: {bound} is greater than the length {length}")
     if certificate.optimal != (length == bound):
-        faults.append(f"optimal: the length is {_said(length)}, the bound {bound}")
+        faults.append(f"optimal: the length is {_said(length)} and the bound {bound}")
     if unproven and bound > 0:
-        faults.append(f"proof: is none, but the bound is {bound}")
+        faults.append(f"proof: none, but the bound is {bound}")
     if unproven and certificate.unsolvable:
-        faults.append("proof: is none, but the instance is called unsolvable")
+        faults.append("proof: none, but the certificate says unsolvable")
     if certificate.unsolvable and plan is not None:
-        faults.append("unsolvable: there is a plan")
+        faults.append("unsolvable: true, but there is a plan")
     return faults
 
 
@@ -288,7 +275,7 @@ def _plan_faults(certificate: Certificate, task: Task, start: State | None) -> l
     except FileError as error:
         return str(error).splitlines()
     if _lines(plan, world) != certificate.plan:
-        return ["plan: expected one string for each step, as plans are written"]
+        return ["plan: expected one string for each step, in the format of plan files"]
     report = replay(plan, world, start)
     return [] if report.ok else [f"plan: {report}"]
 
@@ -296,9 +283,9 @@ def _plan_faults(certificate: Certificate, task: Task, start: State | None) -> l
 def prove_again(
     certificate: Certificate, task: Task, solver: Solver, limits: Limits = UNLIMITED
 ) -> bool:
-    """Whether a planner proves the certificate's bound anew, and the length where it is optimal.
+    """Return whether a planner proves the certificate's bound again, and an optimal length.
 
-    A greater bound is as good, up to the certificate's length.
+    A greater bound is accepted up to the certificate's length.
     """
     anew = certify(task, solver, limits)
     if certificate.unsolvable:
@@ -314,9 +301,10 @@ def prove_again(
 
 
 def certificate_path(problem: Path, task: Task) -> Path:
-    """Where the certificate of a problem file's task lies: beside it.
+    """Return the path of a certificate next to the task's problem file.
 
-    `NAME.certificate.json`, or `NAME@SEATS.certificate.json` unless it is for one player only.
+    This is `NAME.certificate.json`, or `NAME@SEATS.certificate.json` for several players or team
+    sizes.
     """
     alone = (task.problem.seats or (task.seats,)) == (1,)
     name = problem.stem if alone else f"{problem.stem}@{task.seats}"
@@ -324,26 +312,30 @@ def certificate_path(problem: Path, task: Task) -> Path:
 
 
 def json_text(model: BaseModel) -> str:
-    """A model as a JSON file has it: fields in order, two spaces, a newline at the end."""
+    """Return a model as the text of a JSON file: fields in order, two spaces, a final newline."""
     return json.dumps(model.model_dump(mode="json"), indent=2, ensure_ascii=False) + "\n"
 
 
 def read_certificate(path: Path) -> Certificate:
-    """The certificate in a file, unchecked; FileError lists all faults of its form."""
+    """Return the certificate in a file without checking it.
+
+    Raises:
+        FileError: The format is invalid.
+    """
     return read_model(path, Certificate)
 
 
 def load_certificate(task: Task | str) -> Certificate:
-    """The certificate that lies beside a task's problem file; that it is of this task is checked,
-    its plan is not (`check` replays it).
+    """Return the certificate next to a task's problem file.
+
+    The certificate must be of this task; its plan is not checked (`check` replays it).
 
     Args:
         task: A task, or a name or path for `load_task`: `multi_agent/01@2` is for two seats.
 
     Raises:
-        UnknownTaskError: No task and no file goes by that name.
-        FileError: There is no certificate, or it is damaged, or of another task: one with other
-            timing or another domain, for instance.
+        UnknownTaskError: The task does not exist.
+        FileError: The certificate is missing, damaged, or of another task, timing or domain.
     """
     if not isinstance(task, Task):
         task = load_task(task)
@@ -355,16 +347,20 @@ def load_certificate(task: Task | str) -> Certificate:
 
 
 def write_certificate(certificate: Certificate, path: Path) -> None:
-    """Write a certificate: the file is whole, or as it was before.
+    """Write a certificate atomically.
 
     Raises:
-        FileError: It cannot be written.
+        FileError: The file cannot be written.
     """
     write_whole(path, json_text(certificate))
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is whole or as before, whatever happens; FileError if it fails."""
+    """Write a file atomically.
+
+    Raises:
+        FileError: The file cannot be written.
+    """
     try:
         with whole_file(path) as file:
             file.write(text)

@@ -1,15 +1,16 @@
-"""Certify a dataset, in several processes, taking up where an earlier run was interrupted.
+"""Certification of a dataset in several processes, resuming interrupted runs.
 
-budget = ExpansionBudget(expansions=100_000)
-report = certify_dataset(Path("problems"), solve, budget=budget, jobs=4)
+    budget = ExpansionBudget(expansions=100_000)
+    report = certify_dataset(Path("problems"), solve, budget=budget, jobs=4)
 
-What is written depends on the problems, the planner and the budget alone: not on the number of
+The written files depend only on the problems, the planner and the budget, not on the number of
 processes, the machine or the time, unless the budget has seconds.
 """
 
 from __future__ import annotations
 
 import os
+import random
 import signal
 import threading
 from collections.abc import Callable, Generator, Sequence
@@ -28,32 +29,35 @@ from robotouille.certification.certificate import (
     certify,
     check,
     json_text,
+    prove_again,
     write_certificate,
     write_whole,
 )
 from robotouille.certification.dataset import (
     MANIFEST,
+    SUFFIX,
     CertifyingOutcome,
     Dataset,
     DatasetEntry,
     DatasetReport,
+    DatasetRow,
+    Manifest,
     Running,
     Tell,
     manifest_of,
     read_dataset,
     report_of,
 )
-from robotouille.certification.shipped_plan import plan_beside
-from robotouille.certification.spawning import spawn_context
+from robotouille.certification.step_limit import plan_beside
+from robotouille.domain.files import parse_json, validate
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.planning.search_result import Limits, Watch
+from robotouille.planning.plan import Limits, Watch
+from robotouille.processes import spawn_context
 from robotouille.world.world import World
 
-__all__ = ["BUDGET", "certify_dataset"]
-
 BUDGET = ExpansionBudget(expansions=2_000_000, states=6_000_000)
-"""What an instance may cost by default; the states bound the memory of a process."""
+"""Default budget of one instance. The number of states limits a process's memory."""
 
 Outcomes = Generator[CertifyingOutcome, None, None]
 
@@ -64,29 +68,29 @@ def certify_dataset(
     *,
     budget: ExpansionBudget = BUDGET,
     jobs: int = 1,
-    fresh: bool = False,
+    ignore_existing: bool = False,
     tell: Tell | None = None,
 ) -> DatasetReport:
     """Certify every instance of a folder, then write its manifest.
 
-    What fails is in the report; the rest is certified. However it ends, finished certificates
-    stay, and no process does.
+    The report contains failures; other instances are certified. Finished certificates are kept even
+    if the run is interrupted.
 
     Args:
-        solver: Has to be a function of a module if `jobs` is above 1.
-        budget: What the search of one instance may spend, for one player (see `for_seats`).
-        jobs: How many processes work.
-        fresh: Begin anew. Else a valid certificate by the same planner under the same budget is
-            kept.
-        tell: Is called now and then with what is done, and what is being solved.
+        solver: A planner; a module-level function if `jobs` is above 1.
+        budget: Budget of one instance for one player (see `for_seats`).
+        jobs: Number of processes.
+        ignore_existing: Certify every instance again. Otherwise valid certificates of the same
+            planner and budget are kept.
+        tell: Callback for progress.
 
     Raises:
-        FileError: There is no problem file in the folder, or it cannot be written to.
+        FileError: The folder has no problem files or is not writable.
         RobotouilleError: A process died.
     """
     dataset = read_dataset(folder)
     _require_writable(dataset)
-    job = _Job(dataset, solver, budget, fresh)
+    job = _Job(dataset, solver, budget, ignore_existing)
     outcomes: list[CertifyingOutcome] = []
     context = spawn_context()
     cells = context.RawArray("q", 3 * len(dataset.instances))
@@ -112,7 +116,7 @@ def certify_dataset(
 def _require_writable(dataset: Dataset) -> None:
     for folder in sorted({(dataset.folder / i.certificate).parent for i in dataset.instances}):
         if not os.access(folder, os.W_OK):
-            raise FileError(str(folder), [Fault("", "is a folder that cannot be written to")])
+            raise FileError(str(folder), [Fault("", "is not writable")])
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,16 +124,16 @@ class _Job:
     dataset: Dataset
     solver: Solver
     budget: ExpansionBudget
-    fresh: bool
+    ignore_existing: bool
 
     def settle(self, instance: DatasetEntry, watch: Watch) -> CertifyingOutcome:
         watch(0, 0, None)
         try:
             task = self.dataset.task(instance)
-            kept = None if self.fresh else self._kept(instance, task)
+            kept = None if self.ignore_existing else self._kept(instance, task)
             found = kept or self._certify(task, watch)
         except (RobotouilleError, MemoryError) as error:
-            reason = str(error) or "out of memory: fewer states may be kept"
+            reason = str(error) or "out of memory: reduce the number of states"
             return CertifyingOutcome(
                 instance, None, f"{self.dataset.folder / instance.file}: {reason}"
             )
@@ -140,7 +144,7 @@ class _Job:
         return certify(task, self.solver, limits, watch, known=plan_beside(World(task)))
 
     def _kept(self, instance: DatasetEntry, task: Task) -> Certificate | None:
-        """The certificate that lies there, if this job would write the same."""
+        """Return the existing certificate if this job would write the same."""
         try:
             found = self.dataset.certificate(instance)
         except FileError:
@@ -153,12 +157,13 @@ class _Job:
         known = plan_beside(World(task))
         if known is not None and (found.length is None or len(known) < found.length):
             return None
+        # A search without expansions only reports the planner's name and version.
         at_once = Limits(expansions=0, states=0, stop=lambda: True)
         return found if self.solver(World(task), limits=at_once).planner == found.planner else None
 
 
-# Three cells for each instance tell of its search: expansions + 1 (0 if it has not begun), bound,
-# and length of the best plan or -1.
+# Shared memory has three cells for each instance: expansions + 1 (0 before the search), bound, and
+# length of the best plan or -1.
 
 
 def _noting(cells: Any, number: int, pulse: Callable[[], None] = lambda: None) -> Watch:
@@ -185,12 +190,10 @@ def _in_turn(job: _Job, cells: Any, pulse: Callable[[], None]) -> Outcomes:
 
 
 def _together(job: _Job, cells: Any, jobs: int, pulse: Callable[[], None]) -> Outcomes:
-    """Outcomes as other processes come to them.
-
-    Each holds one end of a pipe and ends when the other is closed: by an interrupt, an error, or
-    the death of this process.
-    """
+    """Yield outcomes of several processes in the order of completion."""
     context = spawn_context()
+    # Each process holds one end of a pipe and exits when the other end is closed, by an interrupt,
+    # an error or the death of this process.
     theirs, ours = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(
         jobs, mp_context=context, initializer=_enlist, initargs=(theirs, job, cells)
@@ -205,8 +208,8 @@ def _together(job: _Job, cells: Any, jobs: int, pulse: Callable[[], None]) -> Ou
         pool.shutdown()
     except BrokenProcessPool:
         raise RobotouilleError(
-            "a process died, perhaps for want of memory: let fewer work at once, or keep fewer "
-            "states; the certificates written so far are kept"
+            "a process died, perhaps for lack of memory: reduce the processes or the states; "
+            "the certificates written so far are kept"
         ) from None
     finally:
         ours.close()
@@ -230,3 +233,94 @@ def _enlist(lifeline: Connection, job: _Job, cells: Any) -> None:
 def _work(number: int) -> CertifyingOutcome:
     job, cells = _enlisted[-1]
     return job.settle(job.dataset.instances[number], _noting(cells, number))
+
+
+def check_dataset(
+    folder: Path,
+    solver: Solver,
+    *,
+    sample: int = 0,
+    seed: int = 0,
+    seconds: float | None = None,
+    tell: Tell | None = None,
+) -> DatasetReport:
+    """Check every certificate of a folder and its manifest: hashes, plans and claims.
+
+    The report contains the faults.
+
+    Args:
+        solver: Planner that proves bounds again.
+        sample: Number of bounds, chosen by `seed`, to prove again with their certificates' budgets.
+        seconds: Maximum time of each of these proofs.
+        tell: Callback for progress.
+
+    Raises:
+        FileError: There is nothing to check.
+        RobotouilleError: The solver fails, or its result is wrong.
+    """
+    dataset = read_dataset(folder)
+    outcomes: list[CertifyingOutcome] = []
+    for instance in dataset.instances:
+        outcomes.append(_checked(dataset, instance))
+        if tell is not None:
+            tell(outcomes, len(dataset.instances), ())
+    valid = report_of(dataset, outcomes).certificates
+    faults = [*_stray_faults(dataset), *_manifest_faults(dataset, valid)]
+    for instance in random.Random(seed).sample(sorted(valid), min(sample, len(valid))):
+        found = valid[instance]
+        limits = found.limits.model_copy(update={"seconds": seconds}).limits()
+        if not prove_again(found, dataset.task(instance), solver, limits):
+            faults.append(f"{folder / instance.certificate}: the bound could not be proven again")
+    return report_of(dataset, outcomes, *faults)
+
+
+def _checked(dataset: Dataset, instance: DatasetEntry) -> CertifyingOutcome:
+    path = dataset.folder / instance.certificate
+    try:
+        certificate = dataset.certificate(instance)
+        problems = check(certificate, dataset.task(instance))
+    except RobotouilleError as error:
+        return CertifyingOutcome(instance, None, str(error))
+    if problems:
+        return CertifyingOutcome(
+            instance, None, "\n".join(f"{path}: {problem}" for problem in problems)
+        )
+    return CertifyingOutcome(instance, certificate, kept=True)
+
+
+def _stray_faults(dataset: Dataset) -> list[str]:
+    known = {dataset.folder / instance.certificate for instance in dataset.instances}
+    found = set(dataset.folder.rglob(f"*{SUFFIX}"))
+    return [f"{path}: belongs to no problem file" for path in sorted(found - known)]
+
+
+def _manifest_faults(dataset: Dataset, valid: dict[DatasetEntry, Certificate]) -> list[str]:
+    path = dataset.folder / MANIFEST
+    try:
+        text = path.read_text(encoding="utf-8")
+        manifest = validate(parse_json(text, str(path)), Manifest, str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        return [f"{path}: cannot be read: {error}"]
+    except FileError as error:
+        return [str(error)]
+    found = {row.certificate: row for row in manifest.instances}
+    listed = {instance.certificate for instance in dataset.instances}
+    faults = [
+        f"{path}: {name}: there is no such instance" for name in sorted(found.keys() - listed)
+    ]
+    for row in manifest_of(dataset, valid).instances:
+        faults += _differences(row, found.get(row.certificate), str(path))
+    whole = len(valid) == len(dataset.instances)
+    if whole and not faults and text != json_text(manifest_of(dataset, valid)):
+        faults.append(f"{path}: is not written as manifests are")
+    return faults
+
+
+def _differences(row: DatasetRow, found: DatasetRow | None, path: str) -> list[str]:
+    if found is None:
+        return [f"{path}: {row.certificate}: is missing"]
+    return [
+        f"{path}: {row.certificate}: {name}: expected {value}, found {getattr(found, name)}"
+        for name, value in row
+        if getattr(found, name) != value
+    ]

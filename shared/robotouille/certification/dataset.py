@@ -1,4 +1,4 @@
-"""Datasets: folders of problem files, a certificate beside each, and a manifest of them all."""
+"""Datasets: folders of problem files with their certificates and a manifest."""
 
 from __future__ import annotations
 
@@ -22,23 +22,7 @@ from robotouille.domain.loading import load_task
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.planning.search_result import Proof
-
-__all__ = [
-    "MANIFEST",
-    "SUFFIX",
-    "CertifyingOutcome",
-    "Dataset",
-    "DatasetEntry",
-    "DatasetReport",
-    "Manifest",
-    "Row",
-    "Running",
-    "Tell",
-    "manifest_of",
-    "read_dataset",
-    "report_of",
-]
+from robotouille.planning.plan import Proof
 
 MANIFEST = "manifest.json"
 SUFFIX = ".certificate.json"
@@ -46,7 +30,7 @@ SUFFIX = ".certificate.json"
 
 @dataclass(frozen=True, slots=True, order=True)
 class DatasetEntry:
-    """A problem file with a number of seats; paths are relative to the dataset's folder."""
+    """A problem file with a number of seats. Paths are relative to the dataset's folder."""
 
     file: str
     seats: int
@@ -58,29 +42,41 @@ class DatasetEntry:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """The instances in a folder, sorted, and what is wrong with files that are none."""
+    """The instances in a folder, sorted, and the faults of other files."""
 
     folder: Path
     instances: tuple[DatasetEntry, ...]
     faults: tuple[str, ...]
 
     def task(self, instance: DatasetEntry) -> Task:
-        """The task of an instance; FileError or UnknownTaskError."""
+        """Return the task of an instance.
+
+        Raises:
+            FileError: The problem file is invalid.
+            UnknownTaskError: The problem file does not exist.
+        """
         return load_task(str(self.folder / instance.file), seats=instance.seats)
 
     def certificate(self, instance: DatasetEntry) -> Certificate:
-        """What the certificate's file says, unchecked; FileError, also where it is missing."""
+        """Return the certificate of an instance without checking its claims.
+
+        Raises:
+            FileError: The file is missing, or its format is invalid.
+        """
         path = self.folder / instance.certificate
         certificate = read_certificate(path)
         if path.read_bytes() != json_text(certificate).encode():
-            raise FileError(str(path), [Fault("", "is not written as certificates are")])
+            raise FileError(str(path), [Fault("", "is not in the format of certificates")])
         return certificate
 
 
 def read_dataset(folder: Path) -> Dataset:
-    """Find the problem files in a folder and its folders; FileError where there are none.
+    """Find the problem files in a folder and its subfolders.
 
-    Domains, renderings, inputs, certificates and manifests may lie between them.
+    Domains, renderings, input files, certificates and manifests are ignored.
+
+    Raises:
+        FileError: There are no problem files.
     """
     if not folder.is_dir():
         raise FileError(str(folder), [Fault("", "is not a folder")])
@@ -92,7 +88,7 @@ def read_dataset(folder: Path) -> Dataset:
         except RobotouilleError as error:
             faults += str(error).splitlines()
     if not instances and not faults:
-        raise FileError(str(folder), [Fault("", "there are no problem files in it")])
+        raise FileError(str(folder), [Fault("", "the folder has no problem files")])
     return Dataset(folder, tuple(sorted(instances)), tuple(faults))
 
 
@@ -111,8 +107,8 @@ def _instances(path: Path, folder: Path) -> Iterator[DatasetEntry]:
         yield DatasetEntry(relative[0], seats, relative[1])
 
 
-class Row(Schema):
-    """An instance in a manifest: its files with their hashes, and what is proven."""
+class DatasetRow(Schema):
+    """An instance in a manifest: its files with their hashes, and the proven result."""
 
     file: str
     seats: Count
@@ -130,11 +126,11 @@ class Manifest(Schema):
     """All certified instances of a dataset, sorted by file and seats."""
 
     format: Literal["robotouille-dataset/1"]
-    instances: tuple[Row, ...]
+    instances: tuple[DatasetRow, ...]
 
 
-def _row(dataset: Dataset, instance: DatasetEntry, certificate: Certificate) -> Row:
-    return Row(
+def _row(dataset: Dataset, instance: DatasetEntry, certificate: Certificate) -> DatasetRow:
+    return DatasetRow(
         file=instance.file,
         seats=instance.seats,
         file_hash=content_hash((dataset.folder / instance.file).read_bytes()),
@@ -155,7 +151,7 @@ def manifest_of(dataset: Dataset, certificates: dict[DatasetEntry, Certificate])
 
 @dataclass(frozen=True, slots=True)
 class CertifyingOutcome:
-    """What became of an instance: a certificate (`kept`, if it lay there), or what failed."""
+    """The result for an instance: a certificate or a fault. `kept` means that it existed before."""
 
     instance: DatasetEntry
     certificate: Certificate | None
@@ -165,7 +161,7 @@ class CertifyingOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """An instance that is being solved: expansions, bound, and length of the best plan so far."""
+    """A running search: expansions, bound, and length of the best plan so far."""
 
     instance: DatasetEntry
     expansions: int
@@ -174,12 +170,12 @@ class Running:
 
 
 Tell = Callable[[Sequence[CertifyingOutcome], int, Sequence[Running]], None]
-"""Called now and then: what is done, the number of instances, and what is being solved."""
+"""Progress callback: finished outcomes, the number of instances, and running searches."""
 
 
 @dataclass(frozen=True, slots=True)
 class DatasetReport:
-    """The outcomes of all instances, sorted, and everything that was wrong."""
+    """The outcomes of all instances, sorted, and all faults."""
 
     outcomes: tuple[CertifyingOutcome, ...]
     faults: tuple[str, ...]

@@ -1,37 +1,61 @@
-"""The step limit of a game that people play: from the shortest plan that is proven of its task."""
+"""Step limits for people, derived from certified plan lengths."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from math import ceil
+from pathlib import Path
 
 from robotouille.certification.certificate import load_certificate
+from robotouille.domain.files import is_file
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, UnknownTaskError
-from robotouille.planning.plan import read_plan
+from robotouille.planning.plan import Plan, read_plan, replay
 from robotouille.planning.policies.script import Script
 from robotouille.world.world import World
 
-__all__ = ["MIN_SECONDS", "PATIENCE", "people_step_limit", "retimed_length"]
+
+def plan_beside(world: World) -> Plan | None:
+    """Return the valid plan in the file next to a world's problem file, or None."""
+    source = Path(world.task.source)
+    for name in (f"{source.stem}@{world.task.seats}.plan", f"{source.stem}.plan"):
+        path = source.parent / name
+        if not is_file(path):
+            continue
+        try:
+            steps = _without_comments(path.read_text(encoding="utf-8"))
+            plan = read_plan(steps, world, str(path))
+        except (OSError, UnicodeDecodeError, FileError):
+            continue
+        if replay(plan, world).ok:
+            return plan
+    return None
+
+
+def _without_comments(text: str) -> str:
+    """Return a plan's steps without its header."""
+    # The header may name the task differently from its file.
+    return "\n".join(line for line in text.splitlines() if not line.startswith("#"))
+
 
 PATIENCE = 6
-"""How many times as long as the certified plan a beginner may take."""
+"""Ratio of a beginner's step limit to the certified plan length."""
 MIN_SECONDS = 180.0
-"""… and for how long any game goes on at least, in real time."""
+"""Minimum duration of a game in real time."""
 MAX_STRETCH = 100
-"""How many times as many steps a plan may take in another timing: beyond, it is stuck."""
+"""Ratio of steps in another timing to the plan length from which a plan counts as stuck."""
 
 
 MAX_KEPT = 256
 _lengths: dict[str, int | None] = {}
-"""What was found out, by the digest of the task: a server opens the same ones again and again."""
+"""Results by digest of the task: a server opens the same tasks again and again."""
 
 
 def people_step_limit(task: Task, step_rate: float | None) -> int | None:
-    """The steps that people get for a task in its timing; None where no certificate is known.
+    """Return the step limit for people in a task's timing, or None without a certificate.
 
     Args:
-        step_rate: Steps a second; None where steps do not follow the wall clock.
+        step_rate: Steps per second; None if steps do not follow the clock.
     """
     length = retimed_length(task)
     if length is None:
@@ -41,11 +65,12 @@ def people_step_limit(task: Task, step_rate: float | None) -> int | None:
 
 
 def retimed_length(task: Task) -> int | None:
-    """How many steps a task's certified plan takes in the task's own timing; None where there is
-    no certificate with a plan, or the plan does not reach the goal in this timing.
+    """Return the steps of a task's certified plan in the task's own timing, or None.
 
-    Certificates are of the benchmark's timing; with that of people, walks and delays take longer.
+    The result is None if there is no certified plan, or if it does not reach the goal in this
+    timing.
     """
+    # Certificates use the timing `benchmark`. In the timing `people`, walks and delays take longer.
     if task.digest not in _lengths:
         if len(_lengths) >= MAX_KEPT:
             _lengths.clear()
@@ -66,7 +91,7 @@ def _find_length(task: Task) -> int | None:
 
 
 def _carried_out(plan: str, task: Task, limit: int) -> int | None:
-    """The steps of a plan in another timing, all seats together; None if not within a limit."""
+    """Return the steps of a plan in another timing with all seats, or None above a limit."""
     written = World(replace(task, timing=Timing.BENCHMARK))
     script = Script(written.players[0], read_plan(plan, written), written.initial)
     state = World(task).initial

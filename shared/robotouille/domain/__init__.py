@@ -1,4 +1,4 @@
-"""What a kitchen is made of: the schemas of its files, loading, checks, and the shipped tasks."""
+"""Tasks and the files that define them: schemas, loading and checks."""
 
 from __future__ import annotations
 

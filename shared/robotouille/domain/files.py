@@ -1,6 +1,6 @@
-"""Files: read as JSON against a schema, with every fault of it at once; and written whole.
+"""Reading of JSON files against a schema, with all their faults, and atomic writing of files.
 
-Nothing here trusts a file that is read: its size, nesting and every field are checked first.
+Files may come from anyone, so their size, nesting and fields are checked before use.
 """
 
 from __future__ import annotations
@@ -14,18 +14,8 @@ from typing import IO, Any, NoReturn, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from robotouille.domain.schema import EFFECT_KINDS
 from robotouille.errors import Fault, FileError, did_you_mean
-
-__all__ = [
-    "MAX_FILE_BYTES",
-    "MAX_NESTING",
-    "is_file",
-    "parse_json",
-    "read_json",
-    "read_model",
-    "validate",
-    "whole_file",
-]
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 40
@@ -34,7 +24,7 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a file, whatever the name: too long, or in a closed folder."""
+    """Return whether a file exists; False also if the name is too long or the folder unreadable."""
     try:
         return path.is_file()
     except OSError:
@@ -42,12 +32,16 @@ def is_file(path: Path) -> bool:
 
 
 def read_json(path: Path) -> Any:
-    """The JSON value in a file; FileError names what is wrong and where."""
+    """Return the JSON value in a file.
+
+    Raises:
+        FileError: The file cannot be read or is not JSON.
+    """
     try:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             _fail(path, f"the file has {size:,} bytes; at most {MAX_FILE_BYTES:,} are read")
-        with path.open("rb") as file:  # A device has no size, and no end.
+        with path.open("rb") as file:  # A device such as /dev/zero has size 0 but no end.
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
             _fail(path, f"the file is longer than {MAX_FILE_BYTES:,} bytes")
@@ -62,7 +56,11 @@ def read_json(path: Path) -> Any:
 
 
 def parse_json(text: str, source: str) -> Any:
-    """The JSON value in a text, without duplicate names, NaN or deep nesting."""
+    """Return the JSON value in a text.
+
+    Raises:
+        FileError: The text is not JSON, or has duplicate names, NaN or deep nesting.
+    """
     if not text.strip():
         _fail(source, "the file is empty; expected a JSON object")
     _check_nesting(text, source)
@@ -77,23 +75,31 @@ def parse_json(text: str, source: str) -> Any:
 
 
 def _check_text(text: str, value: Any, source: str | Path) -> None:
-    r"""An escape such as `\ud800` alone is half a character: it can be neither shown nor stored."""
+    r"""Reject a lone surrogate such as `\ud800`, which can be neither displayed nor stored."""
     if "\\ud" not in text and "\\uD" not in text:
         return
     try:
         json.dumps(value, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:
-        half = ord(error.object[error.start])
-        _fail(source, f"has half a character, \\u{half:04x}, in a string")
+        surrogate = ord(error.object[error.start])
+        _fail(source, f"has a lone surrogate, \\u{surrogate:04x}, in a string")
 
 
 def read_model(path: Path, model: type[M]) -> M:
-    """The file at `path` as a `model`; FileError lists all its faults."""
+    """Read a file as a `model`.
+
+    Raises:
+        FileError: The file is invalid; the error lists all its faults.
+    """
     return validate(read_json(path), model, str(path))
 
 
 def validate(raw: Any, model: type[M], source: str) -> M:
-    """A JSON value as a `model`; FileError lists all its faults."""
+    """Convert a JSON value to a `model`.
+
+    Raises:
+        FileError: The value is invalid; the error lists all its faults.
+    """
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -104,7 +110,8 @@ def _fail(source: str | Path, message: str) -> NoReturn:
     raise FileError(str(source), [Fault("", message)])
 
 
-# Possessive, and to the end where a string is not closed: linear on any input.
+# The possessive quantifier, and matching unclosed strings to the end, keep this linear on any
+# input.
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)', re.DOTALL)
 
 
@@ -130,7 +137,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
-    location = [part for part in error["loc"] if part not in _TAGS or isinstance(part, int)]
+    location = [part for part in error["loc"] if part not in EFFECT_KINDS or isinstance(part, int)]
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "extra_forbidden":
         message = f"unknown field {location[-1]!r}"
@@ -143,10 +150,8 @@ def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
     return Fault(_path(raw, location), message)
 
 
-_TAGS = {"conditional", "delayed", "repetitive", "creation", "deletion"}
-
-
 def _fields_near(model: type[BaseModel], location: list[Any]) -> list[str]:
+    # Suggest fields of all models in the file: a field is often right but in the wrong place.
     names: set[str] = set()
     pending: list[type[BaseModel]] = [model]
     seen: set[type[BaseModel]] = set()
@@ -168,7 +173,8 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _path(raw: Any, location: list[Any]) -> str:
-    """`action_defs[4].precons[1].predicate`; object lists under the name the file gave them."""
+    """Format a location as `action_defs[4].precons[1].predicate`."""
+    # The published dialect has lists such as `items` where the model has `objects.item`.
     if len(location) >= 2 and location[0] == "objects" and isinstance(raw, dict):
         plural = f"{location[1]}s"
         if plural in raw:
@@ -188,12 +194,12 @@ def _short(value: Any) -> str:
 
 @contextmanager
 def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
-    """A file to write text or bytes into, which is at its place once all has gone well.
+    """Open a file for writing that replaces `path` only if the block succeeds.
 
-    Lines of text end as they are written.
+    Line endings of text are not converted.
 
     Raises:
-        OSError: It cannot be written; the error names it.
+        OSError: The file cannot be written; the error names `path`.
     """
     draft = path.with_name(f".{path.name}.tmp")
     kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}

@@ -1,7 +1,7 @@
-"""Which click or key does which action: from a domain's input file, and made up where it is silent.
+"""Clicks and keys of a domain's actions, from its input file.
 
-Every action can be done in a window. What the input file does not name gets a key of its own,
-the same in every window.
+Every action must be possible in a window. An action that the input file does not bind gets a key
+of its own, which is the same in every window.
 """
 
 from __future__ import annotations
@@ -10,12 +10,9 @@ from collections.abc import Iterable
 from string import ascii_lowercase, digits
 from typing import Any
 
-from robotouille.domain.companions import input_path
-from robotouille.domain.extends import FileKind, by, each, read_extending
+from robotouille.domain.related_files import FileKind, by, each, input_path, read_extending
 from robotouille.domain.schema import ActionDef, DomainFile, InputFile
 from robotouille.domain.task import Task
-
-__all__ = ["INPUT_FILES", "WINDOW_KEYS", "bindings_of", "made_up_keys", "with_all_actions"]
 
 INPUT_FILES = FileKind(
     InputFile,
@@ -26,15 +23,15 @@ INPUT_FILES = FileKind(
 )
 
 WINDOW_KEYS = frozenset({"h", "t", "return", "escape", "f12", "space"})
-"""Keys that are not made up: the window's own, and the one for what needs no station."""
+"""Keys that are not assigned to actions: the window uses them itself."""
 
 LETTERS = ascii_lowercase + digits
 SHARED_KEY = "e"
-"""What does everything at a station where there is no input file, or no key is left."""
+"""Key for all actions at a station if there is no input file, and if no other key is free."""
 
 
 def bindings_of(task: Task) -> InputFile:
-    """The input file beside a task or shipped for its domain, with a key for every action."""
+    """Return the bindings of a task's domain, with a click or key for every action."""
     path = input_path(task.domain, task.folder)
     if path is None:
         return _made_up(task.domain)
@@ -42,7 +39,7 @@ def bindings_of(task: Task) -> InputFile:
 
 
 def with_all_actions(inputs: InputFile, domain: DomainFile) -> InputFile:
-    """An input file with a click or a key for each action that it does not name."""
+    """Return an input file completed with a click or key for each action that it does not bind."""
     made_up = made_up_keys(inputs, domain)
     unnamed = _unnamed(inputs, domain)
     if not unnamed:
@@ -57,9 +54,9 @@ def with_all_actions(inputs: InputFile, domain: DomainFile) -> InputFile:
 
 
 def made_up_keys(inputs: InputFile, domain: DomainFile) -> dict[str, str]:
-    """The key of each action that an input file does not name, walks apart.
+    """Return a key for each action, other than walks, that an input file does not bind.
 
-    It is a free letter of the action's own name, else any free letter or digit.
+    It is a free letter of the action's name, or else any free letter or digit.
     """
     taken = {k.input_instructions.key.casefold() for k in inputs.keyboard_actions} | WINDOW_KEYS
     keys: dict[str, str] = {}
@@ -81,7 +78,7 @@ def _unnamed(inputs: InputFile, domain: DomainFile) -> list[ActionDef]:
 
 
 def _made_up(domain: DomainFile) -> InputFile:
-    """Clicks walk; E does everything else at a station; space does what needs none."""
+    """Bind walks to clicks, other actions at a station to E, and all others to the space bar."""
     walks = [action for action in domain.action_defs if action.travel is not None]
     keys = [
         _on_key(action, SHARED_KEY if _station(action, domain) else "space", domain)
@@ -103,7 +100,7 @@ def _on_key(action: ActionDef, key: str, domain: DomainFile) -> dict[str, Any]:
 
 
 def _station(action: ActionDef, domain: DomainFile) -> str | None:
-    """The parameter that is the station the player is at."""
+    """Return the parameter for the station where the player is, or None."""
     types = {p.name: p.param_types for p in domain.predicate_defs}
     for condition in action.precons:
         for name, kind in zip(condition.params, types[condition.predicate], strict=True):

@@ -1,53 +1,32 @@
-"""Schemas of the files a kitchen is made of: domain, problem and input files.
+"""Schemas of domain, problem and input files.
 
 Paper: section 2 "Domain and Problem JSONs" and appendix "Additional Robotouille JSONs". Two
 dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds the
 fields `layout`, `travel`, `config`/`default` of effects, `player_types`, `station_types`,
-`objects`, `seats`, `domain`, `provenance` and `extends`. See docs/formats.md.
+`objects`, `seats`, `domain`, `provenance` and `extends`. See docs/file_formats.md.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-
-__all__ = [
-    "ActionDef",
-    "Condition",
-    "Conditional",
-    "Creation",
-    "Delayed",
-    "Deletion",
-    "DomainFile",
-    "EffectDef",
-    "Extends",
-    "GoalTerm",
-    "InputFile",
-    "LayoutRule",
-    "ObjectDef",
-    "PredicateDef",
-    "ProblemFile",
-    "Provenance",
-    "PublishedDefaults",
-    "Repetitive",
-]
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z_][A-Za-z0-9_'-]*$")]
 Steps = Annotated[int, Field(ge=0, le=100_000)]
 Words = Annotated[str, Field(max_length=2000)]
 Extends = Annotated[str | None, Field(default=None, min_length=1, max_length=200)]
-"""The name of the file that a file extends; see `extends.py`."""
+"""Name of the file that a file extends; see `related_files.py`."""
 
 
 class Schema(BaseModel):
-    """Base of all file schemas: immutable, and unknown fields are faults."""
+    """Base of all file schemas. Instances are immutable; unknown fields are faults."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
 class PredicateDef(Schema):
-    """A predicate: its name, the types of its arguments, and how to say it of each argument."""
+    """A predicate, the types of its arguments, and a sentence about each argument."""
 
     name: Name
     param_types: tuple[Name, ...] = Field(max_length=4)
@@ -55,7 +34,7 @@ class PredicateDef(Schema):
 
 
 class Condition(Schema):
-    """A predicate over parameters that has to hold, or not to hold, or is made so."""
+    """A predicate over parameters and its required truth, or its new truth in a result."""
 
     predicate: Name
     params: tuple[Name, ...]
@@ -68,8 +47,31 @@ class CreatedObject(Schema):
     param: Name
 
 
-class Conditional(Schema):
-    """Asserts `fx` while its conditions hold; its nested effects pause while they do not."""
+class SpecialEffect(Schema):
+    """Base of the kinds of special effects (paper, section 2).
+
+    A new kind is a subclass here, a member of `EffectDef`, and an update in
+    `world/grounding/effects.py`. The class attributes describe it to all code that does not
+    simulate it: texts, checks and planners.
+    """
+
+    counts: ClassVar[Literal["", "steps", "performances"]] = ""
+    """Unit of the effect's counter; empty for effects without a counter."""
+    instant: ClassVar[bool] = False
+    """True if the effect completes in the step in which it starts.
+
+    Effects nested in it then start as separate effects."""
+    reverts: ClassVar[bool] = False
+    """It may negate `fx` again later."""
+    pauses: ClassVar[bool] = False
+    """Its progress is `PAUSED` or `HOLDING`; nested effects run only while it is `HOLDING`."""
+
+
+class Conditional(SpecialEffect):
+    """Asserts `fx` while its conditions hold, and pauses nested effects while they do not."""
+
+    reverts = True
+    pauses = True
 
     type: Literal["conditional"]
     param: Name
@@ -78,8 +80,10 @@ class Conditional(Schema):
     sfx: tuple[EffectDef, ...] = ()
 
 
-class Delayed(Schema):
-    """Applies `fx` once a number of steps has passed."""
+class Delayed(SpecialEffect):
+    """Applies `fx` once, after a number of steps."""
+
+    counts = "steps"
 
     type: Literal["delayed"]
     param: Name
@@ -89,8 +93,10 @@ class Delayed(Schema):
     default: Steps = 3
 
 
-class Repetitive(Schema):
-    """Applies `fx` once the action has been performed a number of times."""
+class Repetitive(SpecialEffect):
+    """Applies `fx` once, after the action has been performed a number of times."""
+
+    counts = "performances"
 
     type: Literal["repetitive"]
     param: Name
@@ -100,8 +106,10 @@ class Repetitive(Schema):
     default: Annotated[int, Field(ge=1, le=100_000)] = 3
 
 
-class Creation(Schema):
+class Creation(SpecialEffect):
     """Creates an object and applies `fx` to it."""
+
+    instant = True
 
     type: Literal["creation"]
     param: Name
@@ -110,8 +118,10 @@ class Creation(Schema):
     sfx: tuple[EffectDef, ...] = ()
 
 
-class Deletion(Schema):
+class Deletion(SpecialEffect):
     """Deletes the object `param` and every fact about it."""
+
+    instant = True
 
     type: Literal["deletion"]
     param: Name
@@ -119,9 +129,13 @@ class Deletion(Schema):
     sfx: tuple[EffectDef, ...] = ()
 
 
-EffectDef = Annotated[
-    Conditional | Delayed | Repetitive | Creation | Deletion, Field(discriminator="type")
-]
+CountedEffect = Delayed | Repetitive
+InstantEffect = Creation | Deletion
+EffectDef = Annotated[Conditional | CountedEffect | InstantEffect, Field(discriminator="type")]
+EFFECT_KINDS = frozenset(
+    kind.__name__.lower() for kind in get_args(Conditional | CountedEffect | InstantEffect)
+)
+"""Values of `type` in the files."""
 
 
 class ActionDef(Schema):
@@ -136,10 +150,10 @@ class ActionDef(Schema):
 
 
 class LayoutRule(Schema):
-    """How positions in a problem imply the initial facts of one predicate.
+    """Rule that derives the initial facts of one predicate from positions.
 
-    `when` speaks of two objects on the grid; `unless` makes the fact hold for every object
-    that occurs in none of the facts of the named predicates.
+    `when` relates two objects on the grid. `unless` makes the fact hold for every object that
+    occurs in no fact of the named predicates.
     """
 
     predicate: Name
@@ -156,7 +170,7 @@ class LayoutRule(Schema):
 
 
 def _needs_less_if_it_extends(schema: dict[str, Any]) -> None:
-    """For editors: what is extended may have all but the name."""
+    """Require only the name in the JSON schema of a file that extends another."""
     required = schema["required"]
     schema["required"] = ["name"]
     schema["anyOf"] = [{"required": ["extends"]}, {"required": required}]
@@ -165,7 +179,7 @@ def _needs_less_if_it_extends(schema: dict[str, Any]) -> None:
 class DomainFile(Schema):
     """A domain: types, predicates and actions (paper, section 2).
 
-    One that is read from a file has no `extends`: what it extends has been put in by then.
+    A domain read from a file has no `extends`, because reading merges the extended file.
     """
 
     model_config = ConfigDict(json_schema_extra=_needs_less_if_it_extends)
@@ -191,7 +205,7 @@ class DelayKey(Schema):
 
 
 class PublishedDefaults(Schema):
-    """What a domain file of the published dialect (1.x) leaves unsaid."""
+    """Defaults for domains of the published dialect (1.x), which has no such fields."""
 
     layout: tuple[LayoutRule, ...]
     travel: dict[str, tuple[Name, Name]]
@@ -205,9 +219,8 @@ _GENERATOR_MARKS = {"force_add", "frozen"}
 class ObjectDef(Schema):
     """One object of a problem and where it is; (0, 0) is the bottom-left tile.
 
-    `meal_id` occurs in published problems, which give it no meaning. So do the published
-    generator's own marks `force_add` and `frozen`, in problems that were written as it held them;
-    they are left out.
+    Published problems can have `meal_id`, which has no meaning. Some also have marks of the
+    published generator, `force_add` and `frozen`, which are dropped.
     """
 
     name: Name
@@ -257,7 +270,7 @@ _PUBLISHED_LISTS = {
 
 
 class Provenance(Schema):
-    """Where a generated problem comes from: what the generator needs to make it again."""
+    """Origin of a generated problem, with everything needed to generate it again."""
 
     source: Words
     seed: int
@@ -287,7 +300,7 @@ class ProblemFile(Schema):
 
     @property
     def published(self) -> bool:
-        """Whether it is of the published dialect (1.x), which numbers objects in its own way."""
+        """True for the published dialect (1.x), which numbers objects differently."""
         return self.version.startswith("1.")
 
     @model_validator(mode="before")
@@ -333,7 +346,7 @@ class KeyAction(Schema):
 
 
 class InputFile(Schema):
-    """Which click or key performs which action (paper, appendix)."""
+    """The clicks and keys of actions (paper, appendix)."""
 
     schema_uri: str | None = Field(default=None, alias="$schema")
     extends: Extends = None

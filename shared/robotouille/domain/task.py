@@ -1,41 +1,54 @@
-"""A task: a domain, a problem, the number of seats and a timing profile, as one value."""
+"""Tasks: a domain, a problem, the number of seats and a timing profile."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import random
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.checks.domain_checks import check_domain
-from robotouille.domain.checks.problem_checks import check_problem
-from robotouille.domain.extends import FileKind, by, each, read_extending, union
+from robotouille.domain.domain_checks import check_domain
 from robotouille.domain.files import is_file, read_model, validate
+from robotouille.domain.problem_checks import check_problem
+from robotouille.domain.related_files import FileKind, by, each, read_extending, union
 from robotouille.domain.schema import (
-    Delayed,
+    CountedEffect,
     DomainFile,
     EffectDef,
+    ObjectDef,
     ProblemFile,
     PublishedDefaults,
-    Repetitive,
 )
-from robotouille.domain.shipped_names import instance_names
-from robotouille.domain.wildcards import resolve_wildcards
 from robotouille.errors import Fault, FileError, did_you_mean
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder, instance_names
 
-__all__ = [
-    "DOMAIN_FILES",
-    "Task",
-    "Timing",
-    "TimingProfile",
-    "build_task",
-    "complete_domain",
-    "read_domain",
-]
+
+def resolve_wildcards(problem: ProblemFile, domain: DomainFile, seed: int) -> ProblemFile:
+    """Replace kinds that a problem leaves open by kinds that the seed chooses.
+
+    A kind is open if it is the name of a type for which the domain lists `kinds`.
+    """
+    generator = random.Random(seed)
+    objects = {
+        kind: tuple(_resolve(thing, kind, domain, generator) for thing in things)
+        for kind, things in problem.objects.items()
+    }
+    return (
+        problem if objects == problem.objects else problem.model_copy(update={"objects": objects})
+    )
+
+
+def _resolve(
+    thing: ObjectDef, kind: str, domain: DomainFile, generator: random.Random
+) -> ObjectDef:
+    kinds = domain.kinds.get(kind)
+    if thing.name != kind or not kinds:
+        return thing
+    return thing.model_copy(update={"name": generator.choice(kinds)})
 
 
 class Timing(StrEnum):
@@ -47,10 +60,12 @@ class Timing(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TimingProfile:
-    """How steps translate into a kitchen's time.
+    """Durations of a task, in steps.
 
-    `delay_factor` multiplies every delay; `steps_per_tile` is the duration of walking one tile;
-    `repeat_steps` is how long one performance of a repeated action (a cut) takes.
+    Attributes:
+        delay_factor: Factor of every delay.
+        steps_per_tile: Duration of walking one tile; 0 if every walk takes one step.
+        repeat_steps: Duration of one performance of a repeated action, such as a cut.
     """
 
     delay_factor: int
@@ -66,9 +81,9 @@ PROFILES = {
 
 @dataclass(frozen=True)
 class Task:
-    """Everything that determines an episode but the players' actions.
+    """Everything that determines an episode except the players' actions.
 
-    `digest` is the content hash (32 hex digits) of all that follows: equal digests, equal world.
+    `source` is the path of the problem file, or a name for errors.
     """
 
     name: str
@@ -80,40 +95,40 @@ class Task:
 
     @property
     def profile(self) -> TimingProfile:
-        """What `timing` does to delays, walks and repeated actions."""
+        """The durations of the timing profile."""
         return PROFILES[self.timing]
 
     @property
     def folder(self) -> Path | None:
-        """Where its problem file lies; None for a task that was not read from a file."""
+        """Folder of the problem file; None for a task that was not read from a file."""
         source = Path(self.source)
         return source.parent if is_file(source) else None
 
     @property
     def goal_description(self) -> str:
-        """The goal in words, as the problem has it."""
+        """The problem's description of the goal."""
         return self.problem.goal_description
 
     def instances(self) -> tuple[str, ...]:
-        """The names of its generated instances, by their seeds; `load_task` loads them.
+        """Return the names of the task's generated instances, sorted by seed, for `load_task`.
 
-        There are none of a task that is not shipped.
+        Only shipped tasks have instances.
         """
         return instance_names(self.name)
 
     @cached_property
     def json(self) -> dict[str, Any]:
-        """What `to_json` gives, made once; not to be changed."""
+        """The cached result of `to_json`; do not modify it."""
         return self.to_json()
 
     @cached_property
     def digest(self) -> str:
-        """The content hash, 32 hex digits."""
+        """Hash of the content, 32 hex digits. Tasks with equal digests have equal worlds."""
         text = json.dumps(self.json, sort_keys=True, separators=(",", ":"))
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
     def to_json(self) -> dict[str, Any]:
-        """The task as JSON values; `Task.from_json` reads it back."""
+        """Return the task as JSON values for `from_json`."""
         return {
             "name": self.name,
             "domain": self.domain.model_dump(mode="json", by_alias=True, exclude_unset=True),
@@ -124,13 +139,14 @@ class Task:
 
     @staticmethod
     def from_json(raw: Any, source: str = "task") -> Task:
-        """A task from `to_json`'s output.
+        """Build a task from the result of `to_json`.
 
         Args:
-            source: What errors call it, and its name where it has none.
+            raw: JSON values from any source; they are checked.
+            source: Name of the task in errors, and its name if it has none.
 
         Raises:
-            FileError: It is no task; the error lists what is wrong with it.
+            FileError: The values are invalid; the error lists all faults.
         """
         if not isinstance(raw, dict) or {"domain", "problem"} - raw.keys():
             raise FileError(source, [Fault("", "expected an object with 'domain' and 'problem'")])
@@ -160,12 +176,16 @@ def build_task(
     seed: int = 0,
     source: str = "task",
 ) -> Task:
-    """Check the parts against one another and put them together; FileError lists all faults."""
+    """Check a domain and a problem, also against each other, and build a task.
+
+    Raises:
+        FileError: They are invalid; the error lists all faults.
+    """
     domain = complete_domain(domain)
     problem = resolve_wildcards(problem, domain, seed)
-    faults = _domain_faults(_Same(domain)) or check_problem(problem, domain)
+    faults = _domain_faults(_ByIdentity(domain)) or check_problem(problem, domain)
     errors = [fault for fault in faults if fault.severity == "error"]
-    if errors:  # What else is not right may be their cause.
+    if errors:  # Warnings follow because they may explain the errors.
         raise FileError(source, [*errors, *(fault for fault in faults if fault not in errors)])
     players = sum(len(problem.objects.get(kind, ())) for kind in domain.player_types)
     allowed = problem.seats or (players,)
@@ -173,31 +193,36 @@ def build_task(
         seats = allowed[0]
     if seats not in allowed:
         counts = ", ".join(map(str, allowed))
-        raise FileError(source, [Fault("seats", f"{seats} seats asked for; possible: {counts}")])
+        raise FileError(
+            source, [Fault("seats", f"the task does not support {seats} seats; possible: {counts}")]
+        )
     return Task(name, domain, problem, seats, timing, source)
 
 
-class _Same:
-    """A domain as a key: the same object, which is quicker than an equal one."""
+class _ByIdentity:
+    """Cache key that compares domains by identity, because comparing their contents is slow."""
 
     def __init__(self, domain: DomainFile) -> None:
         self.domain = domain
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.domain is other.domain
+        return isinstance(other, _ByIdentity) and self.domain is other.domain
 
     def __hash__(self) -> int:
         return id(self.domain)
 
 
 @lru_cache(maxsize=4)
-def _domain_faults(same: _Same) -> list[Fault]:
-    """What is wrong with a domain; hundreds of tasks are built with one. Not to be changed."""
-    return check_domain(same.domain)
+def _domain_faults(key: _ByIdentity) -> list[Fault]:
+    """Return a domain's faults, cached because one domain is often used for hundreds of tasks."""
+    return check_domain(key.domain)
 
 
 def complete_domain(domain: DomainFile) -> DomainFile:
-    """Fill in what a domain of the published dialect (1.x) leaves unsaid."""
+    """Add layout, delays, walks and kinds to a domain of the published dialect (1.x).
+
+    The published simulator has them in its code; docs/decisions/0003-layout-and-delays-are-data.md.
+    """
     if domain.layout is not None:
         return domain
     path = data_folder("domains") / "published_defaults.json"
@@ -222,7 +247,7 @@ def complete_domain(domain: DomainFile) -> DomainFile:
 
 def _with_config(effect: EffectDef, config: str, default: int) -> EffectDef:
     update: dict[str, Any] = {"sfx": tuple(_with_config(e, config, default) for e in effect.sfx)}
-    if isinstance(effect, Delayed | Repetitive) and effect.config is None:
+    if isinstance(effect, CountedEffect) and effect.config is None:
         update |= {"config": config, "default": default}
     return effect.model_copy(update=update)
 
@@ -253,7 +278,11 @@ def _shipped_domain(path: Path) -> DomainFile:
 
 
 def read_domain(name: str, beside: Path | None = None) -> DomainFile:
-    """The domain called `name`: a file beside the problem, a path, or one that is shipped."""
+    """Read a domain by name: a path, a file next to the problem, or a shipped domain.
+
+    Raises:
+        FileError: There is no such domain, or it is invalid.
+    """
     shipped = data_folder("domains") / f"{name}.json"
     candidates = [Path(name)] if name.endswith(".json") else []
     if beside is not None:
@@ -265,4 +294,4 @@ def read_domain(name: str, beside: Path | None = None) -> DomainFile:
         return _shipped_domain(shipped)
     names = [p.stem for p in data_folder("domains").glob("*.json") if "." not in p.stem]
     known = did_you_mean(name, names)
-    raise FileError(name, [Fault("domain", f"there is no domain {name!r}{known}")])
+    raise FileError(name, [Fault("domain", f"unknown domain {name!r}{known}")])

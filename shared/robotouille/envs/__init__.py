@@ -1,4 +1,4 @@
-"""Environments for learning: Gymnasium and PettingZoo (docs/learning.md; extra `rl`).
+"""Environments for reinforcement learning: Gymnasium and PettingZoo (docs/train.md; extra `rl`).
 
 import gymnasium
 import robotouille.envs  # registers robotouille/synchronous-01-v0 and the others
@@ -17,17 +17,21 @@ try:
 except ImportError:
     raise MissingExtraError("robotouille.envs", "rl") from None
 
-from robotouille.envs.gymnasium_env import RobotouilleEnv
+from robotouille.envs.gymnasium_env import RobotouilleEnv, env_id, register_envs
 from robotouille.envs.pettingzoo_env import RobotouilleParallelEnv, aec_env, parallel_env
-from robotouille.envs.registration import env_id, register_envs
-from robotouille.envs.rewards import StepsToGoPotential
-from robotouille.envs.rules import EnvOptions, InvalidAction, Observation, Reward
+from robotouille.envs.rules import (
+    EnvObservation,
+    EnvOptions,
+    InvalidAction,
+    Reward,
+    StepsToGoPotential,
+)
 from robotouille.envs.vector_env import RobotouilleVectorEnv
 
 __all__ = [
+    "EnvObservation",
     "EnvOptions",
     "InvalidAction",
-    "Observation",
     "Reward",
     "RobotouilleEnv",
     "RobotouilleParallelEnv",

@@ -7,54 +7,88 @@ from typing import Any, Unpack
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+import pettingzoo
 from gymnasium import spaces
+from gymnasium.envs.registration import register, registry
 
+from robotouille.domain.loading import task_names
 from robotouille.domain.task import Task
-from robotouille.envs.pictures import picture
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvOptions, EnvRules, Observation
-from robotouille.envs.views import observation_space
+from robotouille.envs.rules import EnvObservation, EnvOptions, EnvRules
+from robotouille.envs.views import observation_space, picture
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
-__all__ = ["RobotouilleEnv"]
+VERSION = 0
+"""Version of the environments. It changes if the same actions give other results."""
+
+
+def env_id(task: str) -> str:
+    """Return the name of a shipped task's environment, such as `robotouille/synchronous-01-v0`."""
+    folder, _, file = task.rpartition("/")
+    number = file.partition("_")[0]
+    return f"robotouille/{folder}-{number if number.isdigit() else file}-v{VERSION}"
+
+
+def register_envs() -> None:
+    """Register all shipped tasks with Gymnasium, and with PettingZoo 1.27 or later.
+
+    Importing `robotouille.envs` calls this function.
+    """
+    # Gymnasium's checking wrappers are left out, because `RobotouilleEnv` checks its arguments
+    # itself.
+    for task in task_names():
+        name = env_id(task)
+        if name in registry:
+            continue
+        register(
+            name,
+            entry_point="robotouille.envs.gymnasium_env:RobotouilleEnv",
+            vector_entry_point="robotouille.envs.vector_env:RobotouilleVectorEnv",
+            kwargs={"task": task},
+            order_enforce=False,
+            disable_env_checker=True,
+        )
+        if hasattr(pettingzoo, "register"):
+            module = "robotouille.envs.pettingzoo_env"
+            pettingzoo.register("parallel", name, f"{module}:parallel_env", kwargs={"task": task})
+            pettingzoo.register("aec", name, f"{module}:aec_env", kwargs={"task": task})
+
 
 RENDER_MODES = ("ansi", "rgb_array")
 
 
 class RobotouilleEnv(gymnasium.Env[Any, Any]):
-    """One agent that moves all players of a task.
+    """One agent that controls all players of a task.
 
-    An action is the number of a ground action (`World.ground_actions(player)`); of a task for
-    several players a number for each, in the order of seats. The `info` of `reset` and `step` has
-    `action_mask`, the valid actions as `action_space.sample` takes them (for several players a
-    mask for each), and `valid`, whether the actions of the last step were applied.
+    An action is the number of a ground action (`World.ground_actions(player)`). For several players
+    it contains one number per player, in the order of seats. The `info` of `reset` and `step`
+    contains `action_mask`, the valid actions in the format of `action_space.sample` (one mask per
+    player), and `valid`, whether the actions of the last step were applied.
 
     Args:
         task: A task, or a name for `load_task`: `synchronous/01`, `multi_agent/01@3`.
-        render_mode: `ansi`: `render` gives text; `rgb_array`: pictures, with the extra `window`.
-        options: `EnvOptions`: what is seen, what is rewarded, when an episode ends.
+        render_mode: `ansi` renders text; `rgb_array` renders pictures and needs the extra `window`.
+        options: `EnvOptions`: observations, rewards and the end of episodes.
 
     Raises:
-        WrongArgumentError: An option is none of what it may be.
-        UnknownTaskError: There is no such task or instance.
-        FileError: A task's files are wrong.
+        WrongArgumentError: An option is invalid.
+        UnknownTaskError: The task or an instance does not exist.
+        FileError: A task's files are invalid.
     """
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 4}  # noqa: RUF012
 
     def __init__(
-        self,
-        task: Task | str,
-        *,
-        render_mode: str | None = None,
-        **options: Unpack[EnvOptions],
+        self, task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
     ) -> None:
         if render_mode not in (None, *RENDER_MODES):
-            raise WrongArgumentError(f"render_mode: one of {RENDER_MODES}, found {render_mode!r}")
+            raise WrongArgumentError(
+                f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
+            )
         rules = EnvRules(task, **options)
         self._play = Play(rules)
-        self._kind = Observation(rules.observation)
+        self._kind = EnvObservation(rules.observation)
         self.render_mode = render_mode
         self.observation_space = observation_space(self._kind, self._play.view)
         counts = self._play.view.sizes.actions
@@ -65,7 +99,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
 
     @property
     def state(self) -> State:
-        """The state at present.
+        """The current state.
 
         Raises:
             RobotouilleError: No episode has begun.
@@ -74,12 +108,14 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
 
     @property
     def world(self) -> World:
-        """The world of the instance that is played."""
+        """World of the current instance."""
         return self._play.view.world
 
     def action_masks(self) -> npt.NDArray[np.bool_]:
-        """Which actions are valid now, as sb3-contrib's `MaskablePPO` asks for it: booleans, those
-        of several players one behind the other."""
+        """Return the valid actions in the format of sb3-contrib's `MaskablePPO`.
+
+        The masks of several players are concatenated.
+        """
         return np.concatenate(self._play.seen.masks).view(np.bool_)
 
     def _info(self, valid: bool) -> dict[str, Any]:
@@ -93,11 +129,11 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """Begin an episode.
 
         Args:
-            seed: Of the choice among `instances`; nothing else here is random.
-            options: `instance`: which one to play, by its name or number.
+            seed: Seed for the choice among `instances`; nothing else is random.
+            options: `instance`: the name or number of the instance to play.
 
         Raises:
-            WrongArgumentError: The instance is none of this environment's.
+            WrongArgumentError: The environment has no such instance.
         """
         super().reset(seed=seed)
         play = self._play
@@ -108,9 +144,9 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """Take a step.
 
         Raises:
-            WrongArgumentError: There is no such action.
+            WrongArgumentError: An action does not exist.
             InapplicableError: An action is not valid, and `invalid` is `raise`.
-            RobotouilleError: The episode is over, or none has begun.
+            RobotouilleError: The episode has ended, or none has begun.
         """
         play = self._play
         reward, terminated, truncated, valid = play.take((action,) if self._alone else action)
@@ -118,11 +154,11 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         return observation, reward, terminated, truncated, self._info(all(valid))
 
     def render(self) -> Any:
-        """The state as text or as a picture, by `render_mode`.
+        """Return the state as text or as a picture, depending on `render_mode`.
 
         Raises:
             RobotouilleError: No episode has begun.
-            MissingExtraError: A picture is asked for, and pygame is not installed.
+            MissingExtraError: Pictures need pygame, which is not installed.
         """
         if self.render_mode == "ansi":
             return self.state.text_view()

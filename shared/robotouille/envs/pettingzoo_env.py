@@ -1,4 +1,4 @@
-"""A kitchen as a PettingZoo environment: an agent for each player."""
+"""A kitchen as a PettingZoo environment with one agent per player."""
 
 from __future__ import annotations
 
@@ -13,24 +13,21 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import parallel_to_aec
 
 from robotouille.domain.task import Task
-from robotouille.envs.pictures import picture
 from robotouille.envs.play import Play
-from robotouille.envs.rules import EnvOptions, EnvRules, Observation
-from robotouille.envs.views import Mask, observation_space
+from robotouille.envs.rules import EnvObservation, EnvOptions, EnvRules
+from robotouille.envs.views import Mask, observation_space, picture
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
-
-__all__ = ["RobotouilleParallelEnv", "aec_env", "parallel_env"]
 
 RENDER_MODES = ("ansi", "rgb_array")
 
 
 class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
-    """An agent for each player of a task, all acting in each step, in the order of seats.
+    """One agent per player of a task. All agents act in each step, in the order of seats.
 
-    Arguments, actions, observations and rewards are those of `RobotouilleEnv`; what is rewarded is
-    what all did, so all get the same. Each agent's `info` has `action_mask` and `valid`. An agent
-    that is left out of a step's actions, or has None there, does nothing.
+    Arguments, actions, observations and rewards are those of `RobotouilleEnv`. All agents get the
+    same reward. Each agent's `info` contains `action_mask` and `valid`. An agent without an action,
+    or with None, does nothing.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -41,17 +38,15 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     }
 
     def __init__(
-        self,
-        task: Task | str,
-        *,
-        render_mode: str | None = None,
-        **options: Unpack[EnvOptions],
+        self, task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
     ) -> None:
         if render_mode not in (None, *RENDER_MODES):
-            raise WrongArgumentError(f"render_mode: one of {RENDER_MODES}, found {render_mode!r}")
+            raise WrongArgumentError(
+                f"render_mode: expected one of {RENDER_MODES}, found {render_mode!r}"
+            )
         rules = EnvRules(task, **options)
         self._play = Play(rules)
-        self._kind = Observation(rules.observation)
+        self._kind = EnvObservation(rules.observation)
         self._random = np.random.default_rng()
         self.render_mode = render_mode
         self.possible_agents = list(self._play.players)
@@ -65,24 +60,24 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
             player: cast("gymnasium.Space[Any]", spaces.Discrete(count))
             for player, count in zip(self.possible_agents, view.sizes.actions, strict=True)
         }
-        self.state_space = observation_space(Observation.VECTOR, view)
+        self.state_space = observation_space(EnvObservation.VECTOR, view)
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
-        """What an agent sees; always the same object."""
+        """Return an agent's observation space, which is always the same object."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gymnasium.Space[Any]:
-        """The numbers of an agent's actions; always the same object."""
+        """Return an agent's action space, which is always the same object."""
         return self.action_spaces[agent]
 
     @property
     def world(self) -> World:
-        """The world of the instance that is played."""
+        """World of the current instance."""
         return self._play.view.world
 
     @property
     def world_state(self) -> State:
-        """The state at present, as the world has it.
+        """The current state of the world.
 
         Raises:
             RobotouilleError: No episode has begun.
@@ -90,11 +85,11 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         return self._play.state
 
     def state(self) -> npt.NDArray[np.float32]:
-        """The state at present as a vector, whatever the agents see."""
+        """Return the current state as a vector, whatever the agents observe."""
         return self._play.seen.vector.copy()
 
     def action_mask(self, agent: str) -> Mask:
-        """Which of an agent's actions are valid now."""
+        """Return an agent's valid actions."""
         return self._play.seen.masks[self._seat[agent]].copy()
 
     def reset(
@@ -120,7 +115,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         """Take a step.
 
         Raises:
-            WrongArgumentError: There is no such action, or no such agent.
+            WrongArgumentError: An action or agent does not exist.
             InapplicableError: An action is not valid, and `invalid` is `raise`.
         """
         players = self.agents
@@ -143,7 +138,7 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         )
 
     def _observations(self) -> dict[str, Any]:
-        if self._kind is Observation.VECTOR:
+        if self._kind is EnvObservation.VECTOR:
             vector = self._play.seen.vector
             return {player: vector.copy() for player in self.agents}
         return {player: self._play.observation(self._kind, (player,)) for player in self.agents}
@@ -156,11 +151,11 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         }
 
     def render(self) -> Any:
-        """The state as text or as a picture, by `render_mode`.
+        """Return the state as text or as a picture, depending on `render_mode`.
 
         Raises:
             RobotouilleError: No episode has begun.
-            MissingExtraError: A picture is asked for, and pygame is not installed.
+            MissingExtraError: Pictures need pygame, which is not installed.
         """
         if self.render_mode == "ansi":
             return self.world_state.text_view()
@@ -169,21 +164,23 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         return None
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: the environment holds no resources."""
 
 
 def parallel_env(
     task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
 ) -> RobotouilleParallelEnv:
-    """All agents act at once: arguments are those of `RobotouilleParallelEnv`."""
+    """Return an environment in which all agents act at once: see `RobotouilleParallelEnv`."""
     return RobotouilleParallelEnv(task, render_mode=render_mode, **options)
 
 
 def aec_env(
     task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
 ) -> AECEnv[str, Any, Any]:
-    """Agents act in turn, and a step is taken once all have chosen (PettingZoo's wrapper):
-    arguments are those of `RobotouilleParallelEnv`."""
+    """Return an environment in which agents act in turn: see `RobotouilleParallelEnv`.
+
+    A step is taken after all agents have chosen (PettingZoo's wrapper).
+    """
     return cast(
         "AECEnv[str, Any, Any]",
         parallel_to_aec(RobotouilleParallelEnv(task, render_mode=render_mode, **options)),

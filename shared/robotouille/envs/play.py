@@ -1,4 +1,4 @@
-"""One episode after the other, by numbers: what all environments have in common."""
+"""Episodes with numbered actions: the common part of all environments."""
 
 from __future__ import annotations
 
@@ -9,43 +9,55 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from robotouille.envs.engine import engine_plays
-from robotouille.envs.rewards import StepsToGoPotential
-from robotouille.envs.rules import EnvRules, InvalidAction, Observation, Reward
-from robotouille.envs.taken import Taken, no_such_action, not_begun
-from robotouille.envs.views import Mask, Numbers, Seen, View, asked_for, views_of
+from robotouille.envs.rules import (
+    EnvObservation,
+    EnvRules,
+    InvalidAction,
+    Reward,
+    StepResult,
+    StepsToGoPotential,
+    engine_plays,
+    no_such_action_error,
+    not_reset_error,
+)
+from robotouille.envs.views import (
+    Mask,
+    Numbers,
+    ObservationView,
+    ObservedState,
+    requested_view,
+    views_of,
+)
 from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille.world.world import State
 
-__all__ = ["Course", "Play", "WorldCourse"]
 
-
-class Course(Protocol):
-    """The states of one episode, from the initial one on."""
+class Rollout(Protocol):
+    """The states of one episode."""
 
     @property
     def state(self) -> State:
-        """The state at present."""
+        """The current state."""
 
     @property
-    def seen(self) -> Seen:
-        """The arrays of the state at present, which are not to be changed."""
+    def seen(self) -> ObservedState:
+        """Arrays of the current state. Callers must not change them."""
 
     def take(self, numbers: Numbers) -> tuple[bool, ...]:
-        """Take a step of actions that are valid at present: see `View.after`.
+        """Take a step of actions that are valid now: see `ObservationView.after`.
 
         Raises:
             SlotOverflowError: There are too few slots. No step is taken.
         """
 
 
-class WorldCourse:
-    """A course in the world; what was seen in states that were met before is known."""
+class WorldRollout:
+    """A rollout in the world, which caches the arrays of known states."""
 
-    def __init__(self, view: View) -> None:
+    def __init__(self, view: ObservationView) -> None:
         self._view = view
         self.state: State = view.world.initial
-        self.seen: Seen = view.seen(self.state)
+        self.seen: ObservedState = view.seen(self.state)
 
     def take(self, numbers: Numbers) -> tuple[bool, ...]:
         after, applied = self._view.after(self.state, numbers)
@@ -55,108 +67,109 @@ class WorldCourse:
 
 
 class Play:
-    """The course of episodes under an environment's rules.
+    """Episodes under an environment's rules.
 
-    `view` is the instance that is played; `steps` are those of this episode, `over` says that it
-    has ended, or none has begun.
+    `view` is the current instance and `steps` the steps of this episode. `over` is true if it has
+    ended or none has begun.
 
     Args:
-        rules: The environment's.
-        views: Those of the rules' instances, where they are known.
+        views: Views of the rules' instances, if known.
     """
 
-    def __init__(self, rules: EnvRules, views: tuple[View, ...] | None = None) -> None:
+    def __init__(self, rules: EnvRules, views: tuple[ObservationView, ...] | None = None) -> None:
         self.rules = rules
         self.views = views or views_of(rules.tasks(), rules.slots)
         self.view = self.views[0]
         self.players = self.view.world.players
-        self._course: Course | None = None
-        self._seen: Seen | None = None
+        self._rollout: Rollout | None = None
+        self._seen: ObservedState | None = None
         self.steps = 0
         self.over = True
         shaped = rules.reward is Reward.SHAPED
         self._potential = (rules.potential or StepsToGoPotential()) if shaped else None
         self._worth = 0.0
-        self._begin: Callable[[View], Course] = WorldCourse
+        self._begin: Callable[[ObservationView], Rollout] = WorldRollout
+        # Several players hardly ever reach a state again, so the world's caches do not help. A
+        # single player often does.
         if len(self.players) > 1 and engine_plays(rules):
-            from robotouille.envs.engine.course import BatchCourse
+            from robotouille.envs.compiled_engine import BatchRollout
 
-            self._begin = BatchCourse
+            self._begin = BatchRollout
 
     @property
     def state(self) -> State:
-        """The state at present.
+        """The current state.
 
         Raises:
             RobotouilleError: No episode has begun.
         """
-        if self._course is None:
-            raise not_begun()
-        return self._course.state
+        if self._rollout is None:
+            raise not_reset_error()
+        return self._rollout.state
 
     @property
-    def seen(self) -> Seen:
-        """The arrays of the state at present, which are not to be changed.
+    def seen(self) -> ObservedState:
+        """Arrays of the current state. Callers must not change them.
 
         Raises:
             RobotouilleError: No episode has begun.
         """
         if self._seen is None:
-            raise not_begun()
+            raise not_reset_error()
         return self._seen
 
-    def observation(self, kind: Observation, players: Sequence[str]) -> Any:
-        """What players see at present: an object of their own."""
-        if kind is Observation.VECTOR:
+    def observation(self, kind: EnvObservation, players: Sequence[str]) -> Any:
+        """Return the players' current observation, as an object of its own."""
+        if kind is EnvObservation.VECTOR:
             return self.seen.vector.copy()
         return self.view.observation(self.state, kind, players)
 
     def begin(self, random: np.random.Generator, options: dict[str, Any] | None) -> None:
-        """Begin an episode: of the instance that the options ask for, or of one at random.
+        """Begin an episode of the requested instance, or of a random one.
 
         Raises:
-            WrongArgumentError: The instance is none of this environment's, or the potential of its
-                first state is no number.
+            WrongArgumentError: The environment has no such instance, or the potential of its first
+                state is not finite.
         """
-        wanted = asked_for(self.views, options)
+        wanted = requested_view(self.views, options)
         if wanted is not None:
             self.view = wanted
         elif len(self.views) > 1:
             self.view = self.views[int(random.integers(len(self.views)))]
-        self._course = course = self._begin(self.view)
-        self._seen = course.seen
+        self._rollout = rollout = self._begin(self.view)
+        self._seen = rollout.seen
         self.steps, self.over = 0, False
         if self._potential is not None:
-            self._worth = self._worth_of(course.state)
+            self._worth = self._worth_of(rollout.state)
 
-    def take(self, numbers: Sequence[int | None]) -> Taken:
-        """Take a step in which each player does the action of a number, or nothing (None).
+    def take(self, numbers: Sequence[int | None]) -> StepResult:
+        """Take a step with a number for each player's action, or None for nothing.
 
         Raises:
-            WrongArgumentError: There is no such number, or the potential of the state after it is
-                none.
-            InapplicableError: An action is not valid, and the rules say that this is an error.
-            RobotouilleError: No episode has begun, or it is over.
+            WrongArgumentError: An action does not exist, or the potential of the next state is not
+                finite.
+            InapplicableError: An action is not valid, and the rules make that an error.
+            RobotouilleError: The episode has ended, or none has begun.
         """
-        course, seen = self._course, self._seen
-        if course is None or seen is None:
-            raise not_begun()
+        rollout, seen = self._rollout, self._seen
+        if rollout is None or seen is None:
+            raise not_reset_error()
         if self.over:
-            raise RobotouilleError("reset the environment: the episode is over")
+            raise RobotouilleError("reset the environment: the episode has ended")
         wanted = self._valid(seen.masks, numbers)
-        applied = course.take(wanted)
-        if None in wanted:  # who wants nothing gets it
+        applied = rollout.take(wanted)
+        if None in wanted:  # Doing nothing is always applied.
             applied = tuple(a or n is None for a, n in zip(applied, numbers, strict=True))
-        self._seen = seen = course.seen
+        self._seen = seen = rollout.seen
         self.steps += 1
         terminated = seen.goal_reached
         truncated = not terminated and self.steps >= self.rules.max_steps
         self.over = terminated or truncated
         reward = 1.0 if terminated else 0.0
         if self._potential is not None:
-            before, self._worth = self._worth, self._worth_of(course.state)
+            before, self._worth = self._worth, self._worth_of(rollout.state)
             reward += self.rules.weight * (self.rules.gamma * self._worth - before)
-        return Taken(reward, terminated, truncated, applied)
+        return StepResult(reward, terminated, truncated, applied)
 
     def _worth_of(self, state: State) -> float:
         worth = self._potential(state) if self._potential is not None else 0.0
@@ -165,7 +178,7 @@ class Play:
         return worth
 
     def _valid(self, masks: Sequence[Mask], numbers: Sequence[int | None]) -> Numbers:
-        """The numbers of actions that are valid now, None for the others."""
+        """Return the numbers of valid actions, and None for the others."""
         if len(numbers) != len(masks):
             raise WrongArgumentError(f"expected {len(masks)} numbers, found {len(numbers)}")
         if len(masks) == 1:
@@ -180,7 +193,7 @@ class Play:
         except TypeError:
             raise WrongArgumentError(f"expected the number of an action: {number!r}") from None
         if not 0 <= number < len(mask):
-            raise no_such_action(self.players[place], len(mask), number)
+            raise no_such_action_error(self.players[place], len(mask), number)
         if mask[number]:
             return number
         if self.rules.invalid is InvalidAction.RAISE:

@@ -1,4 +1,4 @@
-"""What an environment's options may be, and what they may not."""
+"""Options of environments and their validation."""
 
 from __future__ import annotations
 
@@ -6,21 +6,70 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypedDict, TypeVar
+from typing import Any, NamedTuple, TypedDict, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
-from robotouille.errors import WrongArgumentError
-from robotouille.world.world import State
+from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.plan import Limits
+from robotouille.world.world import State, World
 
-__all__ = ["EnvOptions", "EnvRules", "InvalidAction", "Observation", "Reward"]
+LIMITS = Limits(expansions=2_000)
+BEAM_EXPANSIONS = 500
+
+NO_PLAN = -2.0
+
+
+class StepsToGoPotential:
+    """Negative steps to go from a state, divided by the steps from the initial state.
+
+    The potential is -1 at first and 0 at the goal. It is -2 for states that are far away or without
+    a plan. Plans for one player are almost always shortest plans. Each new state costs a search:
+    some milliseconds for one player, up to a second for a team. Results are cached, and
+    environments in one process may share one object.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[State, float] = {}
+        self._planners: dict[World, AnytimePlanner] = {}
+
+    def __call__(self, state: State) -> float:
+        """Return the potential of a state."""
+        found = self._known.get(state)
+        if found is None:
+            found = self._known[state] = self._work_out(state)
+        return found
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> StepsToGoPotential:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return StepsToGoPotential, ()
+
+    def _work_out(self, state: State) -> float:
+        if state.goal_reached:
+            return 0.0
+        first, left = self._steps(state.world.initial), self._steps(state)
+        return NO_PLAN if left is None or first is None else max(NO_PLAN, -left / first)
+
+    def _steps(self, state: State) -> int | None:
+        planner = self._planners.get(state.world)
+        if planner is None:
+            planner = self._planners[state.world] = AnytimePlanner(state.world)
+        *_, result = planner.search(state, LIMITS, beam=BEAM_EXPANSIONS)
+        return result.length
+
 
 MAX_STEPS = 300
-"""Steps after which an episode is truncated, where nothing else is asked for."""
+"""Default number of steps after which an episode is truncated."""
 
 
-class Observation(StrEnum):
-    """What an agent sees: `State.vector()`, `State.graph()` or `State.text_view(player)`."""
+class EnvObservation(StrEnum):
+    """Kind of observation: `State.vector()`, `State.graph()` or `State.text_view(player)`."""
 
     VECTOR = "vector"
     GRAPH = "graph"
@@ -28,16 +77,22 @@ class Observation(StrEnum):
 
 
 class Reward(StrEnum):
-    """`SPARSE`: 1 on the step that reaches the goal, else 0. `SHAPED`: that, and what the step has
-    gained in potential."""
+    """Rewards of a step.
+
+    `SPARSE` is 1 on the step that reaches the goal, otherwise 0. `SHAPED` adds the step's gain in
+    potential.
+    """
 
     SPARSE = "sparse"
     SHAPED = "shaped"
 
 
 class InvalidAction(StrEnum):
-    """What an action that is not valid comes to. `REJECT`: it changes nothing, and costs a step as
-    doing nothing does. `RAISE`: an `InapplicableError`, and no step is taken."""
+    """Treatment of actions that are not valid.
+
+    `REJECT`: the action changes nothing and costs a step. `RAISE`: an `InapplicableError` is raised
+    and no step is taken.
+    """
 
     REJECT = "reject"
     RAISE = "raise"
@@ -47,23 +102,23 @@ Choice = TypeVar("Choice", bound=StrEnum)
 
 
 class EnvOptions(TypedDict, total=False):
-    """The options of all environments.
+    """Options of all environments.
 
-    - `observation`: `vector`, `graph` or `text`: what is seen.
-    - `reward`: `sparse`, 1 on the step that reaches the goal, else 0; or `shaped`, that and
-      `weight * (gamma * potential(after) - potential(before))`.
-    - `gamma`: the learner's discount, for a shaped reward: above 0, at most 1; 0.99 by default.
-    - `weight`: of what is gained in potential; 1 by default.
-    - `potential`: how good a state is; by default `StepsToGoPotential`.
-    - `invalid`: `reject`, an action that is not valid changes nothing, and costs a step; or
-      `raise`, it is an `InapplicableError`, and no step is taken.
-    - `max_steps`: the step budget, 300 by default: an episode is truncated after so many steps.
-    - `instances`: other instances (tasks, or names) that `reset` chooses from, the task among
-      them; or `generated` for those that are shipped (`Task.instances()`).
-    - `slots`: for how many created objects of a kind arrays have room; see `World`.
+    - `observation`: `vector`, `graph` or `text`.
+    - `reward`: `sparse` is 1 on the step that reaches the goal, else 0. `shaped` adds `weight *
+      (gamma * potential(after) - potential(before))`.
+    - `gamma`: the learner's discount for a shaped reward, above 0 and at most 1; 0.99 by default.
+    - `weight`: the weight of the potential; 1 by default.
+    - `potential`: a function of a state; `StepsToGoPotential` by default.
+    - `invalid`: `reject` (an action that is not valid changes nothing and costs a step) or `raise`
+      (it raises an `InapplicableError` and no step is taken).
+    - `max_steps`: the step budget, after which an episode is truncated; 300 by default.
+    - `instances`: other instances (tasks or names) from which `reset` chooses, in addition to the
+      task; or `generated` for the shipped ones (`Task.instances()`).
+    - `slots`: the room in arrays for created objects of each kind; see `World`.
     """
 
-    observation: Observation | str
+    observation: EnvObservation | str
     reward: Reward | str
     gamma: float
     weight: float
@@ -76,14 +131,14 @@ class EnvOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class EnvRules:
-    """A task, and `EnvOptions` that have been looked at.
+    """A task with validated `EnvOptions`.
 
     Raises:
-        WrongArgumentError: An option is none of what it may be.
+        WrongArgumentError: An option is invalid.
     """
 
     task: Task | str
-    observation: Observation | str = Observation.VECTOR
+    observation: EnvObservation | str = EnvObservation.VECTOR
     reward: Reward | str = Reward.SPARSE
     gamma: float = 0.99
     weight: float = 1.0
@@ -95,7 +150,7 @@ class EnvRules:
 
     def __post_init__(self) -> None:
         for name, kind in (
-            ("observation", Observation), ("reward", Reward), ("invalid", InvalidAction),
+            ("observation", EnvObservation), ("reward", Reward), ("invalid", InvalidAction),
         ):  # fmt: skip
             object.__setattr__(self, name, _one_of(kind, name, getattr(self, name)))
         if isinstance(self.max_steps, bool) or not isinstance(self.max_steps, int):
@@ -108,12 +163,12 @@ class EnvRules:
             raise WrongArgumentError(f"weight: expected a number, found {self.weight!r}")
 
     def tasks(self) -> tuple[Task, ...]:
-        """The task, then the other instances that there are.
+        """Return the task, then the other instances.
 
         Raises:
-            WrongArgumentError: They are for another number of players.
-            UnknownTaskError: There is no such task or instance.
-            FileError: A task's files are wrong.
+            WrongArgumentError: Some instance has another number of players.
+            UnknownTaskError: The task or an instance does not exist.
+            FileError: A task's files are invalid.
         """
         task = _loaded(self.task)
         if isinstance(self.instances, str):
@@ -145,3 +200,52 @@ def _one_of(kind: type[Choice], name: str, found: object) -> Choice:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not math.isnan(value)
+
+
+def is_compiled() -> bool:
+    """Return whether the engine is compiled. In plain Python it is slower than the world."""
+    from robotouille.compiling import COMPILED
+
+    return COMPILED
+
+
+def engine_plays(rules: EnvRules) -> bool:
+    """Return whether the batch engine plays under an environment's rules."""
+    # Graphs, texts and potentials need a `State` in each step, which the engine would have to
+    # build.
+    vectors = rules.observation is EnvObservation.VECTOR
+    return vectors and rules.reward is Reward.SPARSE and is_compiled()
+
+
+ActionRows = npt.NDArray[np.int64]
+"""Numbers of the players' actions, one row per copy."""
+
+Bools = npt.NDArray[np.bool_]
+
+
+class StepResult(NamedTuple):
+    """The result of a step: reward, end of the episode, and whose actions were applied."""
+
+    reward: float
+    terminated: bool
+    truncated: bool
+    valid: tuple[bool, ...]
+
+
+class BatchStepResult(NamedTuple):
+    """The results of a step by copy. `valid` is true if all actions were applied."""
+
+    rewards: npt.NDArray[np.float64]
+    terminated: Bools
+    truncated: Bools
+    valid: Bools
+
+
+def not_reset_error() -> RobotouilleError:
+    """Return the error for calls before the first reset."""
+    return RobotouilleError("reset the environment: no episode has begun")
+
+
+def no_such_action_error(player: str, count: int, number: int) -> WrongArgumentError:
+    """Return the error for an action number that does not exist."""
+    return WrongArgumentError(f"{player} has {count} actions, found number {number}")

@@ -1,8 +1,9 @@
-"""Many copies of a kitchen, stepped together in one process."""
+"""Many copies of a kitchen that take steps together in one process."""
 
 from __future__ import annotations
 
-from typing import Any, Unpack
+from collections.abc import Sequence
+from typing import Any, Protocol, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -11,15 +12,83 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robotouille.domain.task import Task
-from robotouille.envs.copies import Copies, PlayedCopies
-from robotouille.envs.engine import engine_plays
-from robotouille.envs.rewards import StepsToGoPotential
-from robotouille.envs.rules import EnvOptions, EnvRules, Observation, Reward
-from robotouille.envs.taken import ActionRows, not_begun
-from robotouille.envs.views import Mask, observation_space, views_of
+from robotouille.envs.play import Play
+from robotouille.envs.rules import (
+    ActionRows,
+    BatchStepResult,
+    Bools,
+    EnvObservation,
+    EnvOptions,
+    EnvRules,
+    Reward,
+    StepsToGoPotential,
+    engine_plays,
+    not_reset_error,
+)
+from robotouille.envs.views import Mask, ObservationView, Vector, observation_space, views_of
 from robotouille.errors import WrongArgumentError
 
-__all__ = ["RobotouilleVectorEnv"]
+
+class Copies(Protocol):
+    """Copies of an environment's episodes. `view` is the first instance."""
+
+    view: ObservationView
+
+    @property
+    def over(self) -> Bools:
+        """Copies whose episode has ended or has not begun."""
+
+    def begin(
+        self, which: Bools, randoms: Sequence[np.random.Generator], options: dict[str, Any] | None
+    ) -> None:
+        """Begin an episode in some copies: see `Play.begin`."""
+
+    def take(self, numbers: ActionRows) -> BatchStepResult:
+        """Take a step in each running copy: see `Play.take`.
+
+        Raises:
+            SlotOverflowError: Some copy has too few slots.
+        """
+
+    def vectors(self) -> Vector:
+        """Return the states as vectors, one row per copy."""
+
+    def masks(self) -> Mask:
+        """Return the valid actions, one row per copy. The players' masks are concatenated."""
+
+
+class PlayedCopies:
+    """Copies that are played one by one, with any instances and rewards."""
+
+    def __init__(self, rules: EnvRules, views: tuple[ObservationView, ...], copies: int) -> None:
+        self.plays = [Play(rules, views) for _ in range(copies)]
+        self.view = views[0]
+
+    @property
+    def over(self) -> Bools:
+        return np.array([play.over for play in self.plays])
+
+    def begin(
+        self, which: Bools, randoms: Sequence[np.random.Generator], options: dict[str, Any] | None
+    ) -> None:
+        for copy in np.flatnonzero(which).tolist():
+            self.plays[copy].begin(randoms[copy], options)
+
+    def take(self, numbers: ActionRows) -> BatchStepResult:
+        rewards = np.zeros(len(self.plays))
+        terminated, truncated, valid = np.zeros((3, len(self.plays)), dtype=np.bool_)
+        for copy, (play, chosen) in enumerate(zip(self.plays, numbers.tolist(), strict=True)):
+            if not play.over:
+                rewards[copy], terminated[copy], truncated[copy], applied = play.take(chosen)
+                valid[copy] = all(applied)
+        return BatchStepResult(rewards, terminated, truncated, valid)
+
+    def vectors(self) -> Vector:
+        return np.array([play.seen.vector for play in self.plays])
+
+    def masks(self) -> Mask:
+        return np.array([np.concatenate(play.seen.masks) for play in self.plays])
+
 
 Arrays = tuple[
     npt.NDArray[np.float32],
@@ -31,24 +100,22 @@ Arrays = tuple[
 
 
 class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
-    """`num_envs` copies of `RobotouilleEnv` with vectors as observations. They share one world.
-    Where it is compiled the batch engine plays them, if they are of one instance and their reward
-    is sparse.
+    """`num_envs` copies of `RobotouilleEnv` with vector observations, which share one world.
 
-    The `info` of `reset` and `step` has `action_mask`, an array of a row for each copy, and
-    `valid`; with `AutoresetMode.SAME_STEP` also `final_obs` and `final_info`.
+    If the batch engine is compiled, it plays copies of one instance with sparse rewards. The `info`
+    of `reset` and `step` contains `action_mask` and `valid`, with one row per copy. With
+    `AutoresetMode.SAME_STEP` it also contains `final_obs` and `final_info`.
 
     Args:
         task: A task, or a name for `load_task`.
-        num_envs: How many copies.
-        autoreset_mode: When a copy whose episode is over begins another one: `NextStep` or
-            `SameStep`.
-        options: `EnvOptions`, but for `observation`.
+        num_envs: Number of copies.
+        autoreset_mode: `NextStep` or `SameStep`: when a copy begins another episode.
+        options: `EnvOptions` except `observation`.
 
     Raises:
-        WrongArgumentError: An option is none of what it may be.
-        UnknownTaskError: There is no such task or instance.
-        FileError: A task's files are wrong.
+        WrongArgumentError: An option is invalid.
+        UnknownTaskError: The task or an instance does not exist.
+        FileError: A task's files are invalid.
     """
 
     def __init__(
@@ -67,14 +134,14 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         if options.get("reward") == Reward.SHAPED:
             options.setdefault("potential", StepsToGoPotential())
         rules = EnvRules(task, **options)
-        if rules.observation is not Observation.VECTOR:
-            raise WrongArgumentError("observation: copies in one process see vectors")
+        if rules.observation is not EnvObservation.VECTOR:
+            raise WrongArgumentError("observation: expected 'vector' for copies in one process")
         self._copies = _copies_of(rules, num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
         self.num_envs = num_envs
         sizes = self._copies.view.sizes
-        self.single_observation_space = observation_space(Observation.VECTOR, self._copies.view)
+        self.single_observation_space = observation_space(EnvObservation.VECTOR, self._copies.view)
         self._alone = len(sizes.actions) == 1
         self.single_action_space = (
             spaces.Discrete(sizes.actions[0])
@@ -86,21 +153,21 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         self._randoms: list[np.random.Generator] = []
 
     def action_masks(self) -> Mask:
-        """Which actions of each copy are valid now, a row for each."""
+        """Return the valid actions, one row per copy."""
         return self._copies.masks()
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin all episodes anew.
+        """Begin an episode in every copy.
 
         Args:
-            seed: Of the choice among instances: of the first copy, those of the others follow; or
-                one for each.
-            options: Those of `RobotouilleEnv.reset`, for each copy.
+            seed: Seed for the choice among instances: one for each copy, or one for the first, from
+                which the others count up.
+            options: Options of `RobotouilleEnv.reset`, for each copy.
 
         Raises:
-            WrongArgumentError: There is not a seed for each, or no such instance.
+            WrongArgumentError: The number of seeds is wrong, or an instance does not exist.
         """
         if seed is not None or not self._randoms:
             seeds = seed if isinstance(seed, list) else [
@@ -117,12 +184,12 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         """Take a step in each copy.
 
         Raises:
-            WrongArgumentError: There is no such action, or not one for each copy and player.
+            WrongArgumentError: An action does not exist, or the shape of the actions is wrong.
             InapplicableError: An action is not valid, and `invalid` is `raise`.
             RobotouilleError: No episode has begun.
         """
         if not self._randoms:
-            raise not_begun()
+            raise not_reset_error()
         copies = self._copies
         anew = copies.over
         rewards, terminated, truncated, valid = copies.take(self._numbers(actions))
@@ -137,7 +204,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         return copies.vectors(), rewards, terminated, truncated, self._info(valid) | last
 
     def _numbers(self, actions: Any) -> ActionRows:
-        """The numbers of actions, a row for each copy."""
+        """Return the numbers of actions, one row per copy."""
         found = np.asarray(actions)
         if found.dtype.kind not in "iu" or found.shape != self.action_space.shape:
             raise WrongArgumentError(
@@ -154,7 +221,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         }  # fmt: skip
 
     def _last(self, which: npt.NDArray[np.bool_]) -> dict[str, Any]:
-        """What the episodes that are over ended with."""
+        """Return the final observations and infos of ended episodes."""
         vectors, masks = self._copies.vectors(), self.action_masks()
         observations = np.full(self.num_envs, None, dtype=object)
         for copy in np.flatnonzero(which).tolist():
@@ -169,10 +236,10 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
 
 
 def _copies_of(rules: EnvRules, number: int) -> Copies:
-    """Copies under an environment's rules, in the batch engine if they are all of one instance."""
+    """Return copies under an environment's rules, in the batch engine if possible."""
     views = views_of(rules.tasks(), rules.slots)
     if len(views) > 1 or not engine_plays(rules):
         return PlayedCopies(rules, views, number)
-    from robotouille.envs.engine.copies import BatchCopies
+    from robotouille.envs.compiled_engine import BatchCopies
 
     return BatchCopies(rules, views[0], number)

@@ -1,9 +1,10 @@
-"""How the states of one instance look to learners: as arrays, as large in every instance."""
+"""Observations of states as arrays of equal sizes in all instances."""
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import EntryPoint
 from operator import and_
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,84 +14,91 @@ from gymnasium import spaces
 from gymnasium.spaces import GraphInstance
 
 from robotouille.domain.task import Task
-from robotouille.envs.rules import Observation
-from robotouille.errors import InapplicableError, WrongArgumentError
+from robotouille.envs.rules import EnvObservation
+from robotouille.errors import InapplicableError, MissingExtraError, WrongArgumentError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.timers import Timers
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World, shared_world
 
-__all__ = [
-    "Mask",
-    "Numbers",
-    "Seen",
-    "Sizes",
-    "Vector",
-    "View",
-    "asked_for",
-    "observation_space",
-    "views_of",
-]
+PAINTER = "robotouille_client.window.video:still"
+"""Entry point of a function that draws a state and its step number as rows of pixels."""
+
+
+def picture(state: State, step: int) -> Any:
+    """Return a picture of a state as an array of shape (height, width, 3).
+
+    Raises:
+        MissingExtraError: pygame is not installed.
+    """
+    try:
+        still: Callable[[State, int], Any] = EntryPoint("still", PAINTER, "robotouille").load()
+    except ImportError:
+        raise MissingExtraError("a picture of a kitchen", "window") from None
+    return still(state, step)
+
 
 Mask = npt.NDArray[np.int8]
-"""Which actions are valid, as Gymnasium's `sample` takes it: 1 or 0."""
+"""Valid actions in the format of Gymnasium's `sample`: 1 or 0."""
 
 Vector = npt.NDArray[np.float32]
 
 Numbers = tuple[int | None, ...]
-"""Those of each player's action, or None for nothing."""
+"""Number of each player's action, or None for nothing."""
 
 Number = TypeVar("Number", bound=np.generic)
 
 MAX_TEXT = 100_000
 CHARACTERS = frozenset(map(chr, (10, *range(32, 127), *range(160, 384))))
-"""What observations in words are made of, and how many letters they have at most."""
+"""Characters of text observations."""
 
 MAX_KEPT_BYTES = 64 * 1024 * 1024
-"""Of arrays that an instance's states were found to be; then it begins anew."""
+"""Maximum size of an instance's cached arrays."""
 
 
 class Sizes(NamedTuple):
-    """How many numbers a vector has, how large they are, and how many actions each player has, in
-    the largest instance."""
+    """The largest sizes of all instances: vector length and values, and players' actions."""
 
     vector: int
     high: int
     actions: tuple[int, ...]
 
 
-class Seen(NamedTuple):
-    """What a state was found to be; nobody writes to it."""
+class ObservedState(NamedTuple):
+    """The arrays of a state, which must not be changed."""
 
     vector: Vector
     masks: tuple[Mask, ...]
     goal_reached: bool
 
 
-class View:
-    """One instance as learners see it. All environments of an instance share one in a process; it
-    travels to another one as its world does, and what is kept does not."""
+class ObservationView:
+    """One instance with its observations.
+
+    All environments of an instance in one process share one view. Pickling a view leaves out its
+    cache.
+    """
 
     def __init__(self, world: World, sizes: Sizes) -> None:
         self.world = world
         self.sizes = sizes
         self.actions = tuple(world.ground_actions(player) for player in world.players)
         self._encoding = world.encoding
-        self._seen: dict[tuple[int, Timers], Seen] = {}
+        self._seen: dict[tuple[int, Timers], ObservedState] = {}
         item = 4 * sizes.vector + sum(sizes.actions) + 1_000
         self._room = max(100, MAX_KEPT_BYTES // item)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> View:
+    def __deepcopy__(self, memo: dict[int, Any]) -> ObservationView:
         return self
 
-    def __copy__(self) -> View:
+    def __copy__(self) -> ObservationView:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _shared_view, (self.world, self.sizes)
 
-    def seen(self, state: State) -> Seen:
-        """A state's arrays, which are not to be changed."""
+    def seen(self, state: State) -> ObservedState:
+        """Return a state's arrays, which must not be changed."""
         key = state.facts, state.timers
         found = self._seen.get(key)
         if found is None:
@@ -99,13 +107,13 @@ class View:
             found = self._seen[key] = self._look(state)
         return found
 
-    def _look(self, state: State) -> Seen:
+    def _look(self, state: State) -> ObservedState:
         masks = (state.mask(player).view(np.int8) for player in self.world.players)
         padded = tuple(map(_padded, masks, self.sizes.actions))
-        return Seen(_padded(state.vector(), self.sizes.vector), padded, state.goal_reached)
+        return ObservedState(_padded(state.vector(), self.sizes.vector), padded, state.goal_reached)
 
     def action(self, state: State, place: int, number: int) -> GroundAction | None:
-        """A player's action of a number; None for one that this instance, or its state, has not."""
+        """Return a player's action of a number, or None if the instance or the state lacks it."""
         actions = self.actions[place]
         if number >= len(actions):
             return None
@@ -114,10 +122,10 @@ class View:
         return actions[number]
 
     def after(self, state: State, numbers: Numbers) -> tuple[State, tuple[bool, ...]]:
-        """The state after a step in which each player does the action of a number, which is valid
-        in `state`, or nothing (None), and whose action was applied.
+        """Return the state after a step, and the players whose action was applied.
 
-        Players act in the order of seats, and one may spoil what the next wanted.
+        Each player takes the action of a number that is valid in `state`, or nothing (None).
+        Players act in the order of seats, so one may prevent the action of the next.
         """
         if len(numbers) == 1 and (number := numbers[0]) is not None:
             action = self.action(state, 0, number)
@@ -131,16 +139,16 @@ class View:
         return after, tuple(map(and_, applied, map(bool, actions)))
 
     def inapplicable(self, state: State, place: int, number: int) -> InapplicableError:
-        """What is raised where a player's action of a number is not valid, and that is an error."""
+        """Return the error for an action that is not valid."""
         action = self.action(state, place, number)
         if action is None:
             missing = Unmet(UnmetKind.MISSING, "it is about an object that does not exist")
             return InapplicableError(f"action {number}", (missing,))
         return InapplicableError(action.sentence, self.world.unmet(state, action))
 
-    def observation(self, state: State, kind: Observation, players: Sequence[str]) -> Any:
-        """What players see of a state, if that is no vector."""
-        if kind is Observation.TEXT:
+    def observation(self, state: State, kind: EnvObservation, players: Sequence[str]) -> Any:
+        """Return the players' observation as text or as a graph."""
+        if kind is EnvObservation.TEXT:
             return "\n\n".join(state.text_view(player) for player in players)
         nodes, edges, counters = state.graph()
         relations = edges[:, :1].astype(np.float32)
@@ -148,22 +156,24 @@ class View:
 
 
 def _padded(array: npt.NDArray[Number], size: int) -> npt.NDArray[Number]:
-    """An array with zeros behind it up to a size."""
+    """Return an array padded with zeros to a size."""
     return array if len(array) == size else np.pad(array, (0, size - len(array)))
 
 
-_views: weakref.WeakValueDictionary[tuple[World, Sizes], View] = weakref.WeakValueDictionary()
+_views: weakref.WeakValueDictionary[tuple[World, Sizes], ObservationView] = (
+    weakref.WeakValueDictionary()
+)
 
 
-def _shared_view(world: World, sizes: Sizes) -> View:
+def _shared_view(world: World, sizes: Sizes) -> ObservationView:
     view = _views.get((world, sizes))
     if view is None:
-        view = _views[world, sizes] = View(world, sizes)
+        view = _views[world, sizes] = ObservationView(world, sizes)
     return view
 
 
-def views_of(tasks: Sequence[Task], slots: Any = None) -> tuple[View, ...]:
-    """The views of instances, all of the sizes of the largest."""
+def views_of(tasks: Sequence[Task], slots: Any = None) -> tuple[ObservationView, ...]:
+    """Return the views of instances, all with the sizes of the largest one."""
     worlds = [shared_world(task, slots) for task in tasks]
     seats = range(len(worlds[0].players))
     sizes = Sizes(
@@ -174,11 +184,13 @@ def views_of(tasks: Sequence[Task], slots: Any = None) -> tuple[View, ...]:
     return tuple(_shared_view(world, sizes) for world in worlds)
 
 
-def asked_for(views: Sequence[View], options: Mapping[str, Any] | None) -> View | None:
-    """The instance that the options of a reset ask for, by its task, its name or its number.
+def requested_view(
+    views: Sequence[ObservationView], options: Mapping[str, Any] | None
+) -> ObservationView | None:
+    """Return the instance that a reset's options request by task, name or number, or None.
 
     Raises:
-        WrongArgumentError: It is none of these.
+        WrongArgumentError: The instance does not exist.
     """
     wanted = (options or {}).get("instance")
     if wanted is None:
@@ -191,11 +203,11 @@ def asked_for(views: Sequence[View], options: Mapping[str, Any] | None) -> View 
     raise WrongArgumentError(f"instance: expected one of {names}, found {wanted!r}")
 
 
-def observation_space(kind: Observation, view: View) -> spaces.Space[Any]:
-    """The space of what is seen."""
-    if kind is Observation.TEXT:
+def observation_space(kind: EnvObservation, view: ObservationView) -> spaces.Space[Any]:
+    """Return the space of observations."""
+    if kind is EnvObservation.TEXT:
         return spaces.Text(MAX_TEXT, min_length=0, charset=CHARACTERS)
-    if kind is Observation.VECTOR:
+    if kind is EnvObservation.VECTOR:
         return spaces.Box(-1.0, view.sizes.high, (view.sizes.vector,), np.float32)
     encoding = view.world.encoding
     high = max(view.sizes.high, len(encoding.relations))

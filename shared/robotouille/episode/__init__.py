@@ -1,8 +1,4 @@
-"""Seats, turn order, clocks as data and the outcome: a state machine without I/O.
-
-The time that an episode is told (`now`) is in seconds, on any clock that never goes back. The
-`time` of an event is in seconds since the game began, pauses included.
-"""
+"""Episodes: seats, clocks, rules and outcomes, as a state machine without I/O."""
 
 from __future__ import annotations
 
@@ -11,35 +7,35 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from robotouille.episode.episode import Episode
     from robotouille.episode.events import (
-        Announced,
+        ActionRejected,
+        AnnouncementMade,
+        ChatPosted,
         CountdownChanged,
         Departure,
-        Ended,
+        EpisodeEnded,
         Event,
         Moderated,
         Moderation,
-        Move,
         Noted,
         Outcome,
         Paused,
+        PlayedMove,
         QuotaReached,
         ReadinessChanged,
         Reason,
-        Rejected,
         RejectionKind,
         Restarted,
         Resumed,
-        RosterChanged,
         RoundTripMeasured,
-        Said,
+        SeatChanged,
         Started,
         Stepped,
     )
-    from robotouille.episode.lifecycle import Controller, Phase
+    from robotouille.episode.lifecycle import Absence, Controller, Phase
     from robotouille.episode.pauses import PauseReason
-    from robotouille.episode.recovered_episode import RecoveredEpisode
-    from robotouille.episode.rules import Absence, Chat, Clock, Rules, SeatTreatment
-    from robotouille.episode.seats import ActionAnswer, Seat
+    from robotouille.episode.record import EpisodeRecord, RandomReversal
+    from robotouille.episode.rules import Chat, Clock, Rules, SeatTreatment
+    from robotouille.episode.seats import ActionAnswer, ActionRequest, Seat
     from robotouille.episode.tallies import Activity, SeatTally
 else:
     from robotouille.lazy_exports import lazy_exports
@@ -53,43 +49,45 @@ else:
         "robotouille.episode.events",
         "robotouille.episode.seats",
         "robotouille.episode.episode",
-        "robotouille.episode.recovered_episode",
+        "robotouille.episode.record",
     )
 
 __all__ = [
     "Absence",
     "ActionAnswer",
+    "ActionRejected",
+    "ActionRequest",
     "Activity",
-    "Announced",
+    "AnnouncementMade",
     "Chat",
+    "ChatPosted",
     "Clock",
     "Controller",
     "CountdownChanged",
     "Departure",
-    "Ended",
     "Episode",
+    "EpisodeEnded",
+    "EpisodeRecord",
     "Event",
     "Moderated",
     "Moderation",
-    "Move",
     "Noted",
     "Outcome",
     "PauseReason",
     "Paused",
     "Phase",
+    "PlayedMove",
     "QuotaReached",
+    "RandomReversal",
     "ReadinessChanged",
     "Reason",
-    "RecoveredEpisode",
-    "Rejected",
     "RejectionKind",
     "Restarted",
     "Resumed",
-    "RosterChanged",
     "RoundTripMeasured",
     "Rules",
-    "Said",
     "Seat",
+    "SeatChanged",
     "SeatTally",
     "SeatTreatment",
     "Started",

@@ -1,7 +1,7 @@
-"""The clocks of an episode: when a step is due, who may act, and whose decision it waits for.
+"""Clocks: rules for when a step is due, who may act, and whose decision a step waits for.
 
-A clock holds no episode. It is told the time and looks at the `ClockedEpisode`, and says at which
-times steps are to be taken now. What it does not know is what a step does.
+A clock does not hold the episode. It yields the times of steps to take now; the episode takes each
+step before the clock goes on, so the clock sees its effect.
 """
 
 from __future__ import annotations
@@ -12,78 +12,66 @@ from typing import Protocol
 
 from robotouille.episode.rules import Clock, Rules
 
-__all__ = [
-    "MAX_CATCH_UP",
-    "MAX_STEPS_AT_ONCE",
-    "ClockedEpisode",
-    "DeclaredClock",
-    "LockstepClock",
-    "RealTimeClock",
-    "StepClock",
-    "TurnClock",
-    "clock_for",
-]
-
 MAX_CATCH_UP = 10
-"""Steps that a late real-time episode takes at once; the others are left out."""
+"""Steps that a late real-time episode takes at once. The rest is skipped: a server that was
+suspended for a minute must not play that minute in one burst."""
 MAX_STEPS_AT_ONCE = 50
-"""Steps taken for one message; what is left is taken when time is told next."""
+"""Steps taken for one request. Long runs of steps in which nobody can act would otherwise keep
+other episodes from their turn; the rest follows at the next tick."""
 
 
 class ClockedEpisode(Protocol):
-    """What a clock sees of an episode."""
+    """The part of an episode that a clock reads."""
 
     step: int
 
     @property
     def running(self) -> bool:
-        """Whether the game has begun, has not ended, and time runs."""
+        """True from the start to the end, except during pauses."""
         ...
 
     def all_decided(self, players: Iterable[str]) -> bool:
-        """Whether nothing more is to be waited for from these."""
+        """Return whether a step need not wait for any of these players."""
         ...
 
 
+# Clocks do not know the reasons for pauses. They only ask whether the episode is `running`, so
+# every reason works with every clock (docs/decisions/0015).
 class StepClock(Protocol):
-    """When the next step is taken; times are in seconds, on the clock that the episode is told.
-
-    `scheduled` says whether steps follow the wall clock, whoever has acted.
-    """
+    """Rule for when the next step is taken. `scheduled`: steps follow the wall clock."""
 
     scheduled: bool
 
     def start(self, now: float) -> None:
-        """The game begins, or goes on in another process."""
+        """Start with the game, or when another process goes on with it."""
 
     def resume(self, now: float) -> None:
-        """The game has stood still until now."""
+        """Resume after a pause."""
 
     def start_move(self, now: float) -> None:
-        """Everybody who has to decide has its budget from now on."""
+        """Restart the move budget."""
 
     def due(self) -> float | None:
-        """When `on_tick` has something to do, if nobody decides before."""
+        """Return when `on_tick` has something to do if nobody decides before."""
 
     def on_turn(self, step: int) -> str | None:
-        """The only player who may act in the step after this one; None: all may."""
+        """Return the only player who may act in the step after `step`; None if all may."""
 
     def awaited(self, step: int) -> Sequence[str]:
-        """The players whose decisions the step after this one waits for."""
+        """Return the players whose decisions the step after `step` waits for."""
 
     def delay(self, think_ms: int) -> int:
-        """The steps after which an action takes effect that took so long to think of."""
+        """Return the number of steps by which declared thinking time delays an action."""
 
     def on_decision(self, now: float, game: ClockedEpisode) -> Iterable[float]:
-        """Somebody has decided, or need not any more: the times of the steps to take. They are
-        taken one by one, while this goes on."""
+        """Yield the times of the steps to take after a decision, or after a seat's absence."""
 
     def on_tick(self, now: float, game: ClockedEpisode) -> Iterable[float]:
-        """Time has passed: the times of the steps to take, likewise."""
+        """Yield the times of the steps to take because time has passed."""
 
 
 class LockstepClock:
-    """A step waits for everybody's decision, for as long as the move budget lasts."""
+    """Clock whose steps wait for everybody's decision, at most for the move budget."""
 
     scheduled = False
 
@@ -91,6 +79,8 @@ class LockstepClock:
         self._players = tuple(players)
         self._budget = rules.move_budget
         self._deadline: float | None = None
+        # Set if a request has used up `MAX_STEPS_AT_ONCE`: the time at which the rest became due.
+        # The next tick goes on from there without waiting for the deadline.
         self._backlog: float | None = None
 
     def start(self, now: float) -> None:
@@ -100,6 +90,8 @@ class LockstepClock:
         pass
 
     def start_move(self, now: float) -> None:
+        # Every step has the whole budget. A budget for the episode would punish a seat for the slow
+        # decisions of the others.
         self._deadline = now + self._budget if self._budget else None
 
     def due(self) -> float | None:
@@ -124,14 +116,18 @@ class LockstepClock:
 
     def on_tick(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         if self._backlog is None:
+            # The budget is over, so one step is taken with the decisions that exist. The seats that
+            # did not decide do nothing in it.
             if self._deadline is None or now < self._deadline:
                 return
             yield now
         yield from self.on_decision(now, game)
 
 
+# The turn follows from the number of the step alone, so a recording need not store it, and
+# `robotouille.replay.measures` computes it again in the same way.
 class TurnClock(LockstepClock):
-    """The players act one after the other; a step waits for the one whose turn it is."""
+    """Clock with which players act one after the other. A step waits for the player on turn."""
 
     def on_turn(self, step: int) -> str | None:
         return self._players[step % len(self._players)]
@@ -141,23 +137,29 @@ class TurnClock(LockstepClock):
 
 
 class DeclaredClock(LockstepClock):
-    """Real time in which thinking costs what is declared: steps wait for everybody, and an action
-    takes effect as many steps later as would have passed meanwhile."""
+    """Real time in which seats declare how long they thought.
+
+    Steps wait for everybody, and an action takes effect as many steps later as the declared time
+    is long. A run is therefore repeatable, however fast the machine is.
+    """
 
     def __init__(self, rules: Rules, players: Sequence[str]) -> None:
         super().__init__(rules, players)
         self._step_rate = rules.step_rate
 
     def delay(self, think_ms: int) -> int:
+        # Rounded up: in real time, an action that arrives during a step's period also waits for the
+        # end of that period.
         return ceil(think_ms / 1000 * self._step_rate)
 
 
 class RealTimeClock:
-    """A step each period, whoever has acted: what was decided until then is done in it."""
+    """Clock with one step in each period. A step takes the decisions made until then."""
 
     scheduled = True
 
     def __init__(self, rules: Rules) -> None:
+        # Never changed after the start: the rules are in the header of the recording.
         self._period = rules.period
         self._next_step = 0.0
 
@@ -165,6 +167,7 @@ class RealTimeClock:
         self._next_step = now + self._period
 
     def resume(self, now: float) -> None:
+        # Give players a whole period to look at the kitchen before its first step.
         self._next_step = max(self._next_step, now + self._period)
 
     def start_move(self, now: float) -> None:
@@ -188,15 +191,18 @@ class RealTimeClock:
     def on_tick(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         taken = 0
         while game.running and now >= self._next_step:
+            # The scheduled time and not `now`: held requests and recorded times are then the same
+            # if the server's tick came late.
             yield self._next_step
             self._next_step += self._period
             taken += 1
+            # `max` only ever moves the next step into the future, so the loop ends after this step.
             if taken >= MAX_CATCH_UP:
                 self._next_step = max(self._next_step, now + self._period)
 
 
 def clock_for(rules: Rules, players: Sequence[str]) -> StepClock:
-    """The clock of some rules."""
+    """Return the clock that the rules ask for."""
     match rules.clock:
         case Clock.TURN:
             return TurnClock(rules, players)

@@ -1,50 +1,41 @@
-"""An episode: seats, a clock and a world, without I/O.
+"""Episodes without I/O: requests and the time go in, events come out.
 
-Messages and the time go in, events come out. Nothing here reads a clock, so an episode takes the
-same course alone or beside a hundred others, in real or in simulated time.
+An episode reads no clock. The same calls produce the same events in real and in simulated time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import replace
-from functools import partial
+from collections.abc import Collection, Iterable, Mapping
 
-from robotouille.episode.episode_state import EpisodeState, Undone, nothing_undone
 from robotouille.episode.events import (
-    ACTION_INVALID,
-    ACTION_UNKNOWN,
+    AnnouncementMade,
+    ChatPosted,
     CountdownChanged,
     Departure,
+    Event,
+    Moderated,
+    Moderation,
+    Noted,
+    Outcome,
     Paused,
-    QuotaReached,
     ReadinessChanged,
     Reason,
-    Rejected,
+    Restarted,
     Resumed,
+    RoundTripMeasured,
     Started,
 )
-from robotouille.episode.lifecycle import Controller, Phase, PhaseEvent
+from robotouille.episode.lifecycle import Absence, Controller, Phase, PhaseEvent
 from robotouille.episode.pauses import PauseReason
 from robotouille.episode.presence import Presence
-from robotouille.episode.quota import size_of_rejection
-from robotouille.episode.rules import Absence, Rules, SeatTreatment
-from robotouille.episode.seats import (
-    ActionAnswer,
-    ActionRequest,
-    HeldActions,
-    PendingAction,
-    Seat,
-    by_holder,
-    joint_action,
-    who_waits,
-)
-from robotouille.errors import ProtocolError, UnknownNameError
+from robotouille.episode.quota import NOTE_BYTES, size_of_note
+from robotouille.episode.record import EpisodeRecord, RandomReversal, no_reversal
+from robotouille.episode.rules import Chat, Rules, SeatTreatment
+from robotouille.episode.seats import ActionRequest, Seat, by_holder
+from robotouille.episode.submissions import Submissions, joint_action
+from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of
-from robotouille.world.world import World
-
-__all__ = ["Episode"]
+from robotouille.world.world import State, World
 
 DEPARTURES = {
     Departure.LEFT: "left",
@@ -53,23 +44,25 @@ DEPARTURES = {
 }
 
 
-UNASKED = ActionRequest(seq=0)
-"""Of what a stand-in does: its seat has not asked for it."""
+class Episode:
+    """One play of a task under given rules.
 
-
-class Episode(EpisodeState):
-    """One game of a task under some rules: who may do what, and when.
-
-    `pauses` are the reasons for which time stands still at present; `step_began` is when the
-    present step began, and with it everybody's move budget.
+    All methods take `now`: seconds on a clock that the caller reads and that never goes back.
+    Methods that name a player raise ProtocolError `seat/unknown` if there is no such seat.
 
     Args:
-        now: Seconds, here and in all methods, on one clock that the caller reads.
-        undone: What chance takes back after each step.
-        treatments: What a study does to seats, by player.
+        random_reversal: Chooses the facts that become false by chance after each step.
+        treatments: A study's treatment of seats, by player.
+
+    Attributes:
+        record: The episode's data.
+        pauses: The reasons for which the game is paused now.
+        step_began: Time at which the move budget of the present step started.
     """
 
-    __slots__ = ("_arrivals", "_held", "_presence", "_reported", "pauses", "step_began")
+    # A server has one of these for each room, and slots are a part of how the memory for a room
+    # fell from 137 to 52 KiB (docs/decisions/0019).
+    __slots__ = ("_presence", "_reported", "_submissions", "pauses", "record", "step_began")
 
     def __init__(
         self,
@@ -77,19 +70,112 @@ class Episode(EpisodeState):
         rules: Rules,
         now: float = 0.0,
         *,
-        undone: Undone = nothing_undone,
+        random_reversal: RandomReversal = no_reversal,
         treatments: Mapping[str, SeatTreatment] | None = None,
     ) -> None:
-        super().__init__(world, rules, undone, treatments or {})
+        self.record = EpisodeRecord(world, rules, random_reversal, treatments or {})
         self.step_began = now
-        self._held = HeldActions()
-        self._presence = Presence(self.seats, rules, opened=now)
+        self._submissions = Submissions(self.record)
+        self._presence = Presence(self.record, opened=now)
         self.pauses = self._presence.pauses
+        # The reasons in the last `Paused` event. Comparing with them avoids an event, and a note in
+        # the recording, for each call that changes nothing.
         self._reported: tuple[PauseReason, ...] = ()
-        self._arrivals = 0
-        self._presence.watch(now, begun=False)
+        self._presence.update(now)
 
-    # Who plays
+    # Reading
+
+    @property
+    def world(self) -> World:
+        """The world of the task."""
+        return self.record.world
+
+    @property
+    def rules(self) -> Rules:
+        """The rules of play."""
+        return self.record.rules
+
+    @property
+    def state(self) -> State:
+        """The state after the last step."""
+        return self.record.state
+
+    @property
+    def step(self) -> int:
+        """Number of steps taken."""
+        return self.record.step
+
+    @property
+    def phase(self) -> Phase:
+        """The phase: waiting, running, paused or ended."""
+        return self.record.phase
+
+    @property
+    def in_progress(self) -> bool:
+        """True from the start to the end, pauses included."""
+        return self.record.in_progress
+
+    @property
+    def running(self) -> bool:
+        """True from the start to the end, except during pauses."""
+        return self.record.phase is Phase.RUNNING
+
+    @property
+    def paused(self) -> bool:
+        """True while the game is paused."""
+        return self.record.phase is Phase.PAUSED
+
+    @property
+    def ended(self) -> bool:
+        """True once the episode has an outcome."""
+        return self.record.phase is Phase.ENDED
+
+    @property
+    def starts_at(self) -> float | None:
+        """Time at which a running countdown ends."""
+        return self.record.starts_at
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """The outcome; None before the end."""
+        return self.record.outcome
+
+    @property
+    def seats(self) -> Mapping[str, Seat]:
+        """The seats by player."""
+        return self.record.seats
+
+    def seat(self, player: str) -> Seat:
+        """Return the seat of a player."""
+        return self.record.seat(player)
+
+    @property
+    def on_turn(self) -> str | None:
+        """The only player who may act now; None if the clock has no turns or no game is on."""
+        return self.record.on_turn
+
+    @property
+    def waits_for(self) -> tuple[str, ...]:
+        """The players whose decision the present step waits for; none with the wall clock."""
+        record = self.record
+        if not record.running:
+            return ()
+        # Not only the players without a decision: a seat that is busy, or has neither a participant
+        # nor a substitute, holds up nobody.
+        awaited = record.clock.awaited(record.step)
+        return tuple(p for p in awaited if not record.seats[p].decided(record.state))
+
+    def events(self) -> list[Event]:
+        """Return the events since the last call, in order."""
+        record = self.record
+        if not record.events:
+            return []
+        # A new list instead of `clear()`: the caller keeps the old one while it writes and
+        # publishes, and may cause further events.
+        events, record.events = record.events, []
+        return events
+
+    # Participants
 
     def join(
         self,
@@ -102,23 +188,24 @@ class Episode(EpisodeState):
         participant: str = "",
         ready: bool = True,
     ) -> str:
-        """Take a seat (any free one if `player` is None); the game begins when all are there and
-        ready.
+        """Give a seat to a participant. The game starts when all seats are taken and ready.
 
         Args:
-            name: What others see.
-            kind: The value of a `Controller`: `human`, `bot` or `model`.
-            session: Who holds the seat, by a pseudonym.
-            participant: The pseudonym that stays the same in later sessions.
-            ready: Whether the game may begin; if not, `set_ready` says when.
+            player: The seat's player; None for the first free seat.
+            name: The participant's name, as others see it.
+            kind: `human`, `bot` or `model`.
+            session: Pseudonym of the session that holds the seat.
+            participant: Pseudonym that stays the same in later sessions.
+            ready: False if the start must wait for `set_ready`.
 
         Returns:
             The player whose seat it is.
 
         Raises:
-            ProtocolError: `episode/over`, `episode/full`, `seat/unknown` or `seat/taken`.
+            ProtocolError: `episode/ended`, `episode/full`, `seat/unknown` or `seat/taken`.
         """
-        players = (player,) if player is not None else self.free_seats()[:1]
+        # The first free seat, so that the same joins always fill the same seats.
+        players = (player,) if player is not None else self.record.free_seats()[:1]
         (taken,) = self.join_several(
             players, name, kind, now, session=session, participant=participant, ready=ready
         )
@@ -135,68 +222,71 @@ class Episode(EpisodeState):
         participant: str = "",
         ready: bool = True,
     ) -> tuple[str, ...]:
-        """One participant takes several seats: all of them, or none. Arguments are those of `join`.
+        """Give several seats to one participant: all of them, or none. See `join`.
 
         Returns:
             The players, in seat order.
 
         Raises:
-            ProtocolError: `episode/over`, `seat/unknown` or `seat/taken`.
+            ProtocolError: `episode/ended`, `seat/unknown` or `seat/taken`.
         """
-        seats = self.check_free(players)
+        record = self.record
+        # All checks come before the first change, so a participant gets all seats or none
+        # (docs/decisions/0031).
+        seats = record.check_free(players)
         for seat in seats:
-            seat.take(name, kind, session, participant, self._ran(now))
-        self.used = self._presence.used = True
+            seat.take(name, kind, session, participant, record.ran(now))
+        # Distinguishes the outcomes `everybody left` and `nobody came`, and lets a participant
+        # return after `open_for` is over.
+        record.used = True
+        # Report after all seats are taken: no event may show a participant with some of them.
         for seat in seats:
-            self._emit_roster(seat, now)
-        self._set_ready(seats, ready)
+            record.emit_roster(seat, now)
+        self._change_readiness(seats, ready)
         self._update_presence(now)
         return tuple(seat.player for seat in seats)
 
     def set_ready(self, players: str | Collection[str], ready: bool, now: float) -> None:
-        """A participant is ready for the beginning, or is not any more, which stops the countdown.
+        """Set whether a participant is ready. A participant who is not ready stops the countdown.
 
-        Once the game has begun this means nothing.
-
-        Raises:
-            ProtocolError: `seat/unknown`.
+        After the start this has no effect.
         """
-        seats = [seat for seat in self.seats_of(players) if seat.taken]
-        if self._set_ready(seats, ready):
+        seats = [seat for seat in self.record.seats_of(players) if seat.taken]
+        if self._change_readiness(seats, ready):
             self._start_when_complete(now)
 
-    def _set_ready(self, seats: Iterable[Seat], ready: bool) -> bool:
-        """Whether that was news of any of the seats."""
-        if self.phase is not Phase.WAITING:
+    def _change_readiness(self, seats: Iterable[Seat], ready: bool) -> bool:
+        """Return whether any seat changed."""
+        if self.record.phase is not Phase.WAITING:
             return False
         changed = [seat for seat in seats if seat.ready != ready]
         for seat in changed:
             seat.ready = ready
-            self._emit(ReadinessChanged(seat.player, ready))
+            self.record.emit(ReadinessChanged(seat.player, ready))
         return bool(changed)
 
     def leave(
         self, players: str | Collection[str], now: float, why: Departure = Departure.LEFT
     ) -> None:
-        """A participant gives its seats up for good; the absence policy says what becomes of the
-        game.
+        """Free a participant's seats for good. The absence rule decides how the game goes on.
 
-        Nothing happens where the seats are free or the episode is over.
-
-        Raises:
-            ProtocolError: `seat/unknown`.
+        Has no effect on free seats or after the end.
         """
-        seats = [seat for seat in self.seats_of(players) if seat.taken]
-        if not seats or self.ended:
+        record = self.record
+        seats = [seat for seat in record.seats_of(players) if seat.taken]
+        if not seats or record.ended:
             return
         name = seats[0].name
         for seat in seats:
-            seat.vacate(self._ran(now))
-            self._held.drop(seat.player)
+            # Two loops, here and in `set_present`: no step, pause or end may fall between the seats
+            # of one participant (docs/decisions/0031).
+            seat.vacate(record.ran(now))
+            # Otherwise a delayed action of the old participant would move the next one.
+            self._submissions.drop(seat.player)
             seat.away = now
         for seat in seats:
-            self._emit_roster(seat, now, why)
-        if self.in_progress and self.rules.absence is Absence.END:
+            record.emit_roster(seat, now, why)
+        if record.in_progress and record.rules.absence is Absence.END:
             self._end(Reason.ABANDONED, now, f"{name} {DEPARTURES[why]}")
         else:
             self._update_presence(now)
@@ -209,422 +299,401 @@ class Episode(EpisodeState):
         *,
         generation: int | None = None,
     ) -> None:
-        """The connection to a participant's seats was lost or is back (with a resume token of this
-        generation).
+        """Record that the connection to a participant was lost or is back.
 
-        Raises:
-            ProtocolError: `seat/unknown`.
+        Args:
+            generation: Generation of the resume token with which the participant came back.
         """
+        record = self.record
+        # A new generation is recorded even if nothing else changes: after a restart, the recording
+        # has to know which resume token is the valid one.
         seats = [
             seat
-            for seat in self.seats_of(players)
+            for seat in record.seats_of(players)
             if seat.taken and (seat.present != present or generation not in (None, seat.generation))
         ]
-        if not seats or self.ended:
+        if not seats or record.ended:
             return
         for seat in seats:
-            seat.set_present(present, now, self._ran(now))
+            seat.set_present(present, now, record.ran(now))
             if generation is not None:
                 seat.generation = generation
         for seat in seats:
-            self._emit_roster(seat, now)
+            record.emit_roster(seat, now)
         self._update_presence(now)
 
-    # The beginning and the end
+    # Start and end
 
     def _start_when_complete(self, now: float) -> None:
-        """Begin as soon as all seats' participants are there and ready, with or without counting
-        down."""
-        if self.phase is not Phase.WAITING:
+        record = self.record
+        if record.phase is not Phase.WAITING:
             return
-        if not (self._presence.complete and all(seat.ready for seat in self.seats.values())):
-            if self.starts_at is not None:
-                self.starts_at = None
-                self._emit(CountdownChanged(None))
+        if not (self._presence.complete and all(seat.ready for seat in record.seats.values())):
+            if record.starts_at is not None:
+                record.starts_at = None
+                record.emit(CountdownChanged(None))
             return
-        people = any(seat.kind == Controller.HUMAN for seat in self.seats.values())
-        if not (self.rules.countdown and self.scheduled and people):
+        # Bots and models need no time to get ready, and other clocks wait for the first decision.
+        people = any(seat.kind == Controller.HUMAN for seat in record.seats.values())
+        if not (record.rules.countdown and record.rules.scheduled and people):
             self._start(now)
-        elif self.starts_at is None:
-            self.starts_at = now + self.rules.countdown
-            self._emit(CountdownChanged(self.rules.countdown))
+        elif record.starts_at is None:
+            record.starts_at = now + record.rules.countdown
+            record.emit(CountdownChanged(record.rules.countdown))
 
     def _start(self, now: float) -> None:
-        self.starts_at = None
-        self._enter_phase(PhaseEvent.START)
-        self._started = now
-        self._clock.start(now)
-        self._emit(Started(0.0))
-        for seat in self.seats.values():
-            seat.refused = False
+        record = self.record
+        record.starts_at = None
+        record.start()
+        record.started = now
+        record.clock.start(now)
+        # Zero by definition: all times in events count from here.
+        record.emit(Started(0.0))
         self._update_presence(now)
-        if self.state.goal_reached:
+        if record.state.goal_reached:  # A task may begin with its goal reached.
             self._end(Reason.GOAL, now)
             return
         self._start_move_timer(now)
         self._take_decided_steps(now)
 
     def abort(self, now: float, detail: str) -> None:
-        """End the episode from outside, e.g. because the server shuts down."""
-        if not self.ended:
+        """End the episode from outside, for example because the server shuts down."""
+        if not self.record.ended:
             self._end(Reason.ABORTED, now, detail)
 
     def _end(self, reason: Reason, now: float, detail: str = "") -> None:
-        super()._end(reason, now, detail)
-        self.starts_at = None
-        self._held.clear()
+        self.record.end(reason, now, detail)
+        self.record.starts_at = None
+        # Held requests get no answer: the client learns of the end from `ended` instead.
+        self._submissions.clear()
+        self.pauses.until.clear()
+
+    def resume_after_restart(
+        self,
+        now: float,
+        *,
+        elapsed: float,
+        patience: float,
+        expected: Collection[str] = (),
+        paused: bool = False,
+    ) -> None:
+        """Go on with an episode whose record was restored from a recording.
+
+        The game stays paused until the participants who were present are back.
+
+        Args:
+            elapsed: Seconds since the start of the game.
+            patience: Seconds to wait for the participants.
+            expected: Players to wait for in addition to those who were present.
+            paused: True if an operator had paused the game. It stays paused.
+        """
+        record = self.record
+        if record.in_progress:
+            record.started = now - elapsed
+        record.clock.start(now)
+        # Recorded as an event of its own: the next recovery must know who was expected after this
+        # one, even if the process stops again before anybody returns.
+        record.emit(Restarted(elapsed))
+        # Times of absence are on the clock of the process that stopped, which means nothing here.
+        # Every grace begins again, as after other pauses that were not the participants' doing
+        # (docs/decisions/0015).
+        present = [seat for seat in record.seats.values() if seat.present]
+        for seat in record.seats.values():
+            seat.away = now
+        for seat in present:
+            seat.lose_connection(record.ran(now))
+        for seat in present:
+            record.emit_roster(seat, now)
+        self.pauses.until.clear()
+        if record.in_progress:
+            awaited = {seat.player for seat in present} | set(expected)
+            self._presence.expect(awaited, now + patience)
+        if paused:
+            self.pauses.until[PauseReason.OPERATOR] = None
+        self._presence.update(now)
+        # The process may have stopped between recording the last step and recording the end.
+        if record.in_progress and self._end_if_finished(now, goal=record.state.goal_reached):
+            return
+        self._update_pauses(now)
+
+    def restore_ended(self, outcome: Outcome) -> None:
+        """Set the outcome of an episode that had ended before the process stopped.
+
+        Raises:
+            IllegalEventError: The episode has already ended.
+        """
+        self.record.enter_phase(PhaseEvent.END)
+        self.record.outcome = outcome
         self.pauses.until.clear()
 
     # Pauses
 
     def pause(self, why: PauseReason, now: float, until: float | None = None) -> None:
-        """Let time stand still for a reason, until `resume` or the time `until`."""
-        if not self.ended and why not in self.pauses:
+        """Pause the game for a reason until `resume`, or until the given time."""
+        if not self.record.ended and why not in self.pauses:
             self.pauses.until[why] = until
             self._update_pauses(now)
 
     def resume(self, why: PauseReason, now: float) -> None:
-        """Let time run again, as far as this reason goes."""
+        """Remove a reason for a pause. The game resumes if there is no other reason."""
         if why in self.pauses:
-            self._presence.lift(why, now, begun=self.in_progress)
+            # Through `Presence`, because lifting an outer reason lets the time of absences count
+            # again.
+            self._presence.lift(why, now)
             self._update_pauses(now)
 
     def renew_patience(self, now: float, patience: float) -> None:
-        """Whoever is waited for after a restart has its whole time, in seconds, from now on."""
+        """Restart the time for which participants are awaited after a restart."""
         if PauseReason.RESTART in self.pauses:
             self.pauses.until[PauseReason.RESTART] = now + patience
         if not self.pauses.outer:
-            self._presence.grant_grace(now, begun=self.in_progress)
+            self._presence.grant_grace(now)
 
     def opened_at(self, opened: float, now: float) -> None:
-        """It was opened at another time than it seems, in another process: how long it is open."""
+        """Set the time at which another process opened this episode."""
         self._presence.opened = opened
-        if not self.in_progress and not self.ended and not self.pauses.outer:
-            self._presence.grant_grace(now, begun=False)
+        if self.record.phase is Phase.WAITING and not self.pauses.outer:
+            self._presence.grant_grace(now)
 
     def _update_presence(self, now: float) -> None:
-        """Somebody came or went."""
-        self._presence.watch(now, begun=self.in_progress)
+        self._presence.update(now)
         self._start_when_complete(now)
         self._update_pauses(now)
 
     def _update_pauses(self, now: float) -> None:
-        """The reasons to stand still may have changed."""
-        if not self.in_progress:
+        record = self.record
+        if not record.in_progress:
             return
+        # A change of the reasons is reported too: participants see the first reason, and the
+        # recording has all of them.
         reasons = tuple(self.pauses.until)
         if reasons != self._reported:
             self._reported = reasons
+            elapsed = record.elapsed(now)
             if reasons:
-                self._enter_phase(PhaseEvent.PAUSE)
-                self._stopwatch.stop(self._elapsed(now))
-                self._emit(Paused(reasons, self._elapsed(now)))
+                record.enter_phase(PhaseEvent.PAUSE)
+                record.stopwatch.stop(elapsed)
+                record.emit(Paused(reasons, elapsed))
             else:
-                self._enter_phase(PhaseEvent.RESUME)
-                self._stopwatch.go_on(self._elapsed(now))
-                self._clock.resume(now)
+                record.enter_phase(PhaseEvent.RESUME)
+                record.stopwatch.go_on(elapsed)
+                # The step's and the seats' budgets start again, so nobody pays for a pause with
+                # time to think (docs/decisions/0015).
+                record.clock.resume(now)
                 self._start_move_timer(now)
-                self._emit(Resumed(self._elapsed(now)))
+                record.emit(Resumed(elapsed))
         self._take_decided_steps(now)
 
-    # What they do
+    # Actions
 
-    def submit(
-        self,
-        player: str,
-        seq: int,
-        action: GroundAction | str | None,
-        now: float,
-        *,
-        think_ms: int = 0,
-        basis: int | None = None,
-        reasoning: str = "",
-        anticipates: bool = False,
-        waits: bool = False,
-    ) -> None:
-        """A seat's action for the next step; None decides to do nothing.
+    def submit(self, player: str, request: ActionRequest, now: float) -> None:
+        """Submit a seat's decision for the next step.
 
-        An action whose preconditions do not hold is rejected at once and may be replaced, and so
-        is a text that says no action. While time stands still an action waits. Where the seat's
-        actions are held back, all of this is when it counts.
-
-        Args:
-            action: An action, or the text that says one, as `World.parse` reads it.
-            seq: The seat's number of this action. The same again acts no second time
-                (`Seat.answer` tells its fate); a lower one is stale.
-            think_ms: Milliseconds of thought, which count where thinking is declared.
-            basis: The step on which the choice was made, for the recording; one that is still to
-                come says nothing.
-            reasoning: Is recorded, and shown to nobody.
-            anticipates: Another's action in the same step is to make this one possible: its
-                preconditions are not looked at before its turn in the step, which is after that.
-            waits: With no action: it waits for a place or for somebody, and does not idle.
+        An action whose preconditions do not hold, or a text that names no action, is rejected at
+        once, and the seat may decide again. During a pause the decision waits. If a treatment
+        delays the seat, all this happens when the delay is over.
 
         Raises:
-            ProtocolError: `seat/unknown`, `episode/waiting`, `episode/over` or `action/stale`; or
-                `rate/words`, where no more reasoning is recorded of the seat: it may act without.
+            ProtocolError: `seat/unknown`, `episode/waiting`, `episode/ended` or `action/stale`; or
+                `rate/words` if the seat's quota has no room for the reasoning. The action can be
+                submitted again without it.
         """
-        seat = self.seat(player)
-        if self._hears(seat, seq, reasoning, now):
-            request = ActionRequest(
-                seq, self._known(basis), reasoning, think_ms, anticipates, waits
-            )
-            self._when_it_counts(seat, partial(self._take_action, seat, action, request), now)
+        if self._submissions.submit(player, request, now):
+            self._take_decided_steps(now)
 
-    def _when_it_counts(self, seat: Seat, take: Callable[[float], None], now: float) -> None:
-        """Take what a seat has asked for now, or later where its actions are held back."""
-        if not seat.treatment.delay_ms:
-            take(now)
-            return
-        self._held.hold(seat.player, now + seat.treatment.delay_ms / 1000, take)
-
-    def _take_action(
-        self, seat: Seat, action: GroundAction | str | None, request: ActionRequest, now: float
-    ) -> None:
-        text = ""
-        if isinstance(action, str):
-            text = action
-            try:
-                action = self.world.parse(self.state, seat.player, text, valid=False)
-            except UnknownNameError as error:
-                self._reject(seat, request, text, only_words(str(error)), now, ACTION_UNKNOWN)
-                return
-        if unmet := self._faults(seat, action, anticipates=request.anticipates):
-            self._reject(seat, request, _sentence(action), unmet, now, text=text)
-            return
-        self._supersede(seat, request.seq, now)
-        self._decide(seat, action, request, now)
-
-    def _supersede(self, seat: Seat, seq: int, now: float) -> None:
-        """The action that a seat has asked for before, if it waits still, is not to be done."""
-        pending = seat.pending
-        if pending is not None and pending.seq > 0:
-            superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
-            before = ActionRequest(pending.seq, pending.basis, pending.reasoning)
-            self._reject(seat, before, _sentence(pending.action), (superseded,), now)
-
-    def reject(
-        self,
-        player: str,
-        seq: int,
-        request: str,
-        why: ProtocolError,
-        now: float,
-        *,
-        basis: int | None = None,
-        reasoning: str = "",
-    ) -> None:
-        """A seat has asked for an action in another form than `submit` takes, and it is none, or
-        not any more: it is rejected like those.
+    def reject(self, player: str, request: ActionRequest, why: ProtocolError, now: float) -> None:
+        """Reject a request as `submit` would, because the caller could not read its action.
 
         Args:
-            request: What was asked for, in words.
-            why: With the code `action/unknown` it is no action, else one that is not valid now.
-            basis: As for `submit`.
+            request: The request, with its action as text.
+            why: The reason. Code `action/unknown` means that the text names no action.
 
         Raises:
-            ProtocolError: As `submit` does.
+            ProtocolError: As for `submit`.
         """
-        seat = self.seat(player)
-        if self._hears(seat, seq, reasoning, now):
-            asked = ActionRequest(seq, self._known(basis), reasoning)
-            unmet, code = only_words(why.message), why.code
-            self._when_it_counts(
-                seat, lambda at: self._reject(seat, asked, request, unmet, at, code), now
-            )
+        self._submissions.reject(player, request, why, now)
 
-    def refuse(
-        self,
-        player: str,
-        seq: int,
-        request: str,
-        why: ProtocolError,
-        now: float,
-        *,
-        basis: int | None = None,
-        reasoning: str = "",
-    ) -> None:
-        """A seat has asked for something that is not looked at: it is recorded as rejected, and
-        the seat's last action is another.
+    def refuse(self, player: str, request: ActionRequest, why: ProtocolError, now: float) -> None:
+        """Record a request that is not evaluated. The seat's last action stays the same.
 
         Args:
-            request: What was asked for, in words.
-            seq: 0 if it had none.
-            why: With the code `action/stale`, `episode/waiting`, `rate/limited`, or `message/…` for
-                what cannot be read.
-            basis: As for `submit`.
+            request: The request, with its action as text; `seq` is 0 if it had no number.
+            why: Code `action/stale`, `episode/waiting`, `rate/limited` or `message/...`.
 
         Raises:
-            ProtocolError: `seat/unknown` or `episode/over`.
+            ProtocolError: `seat/unknown` or `episode/ended`.
         """
-        self._check_open()
-        seat, unmet = self.seat(player), only_words(why.message)
-        event = Rejected(
-            player,
-            seq,
-            request,
-            unmet,
-            self._elapsed(now),
-            reasoning,
-            code=why.code,
-            basis=self._known(basis),
-            heard=False,
-        )
-        size = size_of_rejection((request, *texts_of(unmet))) + len(reasoning.encode())
-        self._record_rejection(seat, event, size)
-
-    def _known(self, basis: int | None) -> int | None:
-        """The step that a choice was made on; None if there was no such step yet."""
-        return basis if basis is not None and 0 <= basis <= self.step else None
-
-    def _hears(self, seat: Seat, seq: int, reasoning: str, now: float) -> bool:
-        """Whether a request is a new one of a seat; then it is the seat's last."""
-        self._check_begun()
-        if seq < seat.seq:
-            message = f"action {seq} is older than {seat.seq}; ask for a snapshot"
-            raise ProtocolError("action/stale", message, "seq")
-        if seq == seat.seq and seq > 0:
-            return False
-        if reasoning:
-            self._take_quota(seat.quota, len(reasoning.encode()), seat.player, now, "act without")
-        seat.seq = seq
-        return True
+        self._submissions.refuse(player, request, why, now)
 
     def substitute(self, player: str, action: GroundAction | None, now: float) -> None:
-        """A stand-in's action for the next step; nothing happens if it is not in control (any
-        more), and one whose preconditions do not hold is taken for nothing.
+        """Submit a substitute's action for the next step.
+
+        Has no effect if the substitute does not control the seat. An invalid action counts as none.
+        """
+        if self._submissions.substitute(player, action, now):
+            self._take_decided_steps(now)
+
+    # Chat, notes and operator decisions
+
+    def say(self, name: str, player: str, text: str, now: float) -> None:
+        """Post a chat message to everybody in the episode.
+
+        Args:
+            name: The sender's name.
+            player: The sender's seat; empty for a spectator.
 
         Raises:
-            ProtocolError: `seat/unknown`.
+            ProtocolError: `episode/ended`, `seat/unknown`, `chat/off`, `chat/phrase`, or
+                `rate/words` if the quota of the seat, or of all spectators, is used up.
         """
-        seat = self.seat(player)
-        if self.in_progress and seat.controller is Controller.STAND_IN:
-            self._decide(seat, None if self._faults(seat, action) else action, UNASKED, now)
+        record = self.record
+        record.check_open()
+        self._check_chat(text)
+        # Spectators share one quota: their number is not limited by the task, unlike that of the
+        # seats.
+        quota = record.seat(player).quota if player else record.audience_quota
+        size = NOTE_BYTES + len(name.encode()) + len(text.encode())
+        record.take_quota(quota, size, player, now, "you cannot chat here any more")
+        if player:
+            record.seat(player).tally.said += 1
+        record.said += 1
+        record.emit(ChatPosted(name, player, text, record.elapsed(now), record.said))
 
-    def _decide(
-        self, seat: Seat, action: GroundAction | None, request: ActionRequest, now: float
+    def _check_chat(self, text: str) -> None:
+        rules = self.record.rules
+        if rules.chat is Chat.OFF:
+            raise ProtocolError("chat/off", "chat is off in this episode", "text")
+        # Checked here and not in the client, because a study must be able to rely on it for every
+        # client.
+        if rules.chat is Chat.PHRASES and text not in rules.phrases:
+            listed = ", ".join(map(repr, rules.phrases))
+            message = f"only these phrases can be sent in this episode: {listed}"
+            raise ProtocolError("chat/phrase", message, "text")
+
+    def note(self, player: str, topic: str, text: str, now: float, *, more: bool = False) -> None:
+        """Record a text of a seat. No participant receives it.
+
+        Args:
+            topic: Subject of the note.
+            more: True if the next note continues this one.
+
+        Raises:
+            ProtocolError: `episode/ended`, `seat/unknown`, or `rate/words` if the seat may record
+                no more notes.
+        """
+        record = self.record
+        record.check_open()
+        seat = record.seat(player)
+        size = size_of_note(topic, text)
+        # Notes may use half of the quota: the rest stays for reasoning and chat, which matter more.
+        if seat.quota.reached or not seat.quota.half_left(size):
+            raise ProtocolError("rate/words", "no more notes of this seat are recorded", "text")
+        seat.quota.take(size)
+        record.emit(Noted(player, topic, text, record.elapsed(now), more))
+
+    def note_round_trip(self, player: str, seconds: float, now: float) -> None:
+        """Record the round-trip time of messages to a seat's participant."""
+        self.record.seat(player)
+        if not self.record.ended:
+            self.record.emit(RoundTripMeasured(player, seconds, self.record.elapsed(now)))
+
+    def announce(self, text: str, now: float) -> None:
+        """Send an operator's message to everybody in the episode."""
+        if not self.record.ended:
+            self.record.emit(AnnouncementMade(text, self.record.elapsed(now)))
+
+    def moderate(
+        self, what: Moderation, session: str, participant: str, name: str, now: float
     ) -> None:
-        self._arrivals += 1
-        latency = seat.thought(self._ran(now))
-        due = self.step + self._clock.delay(request.think_ms)
-        seat.pending = PendingAction(
-            action,
-            request.seq,
-            latency,
-            self._arrivals,
-            due,
-            request.reasoning,
-            request.anticipates,
-            request.basis,
-            request.waits and action is None,
-        )
-        self._take_decided_steps(now)
+        """Apply an operator's decision about a participant.
 
-    def _reject(
-        self,
-        seat: Seat,
-        request: ActionRequest,
-        sentence: str,
-        unmet: tuple[Unmet, ...],
-        now: float,
-        code: str = ACTION_INVALID,
-        text: str = "",
-    ) -> None:
-        text = "" if text == sentence else text
-        seq, basis, reasoning = request.seq, request.basis, request.reasoning
-        time = self._elapsed(now)
-        event = Rejected(
-            seat.player, seq, sentence, unmet, time, reasoning, True, code, text, basis
-        )
-        seat.answer = ActionAnswer(seq, self.step, event.reasons, code)
-        self._record_rejection(seat, event, size_of_rejection((sentence, text, *texts_of(unmet))))
-
-    def _record_rejection(self, seat: Seat, event: Rejected, size: int) -> None:
-        """Count and report it; it is recorded if the seat's quota of text has room."""
-        reached = seat.quota.reached
-        recorded = seat.quota.take(size)
-        seat.count_rejection(event.kind, recorded=recorded)
-        if seat.quota.reached and not reached:
-            self._emit(QuotaReached(seat.player, event.time))
-        self._emit(event if recorded else replace(event, recorded=False))
+        Args:
+            session: Pseudonym of the participant's present session.
+            participant: Pseudonym for later sessions; possibly empty.
+            name: The participant's name, for the recording.
+        """
+        # After the end, nothing may follow the footer of the recording, but the decision still
+        # holds for everybody who is in the room.
+        self.record.apply_moderation(what, session, participant)
+        if not self.record.ended:
+            elapsed = self.record.elapsed(now)
+            self.record.emit(Moderated(what, session, participant, name, elapsed))
 
     # Time
 
-    @property
-    def waits_for(self) -> tuple[str, ...]:
-        """The players whose decision the present step waits for; none where the clock rules."""
-        if not self.running:
-            return ()
-        awaited = self._clock.awaited(self.step)
-        return tuple(p for p in awaited if not self.seats[p].decided(self.state))
-
-    def all_decided(self, players: Iterable[str]) -> bool:
-        """Whether nothing more is to be waited for from these."""
-        return all(self.seats[player].decided(self.state) for player in players)
-
     def due(self) -> float | None:
-        """When `tick` has something to do; None while only messages can move the episode."""
-        if self.phase is Phase.ENDED:
+        """Return when `tick` has something to do; None if only requests can move the episode."""
+        record = self.record
+        if record.ended:
             return None
-        clock = self._clock.due() if self.phase is Phase.RUNNING else self.starts_at
-        held = self._held.due()
+        clock = record.clock.due() if record.running else record.starts_at
+        held = self._submissions.due()
         if held is None and self._presence.complete and not self.pauses.until:
-            return clock
-        absence = self._presence.due(begun=self.in_progress)
+            return clock  # The usual case, kept short: servers ask after every message.
+        absence = self._presence.due()
         return min((time for time in (clock, held, absence) if time is not None), default=None)
 
     def tick(self, now: float) -> None:
-        """Let time pass: take the steps that are due, give up what has been waited for enough."""
+        """Let time pass: take due steps, end expired pauses and free the seats of lost players."""
+        record = self.record
         if self.pauses.until or not self._presence.complete:
             self._tick_absence(now)
-        if self.starts_at is not None and now >= self.starts_at:
+        if record.starts_at is not None and now >= record.starts_at:
             self._start(now)
-        if not self.scheduled:
-            self._held.release(now)
-        if self.phase is Phase.RUNNING:
-            for at in self._clock.on_tick(now, self):
-                self._held.release(at)
+        scheduled = record.clock.scheduled
+        # Without the wall clock, a held request that is due may complete the step's decisions. It
+        # must count before the clock finds the budget used up.
+        if not scheduled:
+            self._release_held(now)
+        if record.running:
+            # A late tick may take several scheduled steps. Each one includes the held requests
+            # that were due at its own time, as if the tick had not been late.
+            for at in record.clock.on_tick(now, record):
+                self._release_held(at)
                 self._take_step(at)
-        self._held.release(now)
+        self._release_held(now)
+
+    # One at a time: a released decision may complete a step, after which the next held request is
+    # evaluated in another state.
+    def _release_held(self, now: float) -> None:
+        for _ in self._submissions.release(now):
+            self._take_decided_steps(now)
 
     def _tick_absence(self, now: float) -> None:
-        """Give up what has been waited for long enough."""
         for why in self.pauses.expired(now):
+            # The other reasons end without consequences: the game goes on, with the absence rule
+            # for those who are not back.
             if why in (PauseReason.DESERTED, PauseReason.ABSENCE):
                 self._end(Reason.ABANDONED, now, self._presence.missing())
                 return
             self.resume(why, now)
-        overdue = self._presence.overdue(now, begun=self.in_progress)
-        for players in by_holder(overdue):
+        # Once for each participant: with the absence rule `end`, the first departure ends the game,
+        # and its text names one person.
+        for players in by_holder(self._presence.overdue(now)):
             self.leave(players, now, Departure.LOST)
 
     def _start_move_timer(self, now: float) -> None:
-        """Everybody who has to decide has its budget from now on."""
         self.step_began = now
-        self._clock.start_move(now)
+        self.record.clock.start_move(now)
 
     def _take_decided_steps(self, now: float) -> None:
-        """Take steps for as long as nobody needs to be waited for."""
-        for at in self._clock.on_decision(now, self):
+        for at in self.record.clock.on_decision(now, self.record):
             self._take_step(at)
 
     def _take_step(self, now: float) -> None:
-        waits = who_waits(self.seats.values(), self.step)
-        moves, idle = joint_action(
-            self.seats.values(), self.state, self.step, by_arrival=self.scheduled
+        record = self.record
+        joint = joint_action(
+            record.seats.values(), record.state, record.step, by_arrival=record.clock.scheduled
         )
-        goal = self._transition(moves, idle, waits, self._elapsed(now))
+        goal = record.take_step(joint.moves, joint.idle, joint.waits, record.elapsed(now))
         if not self._end_if_finished(now, goal=goal):
             self._start_move_timer(now)
 
     def _end_if_finished(self, now: float, *, goal: bool) -> bool:
-        """Whether the last step was the last one."""
+        """Return whether the episode has ended."""
+        # First: a goal reached in the very last step counts.
         if goal:
             self._end(Reason.GOAL, now)
-        elif self.step >= self.rules.max_steps:
+        elif self.record.step >= self.record.rules.max_steps:
             self._end(Reason.STEP_LIMIT, now)
-        return self.ended
-
-
-def _sentence(action: GroundAction | None) -> str:
-    return action.sentence if action is not None else "nothing"
+        return self.record.ended

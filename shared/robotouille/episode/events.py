@@ -1,4 +1,7 @@
-"""What an episode reports: frozen values, in the order in which things happened."""
+"""Events that an episode reports, as immutable values in the order in which they happened.
+
+The `time` of an event is in seconds since the game started, pauses included.
+"""
 
 from __future__ import annotations
 
@@ -15,46 +18,18 @@ from robotouille.world.grounding.objects import Atom
 from robotouille.world.unmet import Attempt, Unmet, UnmetKind
 from robotouille.world.world import State
 
-__all__ = [
-    "ACTION_INVALID",
-    "ACTION_UNKNOWN",
-    "UNREADABLE",
-    "Announced",
-    "CountdownChanged",
-    "Departure",
-    "Ended",
-    "Event",
-    "Moderated",
-    "Moderation",
-    "Move",
-    "Noted",
-    "Outcome",
-    "Paused",
-    "QuotaReached",
-    "ReadinessChanged",
-    "Reason",
-    "Rejected",
-    "RejectionKind",
-    "Restarted",
-    "Resumed",
-    "RosterChanged",
-    "RoundTripMeasured",
-    "Said",
-    "Started",
-    "Stepped",
-]
-
-
 ACTION_INVALID = "action/invalid"
-"""The code of a known action that is not valid now."""
+"""Code for an action whose preconditions do not hold."""
 ACTION_UNKNOWN = "action/unknown"
-"""The code of what is no action at all."""
+"""Code for a text that names no action."""
+# These three are texts and not members of `robotouille.protocol.ErrorCode`: the game's logic must
+# not depend on the protocol (docs/decisions/0023).
 UNREADABLE = "message/"
-"""How the codes of messages begin that cannot be read."""
+"""Prefix of the codes for messages that cannot be read."""
 
 
 class Reason(StrEnum):
-    """Why an episode ended."""
+    """Reason for the end of an episode."""
 
     GOAL = "goal"
     STEP_LIMIT = "step_limit"
@@ -63,7 +38,7 @@ class Reason(StrEnum):
 
 
 class Departure(StrEnum):
-    """Why a participant has no seat any more: it left, was away too long, or was sent out."""
+    """Reason for which a participant lost a seat: left, absent too long, or removed."""
 
     LEFT = "left"
     LOST = "lost"
@@ -71,7 +46,7 @@ class Departure(StrEnum):
 
 
 class Moderation(StrEnum):
-    """What an operator decides on somebody: to send them out for good, or whether they may talk."""
+    """Operator's decision about a participant."""
 
     BANNED = "banned"
     MUTED = "muted"
@@ -80,8 +55,10 @@ class Moderation(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an episode ended, as data; `seconds` are those since its start, pauses included; 0
-    if it never began."""
+    """The way in which an episode ended.
+
+    `seconds` is the time since the start, pauses included; 0 if the game never started.
+    """
 
     reason: Reason
     steps: int
@@ -91,33 +68,35 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """Whether the goal was reached."""
+        """True if the goal was reached."""
         return self.reason is Reason.GOAL
 
     @classmethod
     def from_json(cls, row: Mapping[str, Any]) -> Outcome:
-        """The outcome that `to_json` wrote."""
-        seats = tuple(SeatTally.from_json(seat) for seat in row.get("seats", ()))
-        return cls(
-            Reason(row["reason"]), row["steps"], row["seconds"], seats, row.get("detail", "")
-        )
+        """Return the outcome from the values of `to_json`."""
+        # An unknown count raises TypeError, which `robotouille.replay.restore` reports as a fault
+        # of the recording.
+        seats = tuple(SeatTally(**seat) for seat in row["seats"])
+        return cls(Reason(row["reason"]), row["steps"], row["seconds"], seats, row["detail"])
 
     def to_json(self) -> dict[str, Any]:
-        """The outcome as JSON values, its seconds to the nearest millisecond."""
+        """Return the outcome as JSON values, with seconds rounded to milliseconds."""
         return {
             "reason": self.reason.value,
             "steps": self.steps,
+            # Rounded like all times in a recording, which are whole milliseconds.
             "seconds": round(self.seconds, 3),
             "detail": self.detail,
             "seats": [tally.to_json() for tally in self.seats],
         }
 
 
-class Move(NamedTuple):
-    """One seat's action in a step: its sequence number and the seconds the seat took for it, while
-    the game ran and the seat could act.
+# A named tuple, because every step creates them and a frozen dataclass takes twice as long.
+class PlayedMove(NamedTuple):
+    """A seat's action in a step.
 
-    `basis` is the step on which the choice was made, if the seat says so.
+    `latency` is the number of seconds that the seat took to decide while it could act. `basis` is
+    the step on whose state the choice was made, if known. `seq` is 0 for a substitute's action.
     """
 
     player: str
@@ -130,25 +109,24 @@ class Move(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CountdownChanged:
-    """Everybody is there and ready, and the game begins in so many seconds; None: it does not,
-    since somebody is missing again, or is not ready."""
+    """The countdown started with so many seconds, or stopped (None)."""
 
     seconds: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """Everybody is there and ready, and time runs."""
+    """The game started."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
-class RosterChanged:
-    """Somebody came, went, or lost or regained the connection; `controller` moves the seat now.
+class SeatChanged:
+    """A participant took or lost a seat, or lost or regained the connection.
 
-    `session` and `participant` are pseudonyms, `generation` that of the resume token in use.
-    `why` a seat is free, if somebody has just lost it.
+    `session` and `participant` are pseudonyms, and `generation` is that of the resume token in use.
+    `why` is set if the participant has just lost the seat.
     """
 
     player: str
@@ -166,27 +144,29 @@ class RosterChanged:
 
 @dataclass(frozen=True, slots=True)
 class ReadinessChanged:
-    """Before the beginning: a seat's participant is ready for it, or is not (any more)."""
+    """Before the start: a seat's participant became ready, or is not ready any more."""
 
     player: str
     ready: bool
 
 
 class RejectionKind(StrEnum):
-    """What an action was that was taken into no step."""
+    """Kind of a request that was not taken into a step."""
 
     INVALID = "invalid"
-    """A known action that was not valid when it was asked for."""
+    """An action whose preconditions did not hold on arrival."""
     MALFORMED = "malformed"
-    """No action at all."""
+    """A text that names no action."""
     SUPERSEDED = "superseded"
-    """A valid one, which a later one of the seat has replaced."""
+    """A valid action that a later one of the seat replaced."""
     UNHEARD = "unheard"
-    """One that was not looked at: older than the last, one too many, or before the beginning."""
+    """A request that was not evaluated: outdated, one too many, or before the start."""
 
     @classmethod
     def of(cls, code: str, unmet: Iterable[Unmet], *, heard: bool = True) -> RejectionKind:
-        """What was rejected with this code and for these reasons; `heard`: it was looked at."""
+        """Return the kind of a rejection; `heard` is False for a request not evaluated."""
+        # Before `heard`: a message that cannot be read was not evaluated either, but it is a
+        # mistake of the participant and counts as one.
         if code == ACTION_UNKNOWN or code.startswith(UNREADABLE):
             return cls.MALFORMED
         if not heard:
@@ -196,14 +176,17 @@ class RejectionKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
-    """An action that was not taken into a step, and why.
+class ActionRejected:
+    """A request that was not taken into a step.
 
-    `action` is its sentence, or what was asked for where that is no action; `text` what was asked
-    for where it is another text. `code` is that of the wire: `action/invalid`, `action/unknown`,
-    `action/stale`, or another of what was not `heard`: that is not the seat's last action, and a
-    `seq` of 0 says that it had none. It is `recorded` unless the seat's quota of text is used up.
-    `basis` is the step on which the choice was made, if the seat says so.
+    Attributes:
+        seq: The request's number; 0 if it had none.
+        action: The action's sentence, or the requested text if it names no action.
+        text: The requested text, if it differs from `action`.
+        recorded: False if the seat's quota of text is used up.
+        code: The error code on the wire.
+        basis: The step on whose state the choice was made, if known.
+        heard: False for a request that was not evaluated. The seat's last action stays the same.
     """
 
     player: str
@@ -220,18 +203,18 @@ class Rejected:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What is unmet, in words."""
+        """The unmet conditions as text."""
         return tuple(unmet.words for unmet in self.unmet)
 
     @property
     def kind(self) -> RejectionKind:
-        """What it was."""
+        """The kind of the rejection."""
         return RejectionKind.of(self.code, self.unmet, heard=self.heard)
 
 
 @dataclass(frozen=True, slots=True)
 class RoundTripMeasured:
-    """How long a message takes to a seat's participant and back, in seconds, as measured now."""
+    """The round-trip time of messages to a seat's participant, in seconds."""
 
     player: str
     seconds: float
@@ -240,15 +223,15 @@ class RoundTripMeasured:
 
 @dataclass(frozen=True, slots=True)
 class QuotaReached:
-    """What somebody writes is not recorded any more: a seat's player, or (empty) spectators."""
+    """The quota of recorded text of a seat, or of the spectators (empty), is used up."""
 
     player: str
     time: float
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """A chat message of a participant; `number` counts those of an episode from 1."""
+class ChatPosted:
+    """A chat message. `number` counts the messages of the episode from 1."""
 
     name: str
     player: str
@@ -259,7 +242,7 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class Noted:
-    """A seat's text for the recording, which nobody is told; the next piece follows if `more`."""
+    """A seat's text for the recording. The next note continues it if `more`."""
 
     player: str
     topic: str
@@ -269,8 +252,8 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
-class Announced:
-    """Something the operator says to everybody in the episode."""
+class AnnouncementMade:
+    """A message from the operator to everybody in the episode."""
 
     text: str
     time: float
@@ -278,10 +261,7 @@ class Announced:
 
 @dataclass(frozen=True, slots=True)
 class Moderated:
-    """Somebody was sent out for good, or may not talk, or again.
-
-    It holds for the session and for the participant, a pseudonym, under any later session.
-    """
+    """A participant was banned, muted or unmuted, in this session and in later ones."""
 
     what: Moderation
     session: str
@@ -292,7 +272,7 @@ class Moderated:
 
 @dataclass(frozen=True, slots=True)
 class Paused:
-    """Time stands still for these reasons: the first, or others than before."""
+    """The game was paused, or the reasons for the pause changed."""
 
     reasons: tuple[PauseReason, ...]
     time: float
@@ -300,30 +280,36 @@ class Paused:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """Time runs again."""
+    """The game resumed."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
 class Restarted:
-    """Another process goes on with the episode, from its recording."""
+    """Another process goes on with the episode from its recording."""
 
     time: float
 
 
+# Both states are kept, because the recorder and the fan-out each need the difference. States are
+# immutable, so this costs two references.
 class Stepped(NamedTuple):
-    """A step was taken: `moves` with their `attempts`, in the order in which they applied.
+    """A step was taken.
 
-    `turn` is whose turn it is after it, with the turn clock; `idle` are the seats that decided to
-    do nothing, with the sequence numbers of these decisions; those of them in `waits` said that
-    they wait for a place or for somebody. `undone` are facts that held after
-    the actions, and were then taken back by chance: `state` is without them.
+    Attributes:
+        moves: The moves, in the order in which they applied; `attempts` are their results.
+        before: The state before the step.
+        state: The state after the step and after random reversals.
+        turn: The player whose turn it is now, with the turn clock.
+        idle: Seats that decided to do nothing, with the sequence numbers of these decisions.
+        undone: Facts that chance reversed after the actions.
+        waits: Seats in `idle` that declared a wait.
     """
 
     step: int
     time: float
-    moves: tuple[Move, ...]
+    moves: tuple[PlayedMove, ...]
     attempts: tuple[Attempt, ...]
     before: State
     state: State
@@ -334,8 +320,8 @@ class Stepped(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
-    """The episode has ended."""
+class EpisodeEnded:
+    """The episode ended."""
 
     outcome: Outcome
 
@@ -343,19 +329,19 @@ class Ended:
 Event = (
     CountdownChanged
     | Started
-    | RosterChanged
+    | SeatChanged
     | ReadinessChanged
-    | Rejected
+    | ActionRejected
     | QuotaReached
-    | Said
+    | ChatPosted
     | Noted
-    | Announced
+    | AnnouncementMade
     | Moderated
     | Paused
     | Resumed
     | Restarted
     | RoundTripMeasured
     | Stepped
-    | Ended
+    | EpisodeEnded
 )
-"""Whatever an episode reports."""
+"""Any event of an episode."""

@@ -1,8 +1,9 @@
-"""The life cycles of an episode and of a seat: two literal tables, and the steps along them; who
-moves a seat.
+"""State machines of an episode and of a seat, as tables, and the values that name a seat's state.
 
-What stands in no row cannot happen: `next_phase` and `next_seat_state` raise, and whoever asked
-stays where it was.
+A transition that is not in a table cannot happen: `next_phase` and `next_seat_state` raise, and the
+caller's state does not change.
+
+This module imports no models, so that command lines can use its values without a slow start.
 """
 
 from __future__ import annotations
@@ -12,41 +13,31 @@ from enum import Enum, StrEnum, auto
 
 from robotouille.errors import IllegalEventError
 
-__all__ = [
-    "PHASES",
-    "SEAT_STATES",
-    "Controller",
-    "Phase",
-    "PhaseEvent",
-    "SeatEvent",
-    "SeatState",
-    "next_phase",
-    "next_seat_state",
-]
-
 
 class Phase(StrEnum):
-    """The life of an episode; the values are those on the wire."""
+    """Phase of an episode. The values are those on the wire."""
 
     WAITING = "waiting"
     RUNNING = "running"
     PAUSED = "paused"
-    ENDED = "over"
+    ENDED = "ended"
 
 
 class PhaseEvent(Enum):
-    """What moves an episode from one phase to another.
-
-    START: everybody is there and ready. PAUSE: there is a reason to stand still, or another than
-    before. RESUME: there is none any more. END: it has an outcome.
-    """
+    """Event that changes the phase of an episode."""
 
     START = auto()
+    """All seats are taken and all participants are ready."""
     PAUSE = auto()
+    """There is a reason to pause, or the reasons changed."""
     RESUME = auto()
+    """No reason to pause is left."""
     END = auto()
+    """The episode has an outcome."""
 
 
+# Tables instead of conditions in the methods: tests walk through all combinations of them, and an
+# illegal event is found where it happens and not where its effect shows.
 PHASES: Mapping[Phase, Mapping[PhaseEvent, Phase]] = {
     Phase.WAITING: {
         PhaseEvent.START: Phase.RUNNING,
@@ -58,6 +49,8 @@ PHASES: Mapping[Phase, Mapping[PhaseEvent, Phase]] = {
     },
     Phase.PAUSED: {
         PhaseEvent.PAUSE: Phase.PAUSED,
+        # PAUSE is legal here, because a second reason may be added and the event reports all of
+        # them.
         PhaseEvent.RESUME: Phase.RUNNING,
         PhaseEvent.END: Phase.ENDED,
     },
@@ -65,8 +58,17 @@ PHASES: Mapping[Phase, Mapping[PhaseEvent, Phase]] = {
 }
 
 
+class Absence(StrEnum):
+    """Rule for what happens while a participant is absent; see `Rules`."""
+
+    WAIT = "wait"
+    PAUSE = "pause"
+    BOT = "bot"
+    END = "end"
+
+
 class SeatState(Enum):
-    """Whose a seat is: nobody's, or somebody's who is here or away."""
+    """State of a seat: free, or with a participant who is present or absent."""
 
     FREE = auto()
     PRESENT = auto()
@@ -74,27 +76,27 @@ class SeatState(Enum):
 
 
 class Controller(StrEnum):
-    """Who moves a seat: its participant (by kind), nobody, or a bot in an absent one's place."""
+    """Controller of a seat: its participant (by kind), nobody, or a substitute."""
 
     FREE = ""
     HUMAN = "human"
     BOT = "bot"
     MODEL = "model"
     ABSENT = "absent"
-    STAND_IN = "stand-in"
+    SUBSTITUTE = "substitute"
 
 
 class SeatEvent(Enum):
-    """What changes a seat.
-
-    TAKE: somebody sits down. LOSE: the connection is lost. RETURN: it is back, or another takes
-    its place. VACATE: the seat is given up for good.
-    """
+    """Event that changes the state of a seat."""
 
     TAKE = auto()
+    """A participant takes the seat."""
     LOSE = auto()
+    """The participant's connection is lost."""
     RETURN = auto()
+    """The connection is back, or another connection replaces it."""
     VACATE = auto()
+    """The seat becomes free."""
 
 
 SEAT_STATES: Mapping[SeatState, Mapping[SeatEvent, SeatState]] = {
@@ -102,6 +104,8 @@ SEAT_STATES: Mapping[SeatState, Mapping[SeatEvent, SeatState]] = {
         SeatEvent.TAKE: SeatState.PRESENT,
     },
     SeatState.PRESENT: {
+        # RETURN while present: the participant came back on a second connection before the server
+        # noticed the loss of the first (docs/decisions/0014).
         SeatEvent.LOSE: SeatState.ABSENT,
         SeatEvent.RETURN: SeatState.PRESENT,
         SeatEvent.VACATE: SeatState.FREE,
@@ -114,7 +118,7 @@ SEAT_STATES: Mapping[SeatState, Mapping[SeatEvent, SeatState]] = {
 
 
 def next_phase(phase: Phase, event: PhaseEvent) -> Phase:
-    """The phase after an event; IllegalEventError where it cannot happen."""
+    """Return the phase after an event, or raise IllegalEventError."""
     try:
         return PHASES[phase][event]
     except KeyError:
@@ -122,7 +126,7 @@ def next_phase(phase: Phase, event: PhaseEvent) -> Phase:
 
 
 def next_seat_state(state: SeatState, event: SeatEvent) -> SeatState:
-    """The state of a seat after an event; IllegalEventError where it cannot happen."""
+    """Return the state of a seat after an event, or raise IllegalEventError."""
     try:
         return SEAT_STATES[state][event]
     except KeyError:

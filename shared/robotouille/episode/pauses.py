@@ -1,23 +1,19 @@
-"""Why an episode stands still, and for how long.
-
-Pauses begin and end in `episode.py` (`pause`, `resume`, and what runs out of time) and in
-`presence.py` (who is away, and comes back).
-"""
+"""Reasons for which an episode is paused, and the time that pauses take."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-__all__ = ["PauseReason", "PauseReasons", "Stopwatch"]
 
-
+# A new reason needs a member here and two calls, `Episode.pause` and `resume`; add it to `OUTER` if
+# it is not about absent participants (docs/decisions/0015).
 class PauseReason(StrEnum):
-    """A reason for which time stands still."""
+    """Reason for a pause, in the order in which reasons are shown."""
 
     OPERATOR = "operator"
     PLAYER = "player"
-    """Whoever plays alone, or with bots in the same window, looks at a card or the help."""
+    """A player in a window of their own opened a card or the help."""
     STORAGE = "storage"
     RESTART = "restart"
     ABSENCE = "absence"
@@ -25,12 +21,12 @@ class PauseReason(StrEnum):
 
 
 OUTER = (PauseReason.OPERATOR, PauseReason.PLAYER, PauseReason.STORAGE, PauseReason.RESTART)
-"""Reasons that are nobody's absence; while one applies, no absence counts."""
+"""Reasons other than an absence. While one applies, the time of an absence does not count."""
 
 
 @dataclass(slots=True)
 class PauseReasons:
-    """The reasons that apply at present, each with the time at which it ends (None: open)."""
+    """The reasons that apply now, with the times at which they end (None: open)."""
 
     until: dict[PauseReason, float | None] = field(default_factory=dict)
 
@@ -42,23 +38,26 @@ class PauseReasons:
 
     @property
     def outer(self) -> bool:
+        """True if a reason other than an absence applies."""
         return any(why in self.until for why in OUTER)
 
     @property
     def shown(self) -> tuple[PauseReason, float | None] | None:
-        """The reason to tell first, and when it ends."""
+        """The reason to show to participants, and when it ends."""
         for why in PauseReason:
             if why in self.until:
                 return why, self.until[why]
         return None
 
     def due(self) -> float | None:
-        """When the next of them ends by itself."""
+        """Return when the next reason ends by itself."""
+        # An absence behind an outer reason must not wake the server either, or it would tick
+        # without effect.
         ends = [end for why, end in self.until.items() if end is not None and self._counts(why)]
         return min(ends, default=None)
 
     def expired(self, now: float) -> list[PauseReason]:
-        """Those that have come to their end."""
+        """Return the reasons that have come to their end."""
         return [
             why
             for why, end in self.until.items()
@@ -70,8 +69,7 @@ class PauseReasons:
 
 
 class Stopwatch:
-    """For how long a game has run, without the time in which it stood still. All times are in
-    seconds since the game began."""
+    """Running time of a game, without pauses. All times are in seconds since the start."""
 
     __slots__ = ("_lost", "_stopped")
 
@@ -80,16 +78,18 @@ class Stopwatch:
         self._lost = 0.0
 
     def stop(self, time: float) -> None:
-        """Time stands still from here on, unless it does already."""
+        """Stop, unless already stopped."""
         if self._stopped is None:
             self._stopped = time
 
     def go_on(self, time: float) -> None:
-        """Time runs again."""
+        """Run again."""
         if self._stopped is not None:
+            # Never negative: recovery reads these times from a file, which may have them in any
+            # order.
             self._lost += max(0.0, time - self._stopped)
             self._stopped = None
 
     def read(self, time: float) -> float:
-        """The seconds for which the game has run."""
+        """Return the seconds for which the game has run."""
         return (time if self._stopped is None else self._stopped) - self._lost

@@ -1,7 +1,7 @@
-"""How much of what participants write is recorded: free text, which could grow without end.
+"""Limits on the text of participants that is recorded.
 
-A step takes little of a recording, and the step limit ends them. Reasoning, chat and rejected
-actions come as often as somebody sends them.
+Steps take little space, and the step limit bounds their number. Reasoning, chat and rejected
+requests have no such bound, so each seat has a quota of bytes for them.
 """
 
 from __future__ import annotations
@@ -10,48 +10,42 @@ from collections.abc import Iterable
 
 from robotouille.errors import ProtocolError
 
-__all__ = [
-    "MAX_AUDIENCE_BYTES",
-    "MAX_NOTE",
-    "MAX_SEAT_BYTES",
-    "NEWCOMER_BYTES",
-    "NOTE_BYTES",
-    "SEAT_QUOTA_BYTES",
-    "Quota",
-    "size_of_note",
-    "size_of_rejection",
-    "take_or_refuse",
-]
-
 SEAT_QUOTA_BYTES = 8 * 1024 * 1024
-"""Of what is written in the name of one seat in an episode."""
+"""Initial quota of a seat."""
 MAX_AUDIENCE_BYTES = 1024 * 1024
-"""Of all that spectators say in an episode."""
+"""Quota of all spectators together."""
 NEWCOMER_BYTES = 512 * 1024
-"""That somebody who takes a seat may write at least, whatever was written there before…"""
+"""Bytes that a seat's next participant has at least, even if the previous one used up the quota."""
 MAX_SEAT_BYTES = 11 * 1024 * 1024
-"""… up to this, of all who have had the seat."""
+"""Upper limit of a seat's quota, however many participants it had."""
 MAX_NOTE = 8000
-"""Characters of one note that a seat makes, as many as of reasoning."""
+"""Characters of one note, as of reasoning."""
 NOTE_BYTES = 100
-"""What a note takes beside its text."""
+"""Bytes that a recorded note takes in addition to its text."""
 
 
 def size_of_rejection(texts: Iterable[str]) -> int:
-    """Bytes of a rejected action in a recording: what it asked for, and the reasons; its reasoning
-    was taken off before."""
+    """Return the bytes of a rejected request in a recording, without its reasoning.
+
+    The reasoning is taken from the quota when the request arrives.
+    """
     return NOTE_BYTES + sum(len(text.encode()) for text in texts)
 
 
 def size_of_note(topic: str, text: str) -> int:
-    """Bytes of a seat's note in a recording."""
+    """Return the bytes of a seat's note in a recording."""
     return NOTE_BYTES + len(topic.encode()) + len(text.encode())
 
 
+# A reader refuses recordings above 256 MiB (`MAX_FILE` in robotouille.replay.container), so text
+# without a limit could make a recording unreadable.
 class Quota:
-    """The bytes of somebody's text that are recorded: `used` of `limit`.
+    """Number of bytes of text that are still recorded.
 
-    `reached` says whether something did not fit any more.
+    Attributes:
+        limit: Bytes in all.
+        used: Bytes used.
+        reached: True once a text did not fit. Nothing more is recorded until `renew`.
     """
 
     __slots__ = ("limit", "reached", "used")
@@ -62,19 +56,25 @@ class Quota:
         self.reached = False
 
     def renew(self) -> None:
-        """Somebody else begins to write."""
+        """Make room for a new participant."""
+        # A participant who fills the quota and leaves must not silence the next one. The upper
+        # limit keeps a series of such participants from filling the disk.
         least = min(self.used + NEWCOMER_BYTES, MAX_SEAT_BYTES)
         if least > self.limit:
             self.limit, self.reached = least, False
+        # The predecessor's text may have been too long for the rest of the quota, although shorter
+        # ones still fit.
         elif self.used < self.limit - NOTE_BYTES:
             self.reached = False
 
     def half_left(self, size: int) -> bool:
-        """Whether so much more would leave half of it to others."""
+        """Return whether half of the quota would be left after this many bytes."""
         return self.used + size <= self.limit // 2
 
     def take(self, size: int) -> bool:
-        """Whether so much more is recorded."""
+        """Take bytes. Return whether they fitted."""
+        # Once reached, shorter texts are refused as well, so the `quota` note in the recording
+        # marks where the texts end.
         if self.reached or self.used + size > self.limit:
             self.reached = True
             return False
@@ -83,10 +83,11 @@ class Quota:
 
 
 def take_or_refuse(quota: Quota, size: int, instead: str) -> None:
-    """ProtocolError `rate/words` where a text cannot be recorded any more; `instead` says what one
-    can do then."""
+    """Take bytes from a quota, or raise ProtocolError `rate/words`.
+
+    Args:
+        instead: Advice for the participant.
+    """
     if not quota.take(size):
-        message = (
-            f"no more of what is written here is recorded ({quota.used:,} bytes are); {instead}"
-        )
+        message = f"the quota of recorded text is used up ({quota.used:,} bytes); {instead}"
         raise ProtocolError("rate/words", message)

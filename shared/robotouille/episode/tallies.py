@@ -1,54 +1,50 @@
-"""What a seat does with each step of an episode, and how that is counted."""
+"""Activity of a seat in each step of an episode, and its counts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
 from robotouille.episode.lifecycle import Controller
 
-__all__ = ["Activity", "SeatTally", "activity"]
-
 
 class Activity(StrEnum):
-    """What a seat did with one step: exactly one of these, the first that holds."""
+    """Activity of a seat in a step: the first of these that applies."""
 
     SUBSTITUTED = "substituted"
-    """A stand-in was in control, whatever it did."""
+    """A substitute controlled the seat."""
     AWAY = "away"
-    """Nobody moved it: its participant was absent, or it was free."""
+    """The participant was absent, or the seat was free."""
     ACTED = "acted"
-    """Its participant's action was applied."""
+    """The participant's action was applied."""
     BUSY = "busy"
-    """It was walking or working, and could not act."""
+    """The player was walking or working and could not act."""
     WAITING = "waiting"
-    """It asked for something that was refused or lost in the step, said that it waits, or it was
-    another's turn."""
+    """A request was rejected, the seat declared a wait, or it was another player's turn."""
     IDLE = "idle"
-    """It could act, and did nothing."""
+    """The player could act and did nothing."""
 
 
-STAND_IN = Controller.STAND_IN
+# Looked up once, because every step needs them for every seat.
+SUBSTITUTE = Controller.SUBSTITUTE
 NOBODY = (Controller.ABSENT, Controller.FREE)
-"""Looked up once: a step asks for each of its seats."""
 
 
 def activity(
     controller: Controller, applied: bool | None, busy: bool, refused: bool, others_turn: bool
 ) -> Activity:
-    """What a seat did with a step.
+    """Return what a seat did in a step.
 
     Args:
-        controller: Who moved it in the step.
-        applied: Whether its action in the step was; None if it had none.
-        busy: It could not act in the state before the step.
-        refused: Something that it asked for since the step before was taken into none, and not
-            because it asked for something else instead; or it said that it waits.
-        others_turn: With the turn clock, another's turn.
+        controller: The seat's controller in the step.
+        applied: True if the seat's action in the step was applied; None without an action.
+        busy: True if the player could not act in the state before the step.
+        refused: True if a request since the step before was rejected and not superseded, or
+            the seat declared a wait.
+        others_turn: True if it was another player's turn.
     """
-    if controller is STAND_IN:
+    if controller is SUBSTITUTE:
         return Activity.SUBSTITUTED
     if controller in NOBODY:
         return Activity.AWAY
@@ -63,15 +59,15 @@ def activity(
 
 @dataclass(slots=True)
 class SeatTally:
-    """What one seat did over an episode.
+    """Counts for one seat over an episode. Actions of a substitute are not counted.
 
-    Each step counts as one of `acted`, `busy`, `waiting`, `idle`, `away` and `substituted` (see
-    `Activity`), so that they sum to the steps. What a stand-in asks for is not counted.
+    Each step counts once, in the field named after its `Activity`; these fields sum to the steps.
 
-    `rejected` counts everything that was asked for and not done. Of these, `invalid` are known
-    actions that were not valid when they were asked for, and `malformed` texts that were no action
-    at all; the rest were replaced by a later one, were lost to another's in their step, or were
-    not looked at. `said` are chat messages.
+    Attributes:
+        rejected: Requests that were not applied, for whatever reason.
+        invalid: Rejected actions whose preconditions did not hold on arrival.
+        malformed: Rejected texts that named no action.
+        said: Chat messages.
     """
 
     player: str
@@ -87,26 +83,16 @@ class SeatTally:
     said: int = 0
 
     def count(self, what: Activity) -> None:
-        """One more step."""
-        name = what._value_  # As `value`, in half the time.
+        """Count a step."""
+        name = what._value_  # `value` is a descriptor in Python and takes twice as long.
         setattr(self, name, getattr(self, name) + 1)
 
     @property
     def steps(self) -> int:
-        """The steps that are counted."""
+        """Number of steps counted."""
         away = self.away + self.substituted
         return self.acted + self.busy + self.waiting + self.idle + away
 
-    @classmethod
-    def from_json(cls, row: Mapping[str, Any]) -> SeatTally:
-        """The tally that `to_json` wrote; earlier versions wrote `applied` for `acted`, and no
-        `busy`, `waiting`, `away` and `substituted`.
-
-        Raises:
-            TypeError: It has a field that is not known.
-        """
-        return cls(**{"acted" if key == "applied" else key: value for key, value in row.items()})
-
     def to_json(self) -> dict[str, Any]:
-        """The tally as JSON values."""
+        """Return the tally as JSON values; `SeatTally(**row)` reads it back."""
         return asdict(self)

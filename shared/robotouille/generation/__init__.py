@@ -1,15 +1,21 @@
-"""New instances of a task from a seed: shuffled, with irrelevant things added, proven solvable.
+"""Generation of new, provably solvable instances of a task from a seed.
 
-Pure and deterministic: the same task, seed and parameters give the same file, byte for byte, on
-every machine. See docs/generation.md.
+Generation is deterministic: equal tasks, seeds and parameters give equal files on every machine.
+See docs/planners.md.
 """
 
-from robotouille.generation.generator import Generator, generate
-from robotouille.generation.instance import Instance
-from robotouille.generation.paper_instances import SEEDS, generate_dataset, paper_tasks, seeds_from
+from robotouille.generation.generator import (
+    SEEDS,
+    Generator,
+    Solver,
+    generate,
+    generate_dataset,
+    paper_tasks,
+    seeds_from,
+    shortest,
+)
+from robotouille.generation.instance import Instance, Renaming
 from robotouille.generation.parameters import AttemptError, GenerationError, Kind, Parameters
-from robotouille.generation.proof import Solver, shortest
-from robotouille.generation.renaming import Renaming
 
 __all__ = [
     "SEEDS",

@@ -1,49 +1,108 @@
-"""From a task and a seed to an instance that is proven solvable.
+"""Generator that turns a task and a seed into a provably solvable instance.
 
-Paper, section 2, "Procedural Generation": objects are shuffled and new ones added. A seed stands
-for a row of attempts, numbered from 1, each of which draws another kitchen; the first that can be
-solved is the instance. Its file says which one that was.
+It follows the Robotouille paper, section 2, "Procedural Generation": objects are shuffled and new
+ones are added. A seed stands for a sequence of attempts, numbered from 1, which draw different
+kitchens. The first solvable kitchen is the instance, and its file records the number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
-from robotouille.certification.shipped_plan import plan_beside
+from robotouille.certification.step_limit import plan_beside
+from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.schema import Provenance
 from robotouille.domain.task import Task, Timing
+from robotouille.generation.arrangement import arrange, lay_out, size_for
+from robotouille.generation.decomposition import ProblemParts, Roles, Stock
 from robotouille.generation.instance import Instance, seat_counts, write_instance
-from robotouille.generation.layout.arrangement import arrange
-from robotouille.generation.layout.decomposition import ProblemParts
-from robotouille.generation.layout.floorplan import lay_out, size_for
-from robotouille.generation.layout.stock import Stock
-from robotouille.generation.layout.type_roles import Roles
 from robotouille.generation.parameters import (
     DEFAULT,
     AttemptError,
     GenerationError,
     Kind,
     Parameters,
+    SeededRng,
 )
-from robotouille.generation.proof import (
-    Solver,
-    carried,
-    check_band,
-    shortest,
-    solved,
-    working,
-)
-from robotouille.generation.rng import SeededRng
-from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import SearchResult
+from robotouille.planning.plan import Limits, Plan, Proof, SearchResult, replay
+from robotouille.planning.solvers import solve
 from robotouille.world.world import World
 
-__all__ = ["ATTEMPTS", "GENERATOR", "Generator", "generate"]
+Solver = Callable[[World], SearchResult]
+"""Function that finds a plan for all players of a world from its initial state."""
+
+EXPANSIONS = (20_000, 1_000, 50, 2)
+"""Expansions of the default solver by number of players. Their effect is the same on every machine.
+"""
+
+
+def shortest(world: World) -> SearchResult:
+    """Return a shortest plan, or a good one with a bound.
+
+    Raises:
+        PluginError: An installed plug-in cannot be loaded.
+    """
+    players = min(len(world.players), len(EXPANSIONS))
+    return solve(world, limits=Limits(expansions=EXPANSIONS[players - 1]))
+
+
+def solved(world: World, solver: Solver) -> SearchResult:
+    """Return a solver's result with a replayed plan.
+
+    Raises:
+        AttemptError: The solver finds no plan, or the plan does not work.
+    """
+    if world.initial.goal_reached:
+        raise AttemptError("seed", "the goal holds at the start")
+    result = solver(world)
+    players = len(world.players)
+    if result.plan is None:
+        how = "there is no plan" if result.unsolvable else "no plan was found"
+        raise AttemptError("solver", f"{how} for {players} players")
+    return replace(result, plan=working(result.plan, world))
+
+
+def carried(plan: Plan, instance: Instance, seats: int) -> SearchResult:
+    """Return a plan for the original, renamed for an instance and replayed there."""
+    world = instance.world(seats)
+    there = working(instance.renaming(seats).carry(plan, world), world)
+    return SearchResult(there, 0, Proof.NONE, "carried over", 0)
+
+
+def working(plan: Plan, world: World) -> Plan:
+    """Return a plan up to the step in which it reaches the goal.
+
+    Raises:
+        AttemptError: The plan does not work.
+    """
+    report = replay(plan, world)
+    if report.rejection is not None or not report.reached_at:
+        message = f"a plan for {len(world.players)} players does not work: {report}"
+        raise AttemptError("solver", message)
+    # A renamed plan may reach the goal early, with the help of irrelevant objects.
+    return Plan(plan.steps[: report.reached_at])
+
+
+def check_band(result: SearchResult, parameters: Parameters) -> None:
+    """Check that the proven optimal number of steps is in the requested range.
+
+    Raises:
+        AttemptError: It is not.
+    """
+    low, high = result.bound, len(result.plan or ())
+    found = str(high) if low >= high else f"between {low} and {high} (not proven)"
+    if parameters.min_steps is not None and low < parameters.min_steps:
+        message = f"expected at least {parameters.min_steps} steps; the shortest plan has {found}"
+        raise AttemptError("min_steps", message)
+    if parameters.max_steps is not None and high > parameters.max_steps:
+        message = f"expected at most {parameters.max_steps} steps; the shortest plan has {found}"
+        raise AttemptError("max_steps", message)
+
 
 GENERATOR = "1"
-"""The version of the generator: what a seed gives changes only with it."""
+"""Version of the generator. The instances of seeds change only with it."""
 
 ATTEMPTS = 50
 
@@ -56,27 +115,27 @@ def generate(
     *,
     solver: Solver = shortest,
 ) -> Instance:
-    """An instance of a task, proven solvable for every number of players that the task allows.
+    """Return an instance of a task, proven solvable for all its numbers of players.
 
     Raises:
-        GenerationError: There is none; `parameter` names what to ask for instead.
-        FileError: The task itself has faults.
-        PluginError: The usual solver asks an installed plug-in, and that cannot be loaded.
+        GenerationError: There is no such instance; `parameter` names the option to change.
+        FileError: The task has faults.
+        PluginError: The default solver cannot load an installed plug-in.
     """
     return Generator(task, kind, parameters, solver=solver).instance(seed)
 
 
 class Generator:
-    """Makes the instances of one task.
+    """Generator of the instances of one task.
 
     Args:
-        plans: Plans for the original by number of players; those missing are read from the files
-            beside the problem, or found by the solver. Noisy instances need them.
-        attempts: Kitchens that are drawn for a seed, at most.
+        plans: Plans for the original by number of players. Missing ones are read from the files
+            next to the problem, or found by the solver. Noisy instances need them.
+        attempts: Maximum number of kitchens drawn for a seed.
 
     Raises:
-        GenerationError: The parameters go with no instance of this kind.
-        FileError: The task itself has faults.
+        GenerationError: The parameters contradict the kind of instance.
+        FileError: The task has faults.
     """
 
     def __init__(
@@ -90,7 +149,7 @@ class Generator:
         attempts: int = ATTEMPTS,
     ) -> None:
         if kind is Kind.NOISY and parameters.held:
-            raise GenerationError("held", "players of a noisy instance hold what they did")
+            raise GenerationError("held", "players of a noisy instance keep what they hold")
         if attempts < 1:
             raise GenerationError("attempts", f"expected at least 1, found {attempts}")
         self.task = replace(task, seats=seat_counts(task)[0], timing=Timing.BENCHMARK)
@@ -104,11 +163,11 @@ class Generator:
         self._stock = Stock(self.task, self._roles)
 
     def instance(self, seed: int) -> Instance:
-        """The instance of a seed: that of the first attempt which can be solved.
+        """Return the instance of a seed from the first attempt that can be solved.
 
         Raises:
-            GenerationError: There is none in so many attempts.
-            PluginError: The usual solver asks an installed plug-in, and that cannot be loaded.
+            GenerationError: No attempt can be solved.
+            PluginError: The default solver cannot load an installed plug-in.
         """
         for attempt in range(1, self.attempts + 1):
             try:
@@ -118,19 +177,19 @@ class Generator:
                 last = rejected
         message = (
             f"no {self.kind} instance of {self.task.name} with seed {seed} in {self.attempts} "
-            f"attempts; the last one: {last.message}"
+            f"attempts; last attempt: {last.message}"
         )
         raise GenerationError(last.parameter, message)
 
     def draw(self, seed: int, attempt: int = 1) -> Instance:
-        """What an attempt gives, solvable or not.
+        """Return the kitchen of an attempt, solvable or not.
 
         Args:
-            attempt: Its number, from 1.
+            attempt: Number of the attempt, from 1.
 
         Raises:
-            AttemptError: Things do not fit this time.
-            GenerationError: They never do.
+            AttemptError: The objects do not fit in this attempt.
+            GenerationError: The objects do not fit in any attempt.
         """
         rng = SeededRng(f"{self.kind} {seed} {attempt}")
         arrangement = arrange(self._parts, self._stock, self.kind, self.parameters, rng)
@@ -149,7 +208,11 @@ class Generator:
         return write_instance(self.task, arrangement, floorplan, provenance)
 
     def _results(self, instance: Instance) -> dict[int, SearchResult]:
-        """A proof for each number of players; AttemptError where one is missing."""
+        """Return a proof for each number of players.
+
+        Raises:
+            AttemptError: A proof is missing.
+        """
         results = {}
         for seats in seat_counts(self.task):
             usual = seats == self.task.seats
@@ -175,3 +238,58 @@ class Generator:
 
     def _solved_plan(self, world: World) -> Plan:
         return solved(world, self._solver).plan or Plan(())
+
+
+FOLDERS = ("synchronous", "asynchronous", "multi_agent")
+
+
+def seeds_from(first: int, count: int) -> tuple[int, ...]:
+    """Return the seeds of a series: multiples of the first, as in the paper's datasets."""
+    return tuple(first * position for position in range(1, count + 1))
+
+
+SEEDS = seeds_from(42, 15)
+"""42, 84 and so on to 630. The paper's instances have the first ten seeds, but are other kitchens.
+"""
+
+LAST_NOISY = 10
+"""Position of the last noisy instance: ten of fifteen are free."""
+
+
+def paper_tasks() -> tuple[str, ...]:
+    """Return the thirty tasks of the paper."""
+    names = [name for name in task_names() if name.count("/") == 1]
+    return tuple(n for folder in FOLDERS for n in names if n.startswith(f"{folder}/"))
+
+
+def kind_at(position: int) -> Kind:
+    """Return the kind of a task's instance by its position, from 1.
+
+    Free and noisy instances alternate up to the tenth; the later ones are free.
+    """
+    return Kind.NOISY if position % 2 == 0 and position <= LAST_NOISY else Kind.FREE
+
+
+def generate_dataset(
+    tasks: Iterable[str] | None = None,
+    seeds: Iterable[int] = SEEDS,
+    parameters: Parameters = DEFAULT,
+    *,
+    solver: Solver = shortest,
+) -> Iterator[Instance]:
+    """Yield the instances of tasks, by default the paper's, task by task and seed by seed.
+
+    Args:
+        tasks: Names or paths for `load_task`.
+
+    Raises:
+        UnknownTaskError: A task does not exist.
+        FileError: A task has faults.
+        GenerationError: A seed gives no instance; `parameter` names the option to change.
+    """
+    row = tuple(seeds)
+    for name in paper_tasks() if tasks is None else tasks:
+        task = load_task(name)
+        generators = {kind: Generator(task, kind, parameters, solver=solver) for kind in Kind}
+        for position, seed in enumerate(row, start=1):
+            yield generators[kind_at(position)].instance(seed)

@@ -1,27 +1,63 @@
-"""What one may ask of a generator, and how it says that it cannot be had."""
+"""Parameters of the generator, its errors, and its random choices."""
 
 from __future__ import annotations
 
+import random
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
+from typing import TypeVar
 
 from robotouille.errors import RobotouilleError
-from robotouille.generation.rng import SeededRng
 
-__all__ = ["DEFAULT", "Amounts", "AttemptError", "GenerationError", "Kind", "Parameters"]
+T = TypeVar("T")
+
+
+# Only `random()` is used: Python guarantees its sequence across versions, unlike `shuffle` or
+# `choice`.
+class SeededRng:
+    """Deterministic stream of choices from a seed."""
+
+    def __init__(self, seed: str) -> None:
+        self._random = random.Random(seed).random
+
+    def below(self, limit: int) -> int:
+        """Return a number from 0 to `limit` - 1."""
+        return int(self._random() * limit)
+
+    def between(self, low: int, high: int) -> int:
+        """Return a number from `low` to `high` inclusive."""
+        return low + self.below(high - low + 1)
+
+    def happens(self, probability: float) -> bool:
+        """Return True with a probability."""
+        return self._random() < probability
+
+    def one_of(self, values: Sequence[T]) -> T:
+        """Return one of the values, each with equal probability."""
+        return values[self.below(len(values))]
+
+    def shuffled(self, values: Sequence[T]) -> list[T]:
+        """Return the values in a random order (Fisher and Yates)."""
+        result = list(values)
+        for last in range(len(result) - 1, 0, -1):
+            other = self.below(last + 1)
+            result[last], result[other] = result[other], result[last]
+        return result
+
 
 USUAL = (2, 4)
-"""The smallest and the largest number of things that are added unless a number is asked for."""
+"""Default range of the number of added objects."""
 
 MAX_OBJECTS = 1000
 MAX_SIDE = 100
 
 
 class Kind(StrEnum):
-    """What becomes of the original; see docs/generation.md.
+    """Kind of instance; see docs/planners.md.
 
-    `FREE`: everything anywhere, things in the way of one another. `NOISY`: the layout changes and
-    irrelevant things are added, but a plan for the original still works, up to names.
+    `FREE`: objects are anywhere and may be in each other's way. `NOISY`: the layout changes and
+    irrelevant objects are added, but a renamed plan for the original still works.
     """
 
     FREE = "free"
@@ -29,7 +65,7 @@ class Kind(StrEnum):
 
 
 class GenerationError(RobotouilleError):
-    """There is no such instance; `parameter` names what would have to be asked for instead."""
+    """There is no such instance; `parameter` names the option to change."""
 
     def __init__(self, parameter: str, message: str) -> None:
         self.parameter = parameter
@@ -41,21 +77,21 @@ class GenerationError(RobotouilleError):
 
 
 class AttemptError(GenerationError):
-    """One attempt came to nothing; another one of the same seed may."""
+    """One attempt failed; another one of the same seed may succeed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What an instance is to be like; None leaves it to the generator.
+    """Requirements for an instance. None leaves the choice to the generator.
 
-    `width` and `height` are the original's, or more where that is too narrow. `stations` and
-    `items` are how many irrelevant ones are added. With `stacking`, items may lie on one another
-    (in a noisy instance: irrelevant ones on irrelevant ones); free instances stack unless told
-    otherwise. With `held`, players may hold something at the start. The optimal number of steps
-    for the usual number of players is `min_steps` to `max_steps`. Sizes are in tiles.
+    `width` and `height` default to the original's, enlarged if necessary. `stations` and `items`
+    are the numbers of irrelevant objects to add. With `stacking`, items may be on each other (in a
+    noisy instance only irrelevant ones on irrelevant stations); the default is true for free
+    instances. With `held`, players may hold objects at the start. `min_steps` and `max_steps` limit
+    the optimal number of steps for the default number of players. Sizes are in tiles.
 
     Raises:
-        GenerationError: A number is out of its range; `parameter` is its name.
+        GenerationError: A number is out of range; `parameter` is its name.
     """
 
     width: int | None = None
@@ -86,15 +122,15 @@ class Parameters:
 
     @property
     def banded(self) -> bool:
-        """Whether the optimal number of steps matters."""
+        """True if the optimal number of steps is limited."""
         return self.min_steps is not None or self.max_steps is not None
 
     def stacks(self, kind: Kind) -> bool:
-        """Whether items may lie on one another."""
+        """Return whether items may be on each other."""
         return kind is Kind.FREE if self.stacking is None else self.stacking
 
     def asked(self) -> dict[str, bool | int]:
-        """The parameters that are not left to the generator."""
+        """Return the parameters that differ from the defaults."""
         chosen = {f.name: getattr(self, f.name) for f in fields(self)}
         return {k: v for k, v in chosen.items() if v != getattr(DEFAULT, k)}
 
@@ -104,19 +140,20 @@ DEFAULT = Parameters()
 
 @dataclass(frozen=True, slots=True)
 class Amounts:
-    """How many irrelevant stations and items one instance gets."""
+    """Numbers of irrelevant stations and items in one instance."""
 
     stations: int
     items: int
 
     @staticmethod
     def of(parameters: Parameters, kind: Kind, rng: SeededRng) -> Amounts:
-        """What was asked for; the rest is drawn, in a noisy instance a station for each item."""
+        """Return the requested numbers, and random ones for the others."""
         stations, items = rng.between(*USUAL), rng.between(*USUAL)
         if parameters.stations is not None:
             stations = parameters.stations
         if parameters.items is not None:
             items = parameters.items
+        # In a noisy instance every irrelevant item needs an irrelevant station.
         if kind is Kind.NOISY and parameters.items is None:
             items = min(items, stations)
         elif kind is Kind.NOISY and parameters.stations is None:

@@ -1,10 +1,10 @@
 """Plans for play: one at once, and better ones while there is time.
 
-anytime = AnytimePlanner(world)
-for answer in anytime.search(world.initial, Limits(expansions=500)):
-    ...  # each is better than the one before
+    anytime = AnytimePlanner(world)
+    for answer in anytime.search(world.initial, Limits(expansions=500)):
+        ...  # each is better than the one before
 
-Work is counted in expansions, never in seconds: one question has the same answers everywhere.
+Work is measured in expansions, not seconds, so results are the same on every machine.
 """
 
 from __future__ import annotations
@@ -20,30 +20,34 @@ from typing import Generic, NamedTuple, TypeVar
 from robotouille.domain.task import Timing
 from robotouille.errors import PluginError
 from robotouille.planning.beam.planner import EXPANSIONS, PLANNER, BeamPlanner, Solution
-from robotouille.planning.plan import Plan
+from robotouille.planning.plan import (
+    UNLIMITED,
+    Limits,
+    Plan,
+    Proof,
+    SearchResult,
+    eliminate_actions,
+)
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
-from robotouille.planning.repair.action_elimination import eliminate_actions
-from robotouille.planning.search.greedy import greedy_search
-from robotouille.planning.search.unsolvable import CutOff
-from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
+from robotouille.planning.search.best_first import greedy_search
+from robotouille.planning.search.unsolvable import ReachabilityCheck
 from robotouille.world.timers import TimerRow
 from robotouille.world.world import State, World
 
-__all__ = ["AnytimePlanner"]
-
 MAX_KEPT = 256
-"""Plans by general searches that are kept."""
+"""Maximum number of cached plans of general searches."""
 
+# LM-cut of a state takes the time of 10 to 60 expansions, and the failed beam search has used
+# UNSOLVED_FACTOR times the requested ones. So the greedy search takes about as long, or up to four
+# times as long.
 EXPANSIONS_PER_STATE = 4
-"""Greedy search may keep a state for so many expansions that the beam search before it was asked
-for; that has made `UNSOLVED_FACTOR` times as many in vain. LM-cut of a state takes the time of 10
-to 60 of those, so greedy search takes about as long, or up to four times that."""
+"""Expansions of the failed beam search for each state that the greedy search may keep."""
 
 T = TypeVar("T")
 
 
 class _Query(NamedTuple):
-    """What a general search is asked."""
+    """The arguments of a general search."""
 
     start: State
     team: tuple[str, ...]
@@ -54,13 +58,13 @@ class _Query(NamedTuple):
 
 
 class _Recent(Generic[T]):
-    """The answers to the last queries: the same one is answered at once."""
+    """A cache of the results of recent queries."""
 
     def __init__(self) -> None:
         self._answers: OrderedDict[_Query, T] = OrderedDict()
 
     def get(self, query: _Query, search: Callable[[], T]) -> T:
-        """The answer that is known, or what a search finds."""
+        """Return the cached result, or the result of a search."""
         if query not in self._answers:
             self._answers[query] = search()
             if len(self._answers) > MAX_KEPT:
@@ -70,11 +74,11 @@ class _Recent(Generic[T]):
 
 
 class AnytimePlanner:
-    """Plans in one world, from any of its states.
+    """Planner for play from any state of one world.
 
-    They are plans of `model`: the world itself, or one of the same task in which nothing takes
-    longer than the problem says. A plan is an order of actions, and good under any timing.
-    `searches` counts the beam searches from which something is remembered.
+    Plans are plans of `model`: the world itself, or the same task with the delays of the problem
+    and walks of one step. A plan is an order of actions and is good under any timing. `searches`
+    counts the cached beam searches.
     """
 
     def __init__(self, world: World) -> None:
@@ -85,21 +89,21 @@ class AnytimePlanner:
         self.forget()
 
     def forget(self) -> None:
-        """Remember nothing of what was found out so far; the answers stay the same."""
+        """Clear all caches. Results stay the same."""
         self.searches = 0
         self._planner = BeamPlanner(self.model)
-        self._cut_off = CutOff(self.model)
+        self._cut_off = ReachabilityCheck(self.model)
         self._solutions: _Recent[Solution] = _Recent()
         self._greedy: _Recent[SearchResult] = _Recent()
 
     def in_model(self, state: State) -> State:
-        """A state of the task, of whatever timing, as one of the model.
+        """Return a state of the task with any timing as a state of the model.
 
-        What is left of a delay is left of it in the model, in the model's shorter steps.
+        The rest of a delay is converted into the model's shorter steps.
 
         Raises:
-            UnknownNameError: The state is one of another task, with objects that this has not.
-            WrongWorldError: Its facts or timers cannot be of this task.
+            UnknownNameError: The state is of another task, with other objects.
+            WrongWorldError: The facts or timers cannot be of this task.
         """
         if state.world is self.model:
             return state
@@ -109,13 +113,13 @@ class AnytimePlanner:
         return self.model.restore(state.facts, rows)
 
     def is_cut_off(self, state: State, team: Collection[str]) -> bool:
-        """Whether it is proven that a team cannot reach the goal while all others stand still."""
+        """Return whether a team provably cannot reach the goal while all others stand still."""
         return self._cut_off(self.in_model(state), team)
 
     def first(
         self, state: State, limits: Limits = UNLIMITED, *, team: Sequence[str] = (), seed: int = 0
     ) -> SearchResult:
-        """The first plan: at once, and seldom the shortest. Arguments are those of `search`."""
+        """Return the first plan of `search`, quickly; it is seldom the shortest."""
         return next(self.search(state, limits, team=team, seed=seed))
 
     def search(
@@ -129,31 +133,31 @@ class AnytimePlanner:
         choices: int = 1,
         brief: bool = False,
     ) -> Iterator[SearchResult]:
-        """Plans for the players of `team` (all, if empty), the others doing nothing.
+        """Yield plans for the players of `team` (by default all), while the others do nothing.
 
-        Each is shorter than the one before, or more is proven about it. Where a plug-in knows the
-        domain and all players are to plan, the first plan is the plug-in's, if it has one at once,
-        and the second one is what it finds within the limits. Else (and at last, if that found
-        nothing and `beam` is not 0) there is one by beam search, which proves nothing; and where
-        no plug-in knows the domain and that search finds nothing, by greedy best-first search.
-        A plug-in that cannot be loaded is left out, with a warning.
+        Each result has a shorter plan or a better bound than the one before. If a plug-in knows the
+        domain and all players plan, the first plan is the plug-in's quick plan, if any, and the
+        second one is its best within the limits. Otherwise the plan comes from beam search, without
+        proof. If no plug-in knows the domain and the beam search fails, greedy best-first search
+        follows. The general searches also run last if the plug-in finds nothing and `beam` is not
+        0. A plug-in that cannot be loaded is ignored with a warning.
 
         Args:
-            state: One of the task, of whatever timing.
-            limits: Those of the plug-in's search.
-            seed: Another one leads a beam search to other plans.
-            beam: About how many expansions a beam search takes.
-            choices: Of objects for the goal that a beam search tries where the first has no plan:
-                somebody may stand where that one is.
-            brief: Try all of these in one search, in turns, and not the first by itself before: so
-                all of it takes no more than one search.
+            state: A state of the task with any timing.
+            limits: Limits of the plug-in's search.
+            seed: Seed of the beam search. Other seeds lead to other plans.
+            beam: Approximate number of expansions of a beam search.
+            choices: Choices of objects for the goal that a beam search tries if the first has no
+                plan, for example because a player stands in its way.
+            brief: Try all choices in turns in one search, so that all take no longer than one
+                search.
 
         Yields:
-            What is known so far; its `plan` is None where none was found.
+            The result so far. Its `plan` may be None.
 
         Raises:
-            UnknownNameError: The state is one of another task, with objects that this has not.
-            WrongWorldError: Its facts or timers cannot be of this task.
+            UnknownNameError: The state is of another task, with other objects.
+            WrongWorldError: The facts or timers cannot be of this task.
         """
         start = self.in_model(state)
         search = self._domain_search(start, team)
@@ -178,7 +182,7 @@ class AnytimePlanner:
         choices: int = 1,
         brief: bool = False,
     ) -> Plan:
-        """What leads as near to the goal as the beam search gets, where it gets no further.
+        """Return the plan that leads as near to the goal as the beam search gets.
 
         Arguments are those of `search`.
         """
@@ -188,7 +192,7 @@ class AnytimePlanner:
 
     @cached_property
     def _domain_planner(self) -> DomainPlanner | None:
-        """Play goes on with the general planners where a plug-in is broken."""
+        """The domain's plug-in. If it is broken, play continues with the general planners."""
         try:
             return domain_planner(self.model)
         except PluginError as error:
@@ -196,18 +200,18 @@ class AnytimePlanner:
             return None
 
     def _domain_search(self, start: State, team: Sequence[str]) -> AnytimeSearch | None:
-        """The search of the plug-in that knows the domain, if all players are to plan."""
+        """Return the search of the domain's plug-in if all players plan."""
         if team and not set(team).issuperset(self.model.players):
             return None
         planner = self._domain_planner
         return None if planner is None else planner.anytime(self.model, start)
 
     def _general(self, query: _Query) -> SearchResult:
-        """A plan by beam search; if that finds none where no plug-in knows the domain, by greedy
-        search: a beam search may be blind for what matters in a domain."""
+        """Return a plan by beam search, or by greedy search."""
         solution = self._beam_search(query)
         plan = solution.plan if solution.reached else None
         result = SearchResult(plan, 0, Proof.NONE, PLANNER, solution.expansions)
+        # In a domain without a plug-in, the beam search's heuristic may miss what matters.
         if plan is not None or self._domain_planner is not None:
             return result
         greedy = self._greedy_search(query)
@@ -245,7 +249,7 @@ class AnytimePlanner:
 
 
 def _joined(old: SearchResult, new: SearchResult) -> SearchResult:
-    """What two answers to one question say together."""
+    """Combine two results of one query."""
     plans = [a.plan for a in (old, new) if a.plan is not None]
     shortest = min(plans, key=len, default=None)
     stronger = new if new.bound >= old.bound else old
@@ -259,13 +263,13 @@ def _joined(old: SearchResult, new: SearchResult) -> SearchResult:
 
 
 def _shortened(state: State) -> tuple[TimerRow, ...]:
-    """The timers of a state as they would be with the delays of the problem."""
+    """Return the timers of a state as if it had the delays of the problem."""
     factor = state.world.task.profile.delay_factor
     rows = []
     for effect, progress in state.timers.entries:
         counters = list(progress)
         for node in effect.counters():
-            if node.kind == "delayed" and 0 <= counters[node.slot] < node.total:
+            if node.counts == "steps" and 0 <= counters[node.slot] < node.total:
                 total = (node.total - 1) // factor + 1
                 left = ceil((node.total - counters[node.slot]) / factor)
                 counters[node.slot] = max(0, total - left)

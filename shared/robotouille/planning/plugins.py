@@ -1,10 +1,4 @@
-"""Planners made for one kind of domain: what they offer, and how they are found.
-
-Those in `BUILT_IN` are asked first, then those that installed distributions name under the entry
-point group `robotouille.planners`, in the order of their names. The first that recognises a world
-plans; if none does, or that one declines, the general planners do. A plug-in is imported when it
-is first asked.
-"""
+"""Plug-ins: planners for particular kinds of domains (docs/planners.md, "Add a planner")."""
 
 from __future__ import annotations
 
@@ -14,61 +8,60 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol
 
 from robotouille.errors import PluginError
-from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import Limits, SearchResult, Watch
+from robotouille.planning.plan import Limits, Plan, SearchResult, Watch
 from robotouille.world.world import State, World
-
-__all__ = ["BUILT_IN", "GROUP", "AnytimeSearch", "DomainPlanner", "domain_planner"]
 
 GROUP = "robotouille.planners"
 
-BUILT_IN = {"kitchen": "robotouille.planners.kitchen.plugin:KITCHEN"}
-"""Where the shipped plug-ins are, by name."""
+
+BUILT_IN = {"kitchen": "robotouille.planning.kitchen.plugin:KITCHEN"}
+"""Import paths of the built-in plug-ins by name."""
 
 
 class AnytimeSearch(Protocol):
-    """A search from one state for all players of a world: a plan at once, then a better one."""
+    """A search from one state for all players of a world: first any plan, then better ones."""
 
     def greedy(self, limits: Limits) -> SearchResult | None:
-        """A plan at once, if there is a quick way to one; None leaves it to the beam search."""
+        """Return a plan found quickly, or None to leave it to the beam search."""
 
     def improve(self, known: Plan | None, limits: Limits) -> SearchResult:
-        """A better plan than the known one, or more proof, as far as the limits allow.
+        """Return a better plan or a better bound within the limits.
 
         Args:
-            known: The shortest plan so far, by whatever planner; None if there is none.
+            known: The shortest plan so far of any planner, or None.
         """
 
 
 class DomainPlanner(Protocol):
-    """A planner made for one kind of domain.
+    """A planner for one kind of domain.
 
-    With None it declines a state, a goal or a size that it does not model. What it answers is the
-    same for the same arguments, unless `limits.stop` intervenes.
+    Methods return None to decline a state, goal or size that the planner does not support. Equal
+    arguments must give equal results, unless `limits.stop` ends the search.
     """
 
     def recognises(self, world: World) -> bool:
-        """Whether a world's domain is of this kind, judged by its definitions."""
+        """Return whether a world's domain is of this kind, judging by its definitions."""
 
     def solve(
         self, world: World, start: State, limits: Limits, watch: Watch | None
     ) -> SearchResult | None:
-        """The shortest plan of all players together, or the best plan and bound within limits.
+        """Return the shortest plan of all players, the best plan and bound, or None to decline.
 
         Args:
-            start: A state of the world, initial or not.
-            watch: To be called now and then.
-
-        Returns:
-            None where it declines.
+            start: A state of the world, initial or later.
+            watch: A callback to call regularly.
         """
 
     def anytime(self, world: World, start: State) -> AnytimeSearch | None:
-        """A search for play, where plans matter more than proofs; None where it declines."""
+        """Return a search for play, which prefers plans to proofs, or None to decline."""
 
 
 def domain_planner(world: World) -> DomainPlanner | None:
-    """The first plug-in that recognises a world. Raises PluginError."""
+    """Return the first plug-in that recognises a world, or None.
+
+    Raises:
+        PluginError: An installed plug-in cannot be loaded.
+    """
     return next((planner for planner in _planners() if planner.recognises(world)), None)
 
 
@@ -88,7 +81,7 @@ def _installed() -> tuple[EntryPoint, ...]:
 def _load(entry: EntryPoint) -> DomainPlanner:
     try:
         planner: DomainPlanner = entry.load()
-    except Exception as error:  # whatever the import of somebody else's module may raise
+    except Exception as error:  # Importing a plug-in can raise anything.
         why = f"{type(error).__name__}: {error}"
         raise PluginError(GROUP, entry.name, entry.value, why) from error
     methods = ("recognises", "solve", "anytime")

@@ -1,4 +1,4 @@
-"""Plans, by whichever search is wanted: one question, one kind of answer."""
+"""One function for all searches: optimal, anytime and beam search."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ from enum import StrEnum
 from robotouille.errors import WrongArgumentError
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.beam.planner import EXPANSIONS, PLANNER, BeamPlanner
+from robotouille.planning.plan import UNLIMITED, Limits, Proof, SearchResult, Watch
 from robotouille.planning.plugins import domain_planner
-from robotouille.planning.search.astar import astar_search
-from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
+from robotouille.planning.search.best_first import astar_search
 from robotouille.world.world import State, World
-
-__all__ = ["Search", "solve"]
 
 
 class Search(StrEnum):
-    """How `solve` looks for a plan.
+    """Kind of search.
 
-    `OPTIMAL`: the shortest, with proof, by the plug-in that knows the domain, or by A* in any.
-    `ANYTIME`: a good one soon, for play: what `AnytimePlanner.search` has at last. `BEAM`: one by
-    beam search, in any domain, which proves nothing.
+    `OPTIMAL`: the shortest plan with proof, by the domain's plug-in or by A*. `ANYTIME`: a good
+    plan quickly, the last one of `AnytimePlanner.search`. `BEAM`: a plan by beam search, without
+    proof.
     """
 
     OPTIMAL = "optimal"
@@ -36,26 +34,24 @@ def solve(
     limits: Limits = UNLIMITED,
     watch: Watch | None = None,
 ) -> SearchResult:
-    """A plan from a state (the initial one if None): the shortest, as far as the limits allow, or
-    one by another search.
+    """Return a plan from a state, by default the initial one, in which all players act together.
 
-    All players of the world act together. One input, one result, unless `limits.stop` intervenes.
+    Equal arguments give equal results, unless `limits.stop` ends the search.
 
     Args:
         start: A state of this world.
-        search: `optimal`, `anytime` or `beam`. The plan of an anytime search is one without timing
-            profile: see `AnytimePlanner`.
-        limits: For a beam search only `expansions` matters; without them it takes about half a
-            second.
-        watch: Is called now and then with expansions, bound and the best plan's length so far, by
-            an optimal search.
+        search: `optimal`, `anytime` or `beam`. An anytime plan ignores the timing profile: see
+            `AnytimePlanner`.
+        limits: Limits of the search. A beam search only uses `expansions`; its default takes about
+            half a second.
+        watch: Callback of an optimal search.
 
     Returns:
-        The best plan found (None if none), and a proven bound on the length of every plan.
+        The best plan found, or None, and a proven lower bound on the length of every plan.
 
     Raises:
         PluginError: An installed plug-in cannot be loaded.
-        WrongArgumentError: There is no such search.
+        WrongArgumentError: The search is unknown.
     """
     state = world.initial if start is None else start
     if search == Search.ANYTIME:

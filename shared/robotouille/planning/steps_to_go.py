@@ -1,13 +1,13 @@
-"""Steps to go: how far from the goal the states of an episode are.
+"""Steps to go: the distance from states of an episode to the goal.
 
-distance = StepsToGo(world)
-before = None
-for state in episode:
-    left = distance(state, Limits(expansions=2000), after=before)
-    before = state
+    distance = StepsToGo(world)
+    before = None
+    for state in episode:
+        left = distance(state, Limits(expansions=2000), after=before)
+        before = state
 
-The Robotouille paper measures how far an episode that failed came by its normalized steps to go:
-the fewest steps from its last state to the goal, divided by the fewest from its first.
+The Robotouille paper measures failed episodes by their normalized steps to go: the fewest steps
+from the last state to the goal, divided by the fewest from the first state.
 """
 
 from __future__ import annotations
@@ -17,24 +17,20 @@ from dataclasses import dataclass, replace
 from robotouille.domain.task import Task, TimingProfile
 from robotouille.planning import solvers as optimal
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.plan import Plan
+from robotouille.planning.errands import ErrandList, PlanTrace, errands
+from robotouille.planning.plan import UNLIMITED, Limits, Plan, SearchResult, replay
+from robotouille.planning.plan_repair import PlanRepair
 from robotouille.planning.plugins import domain_planner
-from robotouille.planning.repair.errands import Course, ErrandList, errands
-from robotouille.planning.repair.plan_repair import PlanRepair
-from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
-from robotouille.planning.validation import replay
 from robotouille.world.timers import Timers
 from robotouille.world.world import State, World
-
-__all__ = ["Range", "StepsLeft", "StepsToGo", "quotient"]
 
 
 @dataclass(frozen=True, slots=True)
 class StepsLeft:
-    """What is known of the fewest steps from a state to the goal.
+    """Bounds on the fewest steps from a state to the goal.
 
-    There are at least `bound` and at most `steps` (None: no plan is known). `dead` says that it is
-    proven that no plan reaches the goal; there are no numbers then.
+    There are at least `bound` and at most `steps` (None: no plan is known). `dead` means that a
+    proof shows that no plan exists; then there are no numbers.
     """
 
     steps: int | None
@@ -43,7 +39,7 @@ class StepsLeft:
 
     @property
     def exact(self) -> bool:
-        """Whether there is nothing left to be found out."""
+        """True if the number of steps is known exactly."""
         return self.dead or self.steps == self.bound
 
 
@@ -54,14 +50,14 @@ NO_SEARCH = Limits(expansions=0)
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """A number that is at least `least` and at most `most` (None: nobody knows)."""
+    """A number between `least` and `most` (None: unknown)."""
 
     least: float
     most: float | None
 
 
 def quotient(above: StepsLeft, below: StepsLeft) -> Range | None:
-    """One distance by another, as far as they are known; None if the goal is out of reach."""
+    """Return one distance divided by another as a range, or None if the goal is out of reach."""
     if above.dead or below.dead:
         return None
     if below.steps == 0:
@@ -72,7 +68,7 @@ def quotient(above: StepsLeft, below: StepsLeft) -> Range | None:
 
 
 Key = tuple[int, Timers]
-"""A state of one world: its facts, and its timers, which are one object where they are equal."""
+"""A state of one world: its facts and timers. Equal timers are the same object."""
 
 
 def _key(state: State) -> Key:
@@ -80,7 +76,7 @@ def _key(state: State) -> Key:
 
 
 class _WithoutWalks(Task):
-    """A task in which walking and repeated work take a step; delays are those of its timing."""
+    """Task in which walks and repeated work take one step, with the delays of its timing."""
 
     @property
     def profile(self) -> TimingProfile:
@@ -88,18 +84,18 @@ class _WithoutWalks(Task):
 
 
 class StepsToGo:
-    """The fewest steps from any state of a world to the goal, all players acting together.
+    """The fewest steps from any state of a world to the goal, with all players acting together.
 
-    What is found out about a state is kept, also about those along its plan: a plan's rest is a
-    plan, and where it is proven to be shortest, so is its rest. From a state off all plans the last
-    plan is carried out as far as it makes sense (`PlanRepair`), which is a plan again, if no
-    shortest one. So an answer that is exact is so whatever was asked before; one that is a range
-    may be narrower for it. The same questions in the same order have the same answers everywhere.
+    Results are stored for a state and for the states along its plan: a plan's rest is a plan, and
+    the rest of a shortest plan is a shortest one. From a state off all plans, the last plan is
+    repaired (`PlanRepair`). The result is a plan, but not necessarily a shortest one. So earlier
+    calls never change an exact result, but may narrow a range. Equal calls in equal order give
+    equal results on every machine.
 
-    Where walks take as long as they are, a kitchen's steps are bounded: from below by what is left
-    if they took a step each, since in a kitchen nothing is lost by what comes sooner; from above by
-    a plan for that, carried out with all delays. Such a world is searched itself only if the limits
-    allow any number of expansions.
+    If walks take several steps, a kitchen's steps are bounded in two ways. The lower bound lets
+    walks take one step, since in a kitchen an earlier effect never hurts. The upper bound is a plan
+    for such walks, executed with all delays. Such a world is searched itself only without a limit
+    on expansions.
     """
 
     def __init__(self, world: World) -> None:
@@ -122,13 +118,13 @@ class StepsToGo:
     def __call__(
         self, state: State, limits: Limits = UNLIMITED, *, after: State | None = None
     ) -> StepsLeft:
-        """The steps from a state, as far as the limits allow a search for them.
+        """Return the steps from a state, searching within the limits.
 
-        Without expansions there is no search, but bounds, and a plan made of a known one, if any.
+        Without expansions, the result consists of bounds and repairs of known plans.
 
         Args:
-            after: A state from which one step led to it, if one is known: a step brings the goal
-                nearer by one at most, and never back into reach.
+            after: A state one step before, if known. One step brings the goal at most one step
+                nearer, and never back into reach.
 
         Raises:
             ValueError: The state is of another world.
@@ -137,37 +133,37 @@ class StepsToGo:
         known = self.known(state, after=after)
         if known.exact:
             return known
-        # Whoever stands and waits is where they were.
+        # Waiting returns to a state that was searched with the same limits.
         if self._searched.get(_key(state)) != limits:
             self._find_out(state, limits, after)
             self._searched[_key(state)] = limits
         return self._known[_key(state)]
 
     def learn(self, start: State, plan: Plan, bound: int = 0) -> StepsLeft:
-        """Keep a plan from a state, made elsewhere, and a bound that every plan's length reaches.
+        """Store a plan from a state, with a lower bound on the length of every plan.
 
-        The state may be one of the same task with another timing. Then the bound says nothing.
+        The state may be one of the same task with another timing. Then the bound is ignored.
 
         Returns:
-            What is known of the steps from the state.
+            The known bounds on the steps from the state.
 
         Raises:
             ValueError: The plan does not reach the goal from there.
         """
         report = replay(plan, start.world, start)
         if not report.ok:
-            raise ValueError(f"this is no plan from that state: {report}")
+            raise ValueError(f"the plan does not reach the goal from the state: {report}")
         if start.world is self._world:
             self.known(start)
-            self._along(Course.of(plan, start), bound)
+            self._along(PlanTrace.of(plan, start), bound)
             return self._known[_key(start)]
         own = self._of(start)
         self.known(own)
-        self._try(own, errands(Course.of(plan, start)))
+        self._try(own, errands(PlanTrace.of(plan, start)))
         return self._known[_key(own)]
 
     def known(self, state: State, *, after: State | None = None) -> StepsLeft:
-        """What is known of the steps from a state without a search; see the call.
+        """Return the known bounds on the steps from a state without a search.
 
         Raises:
             ValueError: The state is of another world.
@@ -177,7 +173,7 @@ class StepsToGo:
         return StepsLeft(0) if state.goal_reached else self._after(state, after)
 
     def _after(self, state: State, after: State | None) -> StepsLeft:
-        """What follows from what is known of the state and of the one before."""
+        """Return the bounds that follow from the state before."""
         before = self._known.get(_key(after)) if after is not None else None
         if before is None:
             return self._note(state, StepsLeft(None, 1))
@@ -201,31 +197,31 @@ class StepsToGo:
             self._search(state, limits)
 
     def _settled(self, state: State) -> bool:
-        """Whether a plan from a state is known, or that there is none."""
+        """Return whether a plan is known, or a proof that no plan exists."""
         known = self._known[_key(state)]
         return known.dead or known.steps is not None
 
     def _relax(self, relaxed: StepsToGo, state: State, after: State | None) -> None:
-        """A bound from what is left without walks."""
+        """Store a lower bound from the steps left without walks."""
         before = None if after is None else relaxed._of(after)
         left = relaxed(relaxed._of(state), NO_SEARCH, after=before)
         self._note(state, DEAD if left.dead else StepsLeft(None, left.bound))
 
     def _find_any(self, relaxed: StepsToGo, state: State, limits: Limits) -> None:
-        """Carry out a plan that is good without walks, and if that fails without delays."""
+        """Execute a plan that is good without walks; if that fails, one without delays."""
         for planner, start in ((relaxed._anytime, relaxed._of(state)), (self._plain, state)):
             if planner is not None and not self._settled(state):
                 easier = planner.in_model(start)
                 plan = planner.first(easier, limits).plan
                 if plan is not None:
-                    self._try(state, errands(Course.of(plan, easier)))
+                    self._try(state, errands(PlanTrace.of(plan, easier)))
 
     def _of(self, state: State) -> State:
-        """A state of the same task with another timing as one of this world, nobody busy."""
+        """Return a state of another timing as a state of this world in which nobody is busy."""
         return self._world.restore(state.facts, state.timer_rows())
 
     def _carry_out(self, state: State, after: State | None) -> None:
-        """Carry out known plans from here: that of the state before, and the first and last."""
+        """Execute known plans: the plan of the state before, and the first and last ones."""
         asked = [_key(after)] if after is not None else []
         plans = [self._plans.get(known) for known in (*asked, *self._latest)]
         for plan in {id(plan): plan for plan in plans if plan is not None}.values():
@@ -247,16 +243,16 @@ class StepsToGo:
                 return
 
     def _record(self, state: State, result: SearchResult) -> StepsLeft:
-        """Keep what a result says about a state, and about those along its plan."""
+        """Store a result for a state and for the states along its plan."""
         if result.unsolvable:
             return self._note(state, DEAD)
         known = self._note(state, StepsLeft(None, result.bound))
         if result.plan is not None:
-            self._along(Course.of(result.plan, state), known.bound)
+            self._along(PlanTrace.of(result.plan, state), known.bound)
         return self._known[_key(state)]
 
-    def _along(self, course: Course, bound: int) -> None:
-        """Keep a plan, its rests, and a bound that every plan's length reaches."""
+    def _along(self, course: PlanTrace, bound: int) -> None:
+        """Store a plan, its rests, and a lower bound on the length of every plan."""
         plan = errands(course)
         self._latest = [*self._latest[:1], _key(course.states[0])]
         for number, state in enumerate(course.states[:-1]):

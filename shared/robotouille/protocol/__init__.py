@@ -1,6 +1,5 @@
-"""The wire protocol: `messages` and their `error_codes`, a `codec` for each of the two encodings,
-`states` as messages carry them, and the `frames` of a WebSocket.
+"""Wire protocol: messages, error codes, codecs, states in messages, and WebSocket frames.
 
-Nothing is imported here: recordings need `states` alone, and the models of all messages take a
-while to build.
+This package imports nothing: recordings need `states` only, and the message models are slow to
+build.
 """

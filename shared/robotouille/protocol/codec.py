@@ -1,7 +1,7 @@
-"""Messages to bytes and back, in the two subprotocols.
+"""Codecs of the two subprotocols: messages to bytes and back.
 
-Decoding trusts nothing: sizes and nesting are limited before any value is built, and every fault
-becomes a ProtocolError with a stable code and the name of the field.
+Decoding limits sizes and nesting before it builds values. Every fault becomes a ProtocolError with
+a stable code and the name of the field.
 """
 
 from __future__ import annotations
@@ -23,29 +23,15 @@ from robotouille.protocol.messages import (
     server_messages,
 )
 
-__all__ = [
-    "JSON",
-    "MAX_CLIENT_BYTES",
-    "MAX_FIELDS",
-    "MAX_ITEMS",
-    "MSGPACK",
-    "SUBPROTOCOLS",
-    "Codec",
-    "Fields",
-    "codec_for",
-    "read_object",
-    "validated",
-]
-
 MAX_CLIENT_BYTES = 64 * 1024
 MAX_SERVER_BYTES = 8 * 1024 * 1024
 MAX_DEPTH = 16
 MAX_FIELDS = 32
-"""Fields of a client's message, and of each value in it."""
+"""Fields of a client's message, and of each object in it."""
 MAX_ITEMS = 256
-"""Values in a client's message, however they are nested."""
+"""Values in a client's message at any depth."""
 MAX_LIST = 128
-"""Values that a list in it may announce: memory is had for them before they are read."""
+"""Values that a list in it may announce. The decoder reserves memory before it reads them."""
 
 
 T = TypeVar("T")
@@ -55,14 +41,14 @@ _pack = msgpack.Packer(autoreset=True).pack
 
 @dataclass(frozen=True, slots=True)
 class Fields:
-    """Encoded fields of a message, without what stands around them; `count` is how many."""
+    """Some encoded fields of a message, without the enclosing object; `count` is their number."""
 
     packed: bytes | str
     count: int
 
 
 class Codec:
-    """One encoding of the protocol's messages; `text` says which kind of frame carries it."""
+    """Encoding of the protocol's messages. `text`: messages are sent in text frames."""
 
     def __init__(self, name: str, text: bool) -> None:
         self.name = name
@@ -72,16 +58,18 @@ class Codec:
         return f"<Codec {self.name}>"
 
     def encode(self, message: BaseModel) -> bytes | str:
-        """A message as a frame's payload; fields at their defaults are left out."""
+        """Encode a message as a frame's payload. Fields at their defaults are omitted."""
+        # Most fields are at their defaults. Omitting them keeps a usual delta at about a hundred
+        # bytes.
         plain = message.model_dump(mode="json", exclude_defaults=True)
         plain = {"type": message.type, **plain}  # type: ignore[attr-defined]
         return self.pack(plain)
 
     def pack(self, plain: dict[str, Any]) -> bytes | str:
-        """Plain values as a frame's payload.
+        """Encode plain values as a frame's payload.
 
         Raises:
-            ValueError: One of them is NaN or infinite: JSON has none. MessagePack takes it.
+            ValueError: JSON cannot encode a value that is NaN or infinite.
         """
         if self.text:
             return json.dumps(plain, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
@@ -89,14 +77,17 @@ class Codec:
         return packed
 
     def pack_fields(self, plain: dict[str, Any]) -> Fields:
-        """Some fields of a message, to be joined with others; they are at least one."""
+        """Encode at least one field of a message, to be joined with others."""
         packed = self.pack(plain)
         if isinstance(packed, str):
             return Fields(packed[1:-1], len(plain))
         return Fields(packed[1 if len(plain) < 16 else 3 :], len(plain))
 
     def join(self, parts: Sequence[Fields]) -> bytes | str:
-        """One message of parts, as `pack` makes it of all their fields."""
+        """Join encoded fields to the payload that `pack` would make of all of them.
+
+        Parts that are the same for all recipients of a message are then encoded once.
+        """
         if self.text:
             return "{" + ",".join(str(part.packed) for part in parts) + "}"
         count = sum(part.count for part in parts)
@@ -104,11 +95,11 @@ class Codec:
         return head + b"".join([bytes(part.packed) for part in parts])  # type: ignore[arg-type]
 
     def decode_client(self, payload: bytes | str) -> ClientMessage:
-        """A client's message.
+        """Decode a client's message.
 
         Raises:
-            ProtocolError: `message/…` says what is wrong with it: a frame of the other kind, more
-                than `MAX_CLIENT_BYTES`, no such type or field, a value that may not be.
+            ProtocolError: `message/...`: wrong frame type, more than `MAX_CLIENT_BYTES`, unknown
+                type or field, or invalid value.
         """
         plain = self._unpack(payload, MAX_CLIENT_BYTES)
         _check_items(plain)
@@ -116,11 +107,10 @@ class Codec:
         return message
 
     def decode_server(self, payload: bytes | str) -> ServerMessage:
-        """A server's message; fields that only a newer server knows are left out.
+        """Decode a server's message. Unknown fields, from a newer server, are ignored.
 
         Raises:
-            ProtocolError: `message/…` says what is wrong with it, as for a client's; at most
-                `MAX_SERVER_BYTES` are read.
+            ProtocolError: `message/...`, as for a client's message; at most `MAX_SERVER_BYTES`.
         """
         plain = self._unpack(payload, MAX_SERVER_BYTES)
         message: ServerMessage = self._validate(plain, server_messages)
@@ -130,6 +120,8 @@ class Codec:
         if not isinstance(plain, dict):
             found = type(plain).__name__
             raise ProtocolError("message/malformed", f"expected an object, found {found}")
+        # `parse_json` has checked the depth of JSON already. `act` is the message on the hot path,
+        # and its fields are too flat to nest: validation refuses anything deeper.
         if not self.text and plain.get("type") != "act":
             _check_depth(plain)
         return validated(plain, adapter)
@@ -137,11 +129,12 @@ class Codec:
     def _unpack(self, payload: bytes | str, limit: int) -> Any:
         if isinstance(payload, str) != self.text:
             expected, found = ("text", "binary") if self.text else ("binary", "text")
-            message = f"{self.name} takes {expected} frames, found a {found} one"
+            message = f"{self.name} uses {expected} frames, found a {found} frame"
             raise ProtocolError("message/frame", message)
+        # In bytes for both codecs, so that the limits and the quotas are the same for both.
         size = len(payload.encode()) if isinstance(payload, str) else len(payload)
         if size > limit:
-            message = f"{size:,} bytes; at most {limit:,} are read"
+            message = f"{size:,} bytes; the limit is {limit:,}"
             raise ProtocolError("message/too-large", message)
         if isinstance(payload, str):
             return _unpack_json(payload)
@@ -149,10 +142,10 @@ class Codec:
 
 
 def read_object(payload: str) -> dict[str, Any]:
-    """A JSON object from outside, of no more than a client's message may hold.
+    """Decode a JSON object from outside, within the limits of a client's message.
 
     Raises:
-        ProtocolError: `message/malformed`: it is none.
+        ProtocolError: `message/malformed`.
     """
     plain = _unpack_json(payload)
     if not isinstance(plain, dict):
@@ -163,15 +156,15 @@ def read_object(payload: str) -> dict[str, Any]:
 
 
 def validated(plain: dict[str, Any], adapter: TypeAdapter[T]) -> T:
-    """The message that plain values are.
+    """Return the message with these plain values.
 
     Raises:
-        ProtocolError: `message/…` says what is wrong with it, with its `ref` if it has one.
+        ProtocolError: `message/...`, with the message's `ref` if it has one.
     """
     try:
         return adapter.validate_python(plain)
     except ValidationError as error:
-        # No local name for it: an error that its own traceback keeps is garbage in a circle.
+        # No local variable: an error in a frame of its own traceback is a reference cycle.
         raise _refused(error, plain) from None
 
 
@@ -199,18 +192,18 @@ def _unpack_msgpack(payload: bytes, limit: int) -> Any:
         raise ProtocolError("message/malformed", "nested too deeply") from None
     except (ValueError, TypeError, msgpack.UnpackException, UnicodeDecodeError) as error:
         reason = str(error) or type(error).__name__
-        raise ProtocolError("message/malformed", f"is not MessagePack: {reason}") from None
+        raise ProtocolError("message/malformed", f"not MessagePack: {reason}") from None
     return plain
 
 
 def _check_items(value: Any) -> None:
-    """Before anything is validated: every value that is wrong would become an error of its own."""
+    # Checked before validation, which would build an error for every invalid value.
     waiting, found = [value], 0
     while waiting:
         inner = waiting.pop()
         if isinstance(inner, dict):
             if len(inner) > MAX_FIELDS:
-                message = f"{len(inner):,} fields in one object; at most {MAX_FIELDS} are read"
+                message = f"{len(inner):,} fields in one object; the limit is {MAX_FIELDS}"
                 raise ProtocolError("message/malformed", message)
             inner = inner.values()
         elif not isinstance(inner, list):
@@ -246,22 +239,22 @@ def _refused(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
 
 def _fault(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
     first = _nearest(error.errors(include_url=False, include_input=False, include_context=False))
-    # A field that may be of several types says which one an error is about; of those that are
-    # only limited, that has no name that anybody knows.
+    # For a field of several types, pydantic adds the type of the failed alternative. Types that
+    # only have limits are called `constrained-...`, which means nothing to a reader.
     location = [str(part) for part in first["loc"] if not str(part).startswith("constrained-")]
     if first["type"] in ("union_tag_invalid", "union_tag_not_found"):
         found = str(plain.get("type"))[:40]
         return ProtocolError("message/unknown-type", f"no message type {found!r}", "type")
     field = ".".join(location[1:]) or "type"
     if first["type"] == "extra_forbidden":
-        return ProtocolError("message/unknown-field", "no such field", field)
+        return ProtocolError("message/unknown-field", "unknown field", field)
     if first["type"] == "missing":
-        return ProtocolError("message/missing-field", "is required", field)
+        return ProtocolError("message/missing-field", "this field is required", field)
     return ProtocolError("message/invalid-field", first["msg"], field)
 
 
 def _nearest(errors: list[ErrorDetails]) -> ErrorDetails:
-    """The first error; where a value may be of several types, that of the one it is of."""
+    """Return the first error, or for a value of several types that of the type it has."""
     field = errors[0]["loc"][:2]
     of_its_type = (e for e in errors if e["loc"][:2] == field and not e["type"].endswith("_type"))
     return next(of_its_type, errors[0])
@@ -273,5 +266,5 @@ SUBPROTOCOLS = (MSGPACK.name, JSON.name)
 
 
 def codec_for(subprotocol: str | None) -> Codec:
-    """The codec of a negotiated subprotocol; JSON where a client asked for none."""
+    """Return the codec of a negotiated subprotocol; JSON if the client asked for none."""
     return MSGPACK if subprotocol == MSGPACK.name else JSON

@@ -1,12 +1,12 @@
-"""WebSocket frames (RFC 6455, section 5), told apart and made: bytes in, frames out, no I/O.
+"""Reader and writer of WebSocket frames (RFC 6455, section 5), without I/O.
 
 reader = FrameReader(masked=True, max_size=65536)
 reader.receive(data)
 while reader.next_frame():
     ...  # reader.first, reader.content
 
-The server and the load tester use it for what is met a hundred thousand times a second; handshakes,
-closing and everything rare is the business of the `websockets` library.
+The server and the load tester use this for data frames, which they handle a hundred thousand times
+a second. Handshakes, closing and everything rare are left to the `websockets` library.
 """
 
 from __future__ import annotations
@@ -16,38 +16,31 @@ try:
 except ImportError:
     from websockets.utils import apply_mask
 
-__all__ = [
-    "BINARY",
-    "CLOSE",
-    "CONTINUATION",
-    "FIN",
-    "PING",
-    "PONG",
-    "TEXT",
-    "FrameError",
-    "FrameReader",
-    "pack_frame",
-]
-
 FIN = 0x80
-"""In a frame's first byte: the last part of its message, or all of it."""
+"""Bit of a frame's first byte: the last part of a message."""
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
-"""Opcodes: the other half of the first byte."""
+"""Opcodes, in the lower half of the first byte."""
 
 _MASKED = 0x80
 _TWO_BYTES, _EIGHT_BYTES = 126, 127
 
 
 class FrameError(ValueError):
-    """A frame that may not be: masked where none is, or not where all are, or too large."""
+    """An invalid frame: wrongly masked, wrongly unmasked, or too large."""
 
 
 class FrameReader:
-    """The frames of one direction of a connection, one after the other. `masked` are those of
-    clients; a payload of more than `max_size` bytes is an error as soon as its length is there.
+    """Reader of the frames in one direction of a connection.
 
-    It is its own cursor, as a frame of its own for each would cost more than all the rest: `first`
-    is the present frame's first byte (FIN, reserved bits and opcode), `size` its bytes in all.
+    The reader is its own cursor: an object for each frame would cost more than all the rest.
+
+    Args:
+        masked: True for frames from a client.
+        max_size: Limit of a payload in bytes, checked as soon as the length has arrived.
+
+    Attributes:
+        first: The current frame's first byte (FIN, reserved bits and opcode).
+        size: The current frame's bytes, with its head.
     """
 
     __slots__ = ("_at", "_data", "_masked", "_max_size", "_start", "first", "size")
@@ -60,17 +53,17 @@ class FrameReader:
         self.first = self.size = 0
 
     def receive(self, data: bytes) -> None:
-        """More bytes are here."""
+        """Add received bytes."""
         rest = self._data[self._at :]
         self._data = rest + data if rest else data
         self._at = 0
 
     def next_frame(self) -> bool:
-        """Whether there is one more frame that is whole; it is the present one from now on.
+        """Move to the next frame, and return whether it is complete.
 
         Raises:
-            FrameError: The next one may not be, now and whenever this is asked again: nothing
-                behind such a frame can be read.
+            FrameError: The next frame is invalid. Every later call raises again, because nothing
+                after such a frame can be read.
         """
         data, at = self._data, self._at
         there = len(data) - at
@@ -83,15 +76,16 @@ class FrameReader:
             length -= _MASKED
             start = 6
         if not 0 <= length < _MASKED:
-            raise FrameError("a frame that is not masked" if self._masked else "a masked frame")
+            raise FrameError("an unmasked frame" if self._masked else "a masked frame")
         if length >= _TWO_BYTES:
             more = 2 if length == _TWO_BYTES else 8
             if there < 2 + more:
                 return False
             length = int.from_bytes(data[at + 2 : at + 2 + more])
             start += more
+        # Checked before the payload arrives, so a forged length costs no memory.
         if length > self._max_size:
-            raise FrameError(f"a frame of {length} bytes; at most {self._max_size} may be")
+            raise FrameError(f"a frame of {length} bytes; the limit is {self._max_size}")
         size = start + length
         if there < size:
             if at:
@@ -102,37 +96,37 @@ class FrameReader:
         return True
 
     def _forget_read(self) -> None:
-        """An idle connection keeps nothing of what it has read."""
+        # Otherwise every idle connection would keep its last read in memory.
         self._data, self._at = self._data[self._at :], 0
 
     @property
     def content(self) -> bytes:
-        """The present frame's payload, unmasked."""
+        """The current frame's payload, unmasked."""
         start = self._start
         payload = self._data[start : self._at]
         return apply_mask(payload, self._data[start - 4 : start]) if self._masked else payload
 
     @property
     def raw(self) -> bytes:
-        """The present frame as it came."""
+        """The current frame as received."""
         return self._data[self._at - self.size : self._at]
 
     @property
     def rest(self) -> bytes:
-        """What has come behind the present frame."""
+        """The bytes received after the current frame."""
         return self._data[self._at :]
 
     def clear(self) -> None:
-        """Forget the rest."""
+        """Forget all received bytes."""
         self._data, self._at = b"", 0
 
 
 def pack_frame(first: int, payload: bytes, mask: bytes = b"") -> bytes:
-    """A frame's bytes, with its shortest length.
+    """Return the bytes of a frame.
 
     Args:
         first: FIN and opcode.
-        mask: Four bytes make it a client's.
+        mask: Four bytes, for a client's frame.
     """
     length, flag = len(payload), _MASKED if mask else 0
     if length < _TWO_BYTES:

@@ -1,4 +1,4 @@
-"""What messages of the wire protocol are made of: their base, types of fields, and parts."""
+"""Building blocks of the wire protocol's messages: base classes, field types and nested objects."""
 
 from __future__ import annotations
 
@@ -9,120 +9,133 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, with_config
 from typing_extensions import TypedDict
 
 from robotouille.episode.events import Reason
-from robotouille.episode.lifecycle import Controller, Phase
+from robotouille.episode.lifecycle import Absence, Controller, Phase
 from robotouille.episode.pauses import PauseReason
-from robotouille.episode.rules import PRINTABLE, Absence, Chat, Clock
+from robotouille.episode.rules import PRINTABLE, Chat, Clock
 from robotouille.world.unmet import Unmet, UnmetKind
-
-__all__ = [
-    "ByValue",
-    "EpisodeInfo",
-    "FromServer",
-    "Identifier",
-    "Kind",
-    "Known",
-    "Labels",
-    "Message",
-    "NamedAction",
-    "OutcomeRow",
-    "Pause",
-    "Position",
-    "Ref",
-    "RulesRow",
-    "SeatAnswer",
-    "SeatInfo",
-    "Seen",
-    "TallyRow",
-    "Token",
-    "View",
-    "Why",
-]
 
 Identifier = Annotated[str, Field(min_length=1, max_length=64)]
 Token = Annotated[str, Field(min_length=1, max_length=2000)]
+# JSON numbers are doubles in many languages, which are exact up to 2**53.
 Position = Annotated[int, Field(ge=0, le=2**53)]
-Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
+Ref = Annotated[
+    Annotated[int, Field(ge=0, le=2**31 - 1)] | None,
+    Field(description="Request number chosen by the client; the answer or error repeats it."),
+]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
 LabelName = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
 LabelValue = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)]
 Labels = Annotated[dict[LabelName, LabelValue], Field(max_length=16)]
-"""What an episode belongs to, in words of a study: its condition, pair, round."""
+"""Labels that a study attaches to an episode, such as its condition, pair or round."""
 
 E = TypeVar("E", bound=StrEnum)
 ByValue = Annotated[E, Field(strict=False)]
-"""A member of an enumeration, which comes as its value."""
+"""Enumeration member, sent as its value."""
 Known = Annotated[
     ByValue[E] | str, Field(union_mode="left_to_right"), WithJsonSchema({"type": "string"})
 ]
-"""A member of an enumeration if it is one that this version knows, else the text as it came."""
+"""Enumeration member if this version knows the value, otherwise the text as received."""
 
 
 class Message(BaseModel):
-    """Base of all messages: immutable, typed strictly, unknown fields refused, numbers finite."""
+    """Base of all messages: immutable, strictly typed, without unknown fields or NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
+# Only servers refuse unknown fields: a misspelled option of a client must not pass unnoticed, but
+# an older client has to understand a newer server.
 class FromServer(Message):
-    """What a server says: fields that only a newer one knows are left out."""
+    """Base of server messages. Unknown fields, from a newer server, are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
 
 OPEN = ConfigDict(extra="allow", strict=True, allow_inf_nan=False)
-"""Of rows that a newer server may have more fields in."""
+"""Configuration of objects to which a newer server may add fields."""
 
 
 class Seen(Message):
-    """How much of an episode a client has: the step of its state, and its chat messages. With
-    `stale` its state is not good any more, and it needs a whole picture."""
+    """The part of an episode that a reconnecting client already has."""
 
-    episode: Identifier
-    step: Annotated[int, Field(ge=0, le=2**53)] = 0
-    said: Annotated[int, Field(ge=0, le=2**53)] = 0
-    stale: bool = False
+    episode: Identifier = Field(description="The episode's id. Any other episode is ignored.")
+    step: Annotated[int, Field(ge=0, le=2**53)] = Field(
+        default=0, description="The step of the client's last state."
+    )
+    said: Annotated[int, Field(ge=0, le=2**53)] = Field(
+        default=0, description="The highest `number` of a chat message received."
+    )
+    stale: bool = Field(
+        default=False,
+        description="True if the client's state is unusable, for example after a gap. The server "
+        "then sends a snapshot instead of deltas.",
+    )
 
 
 class NamedAction(Message):
-    """An action by name and arguments, e.g. `move` of `robot1`, `table1`, `table2`."""
+    """An action by name and arguments."""
 
-    name: Identifier
-    args: Annotated[list[Identifier], Field(max_length=16)] = []
+    name: Identifier = Field(description="The action's name in the domain, such as `move`.")
+    args: Annotated[list[Identifier], Field(max_length=16)] = Field(
+        default=[], description="The arguments, the acting player first."
+    )
 
 
 class SeatInfo(FromServer):
-    """A seat and who plays it; `name` is empty while it is free.
+    """A seat and the participant who plays it."""
 
-    `controller` moves it at present: its participant (`human`, `bot`, `model`), nobody (`absent`)
-    or a bot meanwhile (`stand-in`). Before the beginning, it waits for those who are not `ready`.
-    `latency_ms` is what a message takes to the participant and back, to 50 ms: 0 while that is
-    less, or not measured.
-    """
-
-    player: Identifier
-    name: str = ""
-    kind: str = ""
-    present: bool = False
-    controller: Known[Controller] = Controller.FREE
-    acted: int = 0
-    rejected: int = 0
-    ready: bool = True
-    latency_ms: int = 0
+    player: Identifier = Field(description="The player that this seat moves, such as `robot1`.")
+    name: str = Field(default="", description="The participant's name; empty if the seat is free.")
+    kind: str = Field(
+        default="",
+        description="The participant's kind: `human`, `bot` or `model`; empty if the seat is free.",
+    )
+    present: bool = Field(default=False, description="True if the participant is connected.")
+    controller: Known[Controller] = Field(
+        default=Controller.FREE,
+        description="Controller of the seat now: `human`, `bot` or `model` for the participant, "
+        "`substitute` for a bot that plays for an absent participant, `absent` for nobody; empty "
+        "if the seat is free.",
+    )
+    acted: int = Field(
+        default=0,
+        description="Number of steps in which the participant's action was applied. Actions of a "
+        "substitute do not count.",
+    )
+    rejected: int = Field(
+        default=0, description="Number of the participant's actions that were rejected."
+    )
+    ready: bool = Field(
+        default=True,
+        description="True if the seat is ready for the start; always true after the start.",
+    )
+    latency_ms: int = Field(
+        default=0,
+        description="Round-trip time to the participant in milliseconds, rounded to 50. 0 if it "
+        "is below 50 or not measured, or if the participant is away.",
+    )
 
 
 class Why(FromServer):
-    """A reason for which an action was rejected, as a value; its words are in `reasons` (or
-    `unmet`) at the same place."""
+    """A reason for a rejection, as data. `reasons` (or `unmet`) has its text at the same index."""
 
-    kind: Known[UnmetKind]
-    predicate: str = ""
-    objects: list[str] = []
-    expected: bool = True
+    kind: Known[UnmetKind] = Field(
+        description="`condition`: `predicate` of `objects` is not as `expected`. `missing`: an "
+        "object does not exist. `busy`: the player cannot act yet. `acted`: the player has already "
+        "acted in this step. `turn`: it is another player's turn. `seat`: the action moves another "
+        "seat's player. `superseded`: a later action replaced this one. `other`: see the text. "
+        "Treat unknown values as `other`."
+    )
+    predicate: str = Field(default="", description="The unmet predicate, if `kind` is `condition`.")
+    objects: list[str] = Field(default=[], description="The objects concerned.")
+    expected: bool = Field(
+        default=True, description="The truth value that the precondition requires."
+    )
 
     @classmethod
     def of(cls, unmet: Unmet) -> Why:
-        """What goes with the words of a reason."""
+        """Return the message part for an unmet condition, without its text."""
         return cls(
             kind=unmet.kind,
             predicate=unmet.predicate,
@@ -131,96 +144,133 @@ class Why(FromServer):
         )
 
     def value(self, words: str) -> Unmet:
-        """The reason with its words; a kind that a newer server knows is another to us."""
+        """Return the unmet condition with its text. An unknown kind becomes `OTHER`."""
         kind = self.kind if isinstance(self.kind, UnmetKind) else UnmetKind.OTHER
         return Unmet(kind, words, self.predicate, tuple(self.objects), self.expected)
 
 
 class Pause(FromServer):
-    """Why the game stands still, and the seconds after which that ends by itself."""
+    """The reason for which an episode is paused."""
 
-    reason: Known[PauseReason]
-    left: float | None = None
+    reason: Known[PauseReason] = Field(
+        description="`operator`, `storage`, `restart`, `absence` or `deserted`."
+    )
+    left: float | None = Field(
+        default=None,
+        description="Seconds until the pause ends by itself; null if that is not known.",
+    )
 
 
 @with_config(OPEN)
+# A typed dictionary and not a model: clients read a few values of it, and every snapshot has one.
 class RulesRow(TypedDict, total=False):
-    """The rules of an episode, as `Rules` has them; a newer server may have more."""
+    """The rules of an episode. A newer server may send more of them."""
 
-    clock: Known[Clock]
-    step_rate: float
-    move_budget: float | None
-    max_steps: int
-    thinking: str
-    grace: float
-    absence: Known[Absence]
-    stand_in: str
-    open_for: float
-    countdown: float
-    chat: Known[Chat]
-    phrases: list[str]
+    clock: Annotated[Known[Clock], Field(description="`turn`, `lockstep` or `realtime`.")]
+    step_rate: Annotated[float, Field(description="Steps per second in real time.")]
+    move_budget: Annotated[
+        float | None, Field(description="Seconds allowed for one decision; null: no limit.")
+    ]
+    max_steps: Annotated[int, Field(description="The step limit.")]
+    thinking: Annotated[
+        str, Field(description="Cost of thinking in real time: `wall` or `declared`.")
+    ]
+    grace: Annotated[
+        float, Field(description="Seconds for which an absent participant keeps the seat.")
+    ]
+    absence: Annotated[Known[Absence], Field(description="`wait`, `pause`, `bot` or `end`.")]
+    substitute: Annotated[
+        str, Field(description="Bot that plays for absent participants: `planner` or `random`.")
+    ]
+    open_for: Annotated[
+        float, Field(description="Seconds for which the episode waits for its first participant.")
+    ]
+    countdown: Annotated[float, Field(description="Seconds of countdown before the start.")]
+    chat: Annotated[Known[Chat], Field(description="`free`, `phrases` or `off`.")]
+    phrases: Annotated[
+        list[str], Field(description="The permitted chat messages, if `chat` is `phrases`.")
+    ]
 
 
 @with_config(OPEN)
 class TallyRow(TypedDict, total=False):
-    """What one seat did over an episode. Each step counts as one of these: its participant's
-    action was applied (`acted`); it could not act (`busy`); it asked for something that was refused
-    or lost in the step, or it was another's turn (`waiting`); it could act and did nothing
-    (`idle`); nobody moved it (`away`); a stand-in did (`substituted`). `rejected` is all that was
-    asked for and not done; `invalid` and `malformed` are part of it. `said` are chat messages."""
+    """Counts for one seat over an episode.
 
-    player: str
-    acted: int
-    busy: int
-    waiting: int
-    idle: int
-    away: int
-    substituted: int
-    rejected: int
-    invalid: int
-    malformed: int
-    said: int
+    Each step counts once, in `acted`, `busy`, `waiting`, `idle`, `away` or `substituted`.
+    """
+
+    player: Annotated[str, Field(description="The seat's player.")]
+    acted: Annotated[int, Field(description="Steps in which the participant's action applied.")]
+    busy: Annotated[int, Field(description="Steps in which the player could not act.")]
+    waiting: Annotated[
+        int,
+        Field(
+            description="Steps without an action because it was another seat's turn, the "
+            "participant declared a wait, or its request was rejected."
+        ),
+    ]
+    idle: Annotated[int, Field(description="Steps in which the player could act and did not.")]
+    away: Annotated[int, Field(description="Steps in which nobody moved the seat.")]
+    substituted: Annotated[int, Field(description="Steps in which a substitute moved the seat.")]
+    rejected: Annotated[int, Field(description="Actions that were rejected.")]
+    invalid: Annotated[
+        int, Field(description="Rejected actions whose preconditions did not hold on arrival.")
+    ]
+    malformed: Annotated[
+        int, Field(description="Rejected actions that did not name an existing action.")
+    ]
+    said: Annotated[int, Field(description="Chat messages sent.")]
 
 
 @with_config(OPEN)
 class OutcomeRow(TypedDict, total=False):
-    """How an episode ended, as `Outcome.to_json` has it."""
+    """The way in which an episode ended."""
 
-    reason: Known[Reason]
-    steps: int
-    seconds: float
-    detail: str
-    seats: list[TallyRow]
+    reason: Annotated[
+        Known[Reason], Field(description="`goal`, `step_limit`, `abandoned` or `aborted`.")
+    ]
+    steps: Annotated[int, Field(description="Steps taken.")]
+    seconds: Annotated[float, Field(description="Duration in seconds.")]
+    detail: Annotated[str, Field(description="Explanation for people, possibly empty.")]
+    seats: Annotated[list[TallyRow], Field(description="Counts for each seat, in seat order.")]
 
 
 class EpisodeInfo(FromServer):
-    """An episode as the lobby lists it.
+    """An episode in the answer to `list`."""
 
-    `closes` are the seconds until it is closed if nobody comes, where that was asked for. `reason`
-    and `detail` say how it ended, if it has; `created` is when it was opened (UTC).
-    """
-
-    episode: Identifier
-    code: Identifier
-    task: str
-    clock: Known[Clock]
-    phase: Known[Phase]
-    step: int
-    max_steps: int
-    seats: list[SeatInfo]
-    spectators: int = 0
-    labels: dict[str, str] = {}
-    created: str = ""
-    closes: float | None = None
-    reason: str = ""
-    detail: str = ""
+    episode: Identifier = Field(description="The episode's id.")
+    code: Identifier = Field(description="The code to share with participants.")
+    task: str = Field(description="The task's name.")
+    clock: Known[Clock] = Field(description="`turn`, `lockstep` or `realtime`.")
+    phase: Known[Phase] = Field(description="`waiting`, `running`, `paused` or `ended`.")
+    step: int = Field(description="Number of steps taken.")
+    max_steps: int = Field(description="The step limit.")
+    seats: list[SeatInfo] = Field(description="The seats, in the order of the task's players.")
+    spectators: int = Field(default=0, description="Number of spectators.")
+    labels: dict[str, str] = Field(
+        default={}, description="The episode's labels; only for its creator and for operators."
+    )
+    created: str = Field(
+        default="",
+        description="Time of creation in UTC; sent with labels and for episodes with `open_for`.",
+    )
+    closes: float | None = Field(
+        default=None,
+        description="Seconds until the episode closes without participants; null after the "
+        "first `joined`, or without `open_for`.",
+    )
+    reason: str = Field(default="", description="The outcome's reason; empty before the end.")
+    detail: str = Field(default="", description="The outcome's explanation for people.")
 
 
 class SeatAnswer(FromServer):
-    """What became of the last action of one of one's seats: the `seq`, taken in `step` or rejected
-    for `reasons`. A `seq` of 0: none was decided so far."""
+    """The result of a seat's last decided action, for clients that play several seats."""
 
-    seat: Identifier
-    seq: int = 0
-    step: int = 0
-    reasons: list[str] = []
+    seat: Identifier = Field(description="The seat.")
+    seq: int = Field(
+        default=0, description="Sequence number of the last decided action; 0 before the first."
+    )
+    step: int = Field(default=0, description="The step in which it was decided.")
+    reasons: list[str] = Field(
+        default=[], description="Reasons for its rejection; empty if it was applied."
+    )

@@ -1,15 +1,15 @@
-"""Every message of the wire protocol, version 1, as a discriminated union.
+"""Messages of the wire protocol, version 1, as two discriminated unions.
 
-Clients send `ClientMessage`s, the server sends `ServerMessage`s; `type` tells which. Requests may
-carry `ref`, a number that the answer repeats. docs/protocol.md is generated from these models.
+Clients send `ClientMessage`s and the server sends `ServerMessage`s; `type` names the message.
+The message reference in docs/protocol.md is generated from these models.
 
-What the server says by an enumeration is read leniently (`Known`): a value that this version does
-not know, from a newer server, stays the text it is. What clients say is read strictly.
+Enumerations in server messages are read leniently (`Known`): a value from a newer server stays a
+plain string. Client messages are read strictly.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     Field,
@@ -21,11 +21,10 @@ from pydantic import (
 )
 
 from robotouille.domain.task import Timing
-from robotouille.episode.lifecycle import Phase
+from robotouille.episode.lifecycle import Absence, Phase
 from robotouille.episode.quota import MAX_NOTE
 from robotouille.episode.rules import (
     MAX_PHRASES,
-    Absence,
     Chat,
     Clock,
     Grace,
@@ -34,8 +33,8 @@ from robotouille.episode.rules import (
     OpenFor,
     Phrase,
     SeatTreatment,
-    StandIn,
     StepRate,
+    Substitute,
     Thinking,
 )
 from robotouille.protocol.error_codes import ErrorCode
@@ -62,7 +61,7 @@ from robotouille.protocol.message_parts import (
     View,
     Why,
 )
-from robotouille.world.sentences import MAX_SENTENCE
+from robotouille.world.text import MAX_SENTENCE
 
 __all__ = [
     "CLIENT_MESSAGES",
@@ -121,109 +120,178 @@ __all__ = [
 
 PROTOCOL_VERSION = 1
 
-# From client to server
+# Messages from client to server
 
 
 class Hello(Message):
-    """The first message: who is there.
-
-    `token` is the signed token of a role, where the server asks for one. `resume` is the token of
-    a connection that was lost, and `seen` what its client has: only the rest is sent. `view` is
-    that of its `join`, in case the answer to that was lost.
-    """
+    """Introduce the client. This must be the first message on a connection."""
 
     type: Literal["hello"] = "hello"
-    ref: Ref | None = None
-    protocol: Annotated[int, Field(ge=0, le=2**31 - 1)]
-    name: Annotated[str, Field(min_length=1, max_length=40)]
-    kind: Kind = "human"
-    token: Token | None = None
-    resume: Token | None = None
-    seen: Seen | None = None
-    view: View | None = None
+    ref: Ref = None
+    protocol: Annotated[int, Field(ge=0, le=2**31 - 1)] = Field(
+        description="The protocol version; must be 1."
+    )
+    name: Annotated[str, Field(min_length=1, max_length=40)] = Field(
+        description="The name that others see."
+    )
+    kind: Kind = Field(
+        default="human", description="The kind of participant. It is shown and recorded."
+    )
+    token: Token | None = Field(
+        default=None, description="A role token from the operator. Ignored together with `resume`."
+    )
+    resume: Token | None = Field(
+        default=None,
+        description="The last `resume` token of a lost connection, to return to its seat.",
+    )
+    seen: Seen | None = Field(
+        default=None,
+        description="With `resume`: the part of the episode that the client has. The server sends "
+        "only the rest.",
+    )
+    view: View | None = Field(
+        default=None,
+        description="With `resume`: the `view` of the original `join`, in case `joined` was lost.",
+    )
 
 
 class ListEpisodes(Message):
-    """Ask for the episodes that can be joined or watched: those that have all of some `labels`,
-    from number `skip` on. With `closed`, for those instead that were closed because nobody came.
-    """
+    """Request the episodes that the client may join or watch."""
 
     type: Literal["list"] = "list"
-    ref: Ref | None = None
-    labels: Labels = {}
-    skip: Position = 0
-    closed: bool = False
+    ref: Ref = None
+    labels: Labels = Field(default={}, description="Return only episodes with all these labels.")
+    skip: Position = Field(default=0, description="Number of episodes to skip, for paging.")
+    closed: bool = Field(
+        default=False,
+        description="Return episodes that were closed because nobody joined: the client's own, or "
+        "all for an operator.",
+    )
 
 
 class Create(Message):
-    """Open an episode. What is left out is as the server's operator has set it.
-
-    A `move_budget` of 0 is no limit. `absence` says what happens while a participant is away for
-    up to `grace` seconds, and `stand_in` which bot plays for it where that is `bot`.
-
-    An episode that nobody has come to is closed after `open_for` seconds, across restarts. `labels`
-    are recorded, and shown to hosts and operators. `chat` says what may be said: with `phrases`,
-    only one of these. `treatments` are what a study does to seats, by player: others see the kind
-    `shown_as` there, and each action is held back by `delay_ms`. With `tokens` the answer has a
-    role token for each seat; `participants` says who is to have them, by player.
-
-    With `rematch`, the id or code of a game that is over and in which one had a seat, it is the
-    same again: its task, rules and seats. All who ask for that game get the same episode. The other
-    fields are left out.
-    """
+    """Create an episode without joining it. Options left out use the server's settings."""
 
     type: Literal["create"] = "create"
-    ref: Ref | None = None
-    task: Annotated[str, Field(min_length=1, max_length=200)] | None = None
-    seats: Annotated[int, Field(ge=1, le=16)] | None = None
-    clock: ByValue[Clock] | None = None
-    timing: ByValue[Timing] | None = None
-    step_rate: StepRate | None = None
-    move_budget: MoveBudget | None = None
-    max_steps: MaxSteps | None = None
-    thinking: Thinking | None = None
-    seed: Annotated[int, Field(ge=0, le=2**53)] | None = None
-    absence: ByValue[Absence] | None = None
-    stand_in: StandIn | None = None
-    grace: Grace | None = None
-    open_for: OpenFor | None = None
-    labels: Labels = {}
-    chat: ByValue[Chat] | None = None
-    phrases: Annotated[list[Phrase], Field(max_length=MAX_PHRASES)] = []
-    treatments: Annotated[dict[Identifier, SeatTreatment], Field(max_length=16)] = {}
-    participants: Annotated[dict[Identifier, Identifier], Field(max_length=16)] = {}
-    tokens: bool = False
-    rematch: Identifier | None = None
+    ref: Ref = None
+    task: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+        default=None,
+        description="A task's name, or an unambiguous prefix of a shipped task's name. `@N` asks "
+        "for N seats.",
+    )
+    seats: Annotated[int, Field(ge=1, le=16)] | None = Field(
+        default=None, description="Number of seats, for tasks that support several."
+    )
+    clock: ByValue[Clock] | None = Field(default=None, description="When steps are taken.")
+    timing: ByValue[Timing] | None = Field(
+        default=None,
+        description="The timing profile. Without a server setting the default is `people` in real "
+        "time and `benchmark` otherwise.",
+    )
+    step_rate: StepRate | None = Field(default=None, description="Steps per second in real time.")
+    move_budget: MoveBudget | None = Field(
+        default=None,
+        description="Seconds allowed for one decision: 0 (no limit), or at least 0.01.",
+    )
+    max_steps: MaxSteps | None = Field(
+        default=None,
+        description="The step limit. With the timing `people` the default is derived from the "
+        "shortest known plan.",
+    )
+    thinking: Thinking | None = Field(
+        default=None,
+        description="Cost of thinking in real time: elapsed time (`wall`) or `think_ms` "
+        "(`declared`).",
+    )
+    seed: Annotated[int, Field(ge=0, le=2**53)] | None = Field(
+        default=None, description="Seed for the objects that the problem leaves to chance."
+    )
+    absence: ByValue[Absence] | None = Field(
+        default=None, description="Rule for absent participants."
+    )
+    substitute: Substitute | None = Field(
+        default=None,
+        description="The bot that plays for absent participants, if `absence` is `bot`.",
+    )
+    grace: Grace | None = Field(
+        default=None, description="Seconds for which an absent participant keeps the seat."
+    )
+    open_for: OpenFor | None = Field(
+        default=None,
+        description="Seconds after which the episode closes if nobody has joined, also across "
+        "restarts. Without it: ten minutes, which begin again after a restart.",
+    )
+    labels: Labels = Field(
+        default={},
+        description="Labels of a study. They are recorded, and shown to the creator and operators.",
+    )
+    chat: ByValue[Chat] | None = Field(
+        default=None,
+        description="Permitted chat: anything (`free`, the default), the `phrases`, or nothing "
+        "(`off`).",
+    )
+    phrases: Annotated[list[Phrase], Field(max_length=MAX_PHRASES)] = Field(
+        default=[], description="The permitted chat messages, if `chat` is `phrases`."
+    )
+    treatments: Annotated[dict[Identifier, SeatTreatment], Field(max_length=16)] = Field(
+        default={}, description="A study's treatment of seats, by player."
+    )
+    participants: Annotated[dict[Identifier, Identifier], Field(max_length=16)] = Field(
+        default={},
+        description="Participant ids for the seats' tokens, by player. A participant id has the "
+        "same pseudonym in all episodes of one owner.",
+    )
+    tokens: bool = Field(
+        default=False, description="Request a role token for each seat in `created`."
+    )
+    rematch: Identifier | None = Field(
+        default=None,
+        description="Id or code of an ended episode in which the client had a seat. Creates an "
+        "episode of the same kind. Only `ref` may accompany it.",
+    )
 
 
 class Close(Message):
-    """Close an episode that one has opened, or, as an operator, any. Who is in it is told the
-    `reason`."""
+    """Close an episode. Hosts may close their own episodes, operators any."""
 
     type: Literal["close"] = "close"
-    ref: Ref | None = None
-    episode: Identifier
-    reason: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    ref: Ref = None
+    episode: Identifier = Field(description="The episode's id or code.")
+    reason: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+        default=None, description="Reason for the participants, sent as the outcome's `detail`."
+    )
 
 
 class Join(Message):
-    """Enter an episode by its id or short code: play a seat, or several, or watch.
-
-    `seats` are several to play over this one connection: by name, or `all` that are free now. It
-    is all of them or none. `known` lists digests of tasks the client has already, so that they
-    need not be sent. Who joins with `ready: false` says `ready` when the game may begin; send it
-    only where `welcome` said `readiness`.
-    """
+    """Join an episode as a player of one or several seats, or as a spectator."""
 
     type: Literal["join"] = "join"
-    ref: Ref | None = None
-    episode: Identifier
-    role: Literal["player", "spectator"] = "player"
-    seat: Identifier | None = None
-    view: View = "state"
-    known: Annotated[list[Identifier], Field(max_length=64)] = []
-    seats: Annotated[list[Identifier], Field(max_length=16)] | Literal["all"] = []
-    ready: bool = True
+    ref: Ref = None
+    episode: Identifier = Field(
+        description="The episode's id or code. Case and dashes are ignored."
+    )
+    role: Literal["player", "spectator"] = Field(default="player", description="Play or watch.")
+    seat: Identifier | None = Field(
+        default=None, description="The seat to take; by default a free one. Not for spectators."
+    )
+    view: View = Field(
+        default="state",
+        description="`state`: snapshots and deltas. `text`: observations in words. `both`: both.",
+    )
+    known: Annotated[list[Identifier], Field(max_length=64)] = Field(
+        default=[],
+        description="Digests of tasks that the client has. Snapshots omit these tasks.",
+    )
+    seats: Annotated[list[Identifier], Field(max_length=16)] | Literal["all"] = Field(
+        default=[],
+        description='Several seats to take, or `"all"` that are free. The server assigns all of '
+        "them or none. Not together with `seat`, and not for spectators.",
+    )
+    ready: bool = Field(
+        default=True,
+        description="False: the episode does not start before the client sends `ready`. Only valid "
+        "if `welcome` has `readiness`.",
+    )
 
     @field_validator("seats", mode="wrap")
     @classmethod
@@ -233,389 +301,479 @@ class Join(Message):
         try:
             seats: list[str] | str = validated(value)
         except ValidationError:
-            raise ValueError("expected 'all', or the names of at most 16 seats") from None
+            raise ValueError("must be 'all' or a list of at most 16 seats") from None
         if seats and (info.data.get("seat") is not None or info.data.get("role") != "player"):
-            raise ValueError("several seats are for players, and not together with 'seat'")
+            raise ValueError("cannot be combined with 'seat' or the role 'spectator'")
         if isinstance(seats, list) and len(set(seats)) < len(seats):
-            raise ValueError("a seat is named twice")
+            raise ValueError("must not name a seat twice")
         return seats
 
 
 class Ready(Message):
-    """The game may begin, as far as all of one's seats go; or, with `ready: false`, not any more.
-    Once it has begun this means nothing."""
+    """Declare all of the client's seats ready, or not ready. No effect after the start."""
 
     type: Literal["ready"] = "ready"
-    ready: bool = True
+    ready: bool = Field(default=True, description="False withdraws an earlier `ready`.")
 
 
 class Leave(Message):
-    """Leave the episode; all of one's seats become free."""
+    """Leave the episode. All of the client's seats become free."""
 
     type: Literal["leave"] = "leave"
-    ref: Ref | None = None
+    ref: Ref = None
 
 
 class Act(Message):
-    """An action for the next step: named, as a sentence, by its place in the list of valid
-    actions of the step `basis`, or null to do nothing.
-
-    `seq` rises by at least one with each new action; the same again is the same action. `basis`
-    is the step the choice was made on, `think_ms` the declared thinking time. `basis` and
-    `reasoning` are recorded, and shown to nobody. An action that `anticipates` need not be valid
-    yet: another's action in the same step is to make it so. Who does nothing because of a place or
-    somebody that is not free yet `waits`, and is not counted as idle. `seat` is the one of one's
-    seats that acts; the first if nothing is said.
-    """
+    """Submit an action for the next step."""
 
     type: Literal["act"] = "act"
-    seq: Annotated[int, Field(ge=1, le=2**53)]
-    action: NamedAction | Annotated[str, Field(max_length=MAX_SENTENCE)] | Position | None
-    basis: Position | None = None
-    think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = 0
-    reasoning: Annotated[str, Field(max_length=8000)] | None = None
-    anticipates: bool = False
-    seat: Identifier | None = None
-    waits: bool = False
+    seq: Annotated[int, Field(ge=1, le=2**53)] = Field(
+        description="Sequence number, higher than that of every earlier action of the seat. The "
+        "same number again means the same action."
+    )
+    action: NamedAction | Annotated[str, Field(max_length=MAX_SENTENCE)] | Position | None = Field(
+        description="A named action, a sentence, an index into the valid actions of step `basis`, "
+        "or null to do nothing."
+    )
+    basis: Position | None = Field(
+        default=None,
+        description="The step on which the choice is based. Recorded; required with an index.",
+    )
+    think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = Field(
+        default=0,
+        description="Declared thinking time in milliseconds, if `thinking` is `declared`.",
+    )
+    reasoning: Annotated[str, Field(max_length=8000)] | None = Field(
+        default=None, description="Free text for the recording. No participant sees it."
+    )
+    anticipates: bool = Field(
+        default=False,
+        description="True if another player's action in the same step will make this one valid.",
+    )
+    seat: Identifier | None = Field(
+        default=None, description="The seat that acts; by default the client's first."
+    )
+    waits: bool = Field(
+        default=False,
+        description="With the action null: the player waits for a place or another player, and "
+        "does not count as idle.",
+    )
 
 
 class Say(Message):
-    """A chat message to everybody in the episode; that of the first of several seats."""
+    """Send a chat message to everybody in the episode."""
 
     type: Literal["say"] = "say"
-    text: Annotated[str, Field(min_length=1, max_length=500)]
+    text: Annotated[str, Field(min_length=1, max_length=500)] = Field(description="The message.")
 
 
 class Note(Message):
-    """A text for the recording, which nobody is told: what a model was sent and has answered, or
-    whatever else belongs to a seat's play.
-
-    `topic` says what it is about. One that is longer than a message comes in pieces, of which all
-    but the last have `more`.
-    """
+    """Add text to the recording, such as a model's prompt and answer. No participant sees it."""
 
     type: Literal["note"] = "note"
-    topic: Identifier
-    text: Annotated[str, Field(min_length=1, max_length=MAX_NOTE)]
-    more: bool = False
-    seat: Identifier | None = None
+    topic: Identifier = Field(description="The subject; `model-call` for calls of a model.")
+    text: Annotated[str, Field(min_length=1, max_length=MAX_NOTE)] = Field(
+        description="The text, or one piece of it."
+    )
+    more: bool = Field(default=False, description="True if the next note continues this one.")
+    seat: Identifier | None = Field(
+        default=None, description="The seat concerned; by default the client's first."
+    )
 
 
 class GetRendering(Message):
-    """Ask what the task of the episode that one is in looks like."""
+    """Request the rendering of the current episode's task."""
 
     type: Literal["get_rendering"] = "get_rendering"
-    ref: Ref | None = None
+    ref: Ref = None
 
 
 class GetPicture(Message):
-    """Ask for a picture of `rendering`, by its digest."""
+    """Request a picture that a `rendering` lists."""
 
     type: Literal["get_picture"] = "get_picture"
-    ref: Ref | None = None
-    digest: Identifier
+    ref: Ref = None
+    digest: Identifier = Field(description="The picture's SHA-256 digest, from `rendering`.")
 
 
 class Resync(Message):
-    """Ask for a snapshot, after a gap or a state hash that differs."""
+    """Request a snapshot, after a missing step or a different state hash."""
 
     type: Literal["resync"] = "resync"
 
 
-# From server to client
+# Messages from server to client
 
 
 class Welcome(FromServer):
-    """The answer to `hello`. `role` is what one may do: operator, host, player or spectator.
-
-    `resume` brings a lost connection back; it is another with each welcome, and once it has been
-    used those before it are worth nothing. `grace` are the seconds for which a seat is kept.
-    `readiness` says that the server knows `ready`, as a message and in `join`.
-    """
+    """The answer to `hello`."""
 
     type: Literal["welcome"] = "welcome"
-    ref: Ref | None = None
-    protocol: int
-    server: str
-    session: Identifier
-    resume: Token
-    resumed: bool = False
-    role: str
-    grace: float
-    readiness: bool = False
+    ref: Ref = None
+    protocol: int = Field(description="The server's protocol version.")
+    server: str = Field(description="The server's software and version.")
+    session: Identifier = Field(description="The participant's id.")
+    resume: Token = Field(
+        description="Secret token that resumes this session once, after a lost connection."
+    )
+    resumed: bool = Field(
+        default=False, description="True if this connection continues an earlier one."
+    )
+    role: str = Field(description="The client's role: `operator`, `host`, `player` or `spectator`.")
+    grace: float = Field(description="Seconds for which the seat of a lost connection is kept.")
+    readiness: bool = Field(
+        default=False, description="True if the server supports `ready`, also in `join`."
+    )
 
 
 class Episodes(FromServer):
-    """The answer to `list`. Of all that there are, `total`, these are at most 500."""
+    """The answer to `list`."""
 
     type: Literal["episodes"] = "episodes"
-    ref: Ref | None = None
-    episodes: list[EpisodeInfo]
-    total: int = 0
+    ref: Ref = None
+    episodes: list[EpisodeInfo] = Field(
+        description="At most 500 episodes: waiting ones first, then running, then ended ones."
+    )
+    total: int = Field(default=0, description="Number of all episodes that match the request.")
 
 
 class Created(FromServer):
-    """The answer to `create`: the episode's id and the code to pass on, and, if that was asked
-    for, a role token for each seat."""
+    """The answer to `create`."""
 
     type: Literal["created"] = "created"
-    ref: Ref | None = None
-    episode: Identifier
-    code: Identifier
-    tokens: dict[str, str] = {}
+    ref: Ref = None
+    episode: Identifier = Field(description="The new episode's id.")
+    code: Identifier = Field(description="The code to share with participants.")
+    tokens: dict[str, str] = Field(
+        default={},
+        description="Role tokens by player, if requested. Each admits to one seat only and "
+        "expires one day after `open_for`.",
+    )
 
 
 class Rendering(FromServer):
-    """The answer to `get_rendering`: all null for a shipped task, else its rendering and input
-    file, and the digests of the pictures that are not shipped, by their names in the rendering."""
+    """The answer to `get_rendering`. For shipped tasks it contains no files."""
 
     type: Literal["rendering"] = "rendering"
-    ref: Ref | None = None
-    rendering: dict[str, Any] | None = None
-    bindings: dict[str, Any] | None = None
-    pictures: dict[str, str] = {}
+    ref: Ref = None
+    rendering: dict[str, Any] | None = Field(
+        default=None, description="The complete rendering file; null for a shipped task."
+    )
+    bindings: dict[str, Any] | None = Field(
+        default=None, description="The input file; null for a shipped task."
+    )
+    pictures: dict[str, str] = Field(
+        default={},
+        description="Digests for `get_picture`, by file name. Pictures not listed are shipped.",
+    )
 
 
 class Picture(FromServer):
-    """The answer to `get_picture`: a PNG or SVG file, as its name says, in Base64."""
+    """The answer to `get_picture`."""
 
     type: Literal["picture"] = "picture"
-    ref: Ref | None = None
-    digest: Identifier
-    data: str
+    ref: Ref = None
+    digest: Identifier = Field(description="The picture's digest.")
+    data: str = Field(
+        description="The PNG or SVG file in Base64: at most 256 KiB and 1,024 pixels per side."
+    )
 
 
 class Closed(FromServer):
     """The answer to `close`."""
 
     type: Literal["closed"] = "closed"
-    ref: Ref | None = None
-    episode: Identifier
+    ref: Ref = None
+    episode: Identifier = Field(description="The episode's id.")
 
 
 class Joined(FromServer):
-    """The answer to `join`; a `snapshot` (or `observation`) follows, or, in a connection that was
-    resumed, what was missed up to `step` and a `roster`.
-
-    `name` is what one is called in the episode: the name of `hello` or of the role token, without
-    what cannot be seen, and with a number where somebody else has it. `seq` is the seat's last
-    sequence number: the next action's is higher. `said` is the number of chat messages so far.
-    `resume` takes the place of that of `welcome`: it brings one back into this seat even if the
-    server is started anew meanwhile. `anticipates` and `waits` say that the server knows these
-    fields of `act`.
-    `seats` are one's own where there are several: `seat` is the first of them, and `seq` the
-    highest number of any.
-    """
+    """The answer to `join`, and part of the answer to `hello` with `resume`."""
 
     type: Literal["joined"] = "joined"
-    ref: Ref | None = None
-    episode: Identifier
-    code: Identifier
-    role: str
-    seat: str | None = None
-    name: str = ""
-    seq: int = 0
-    step: int = 0
-    said: int = 0
-    resume: Token | None = None
-    anticipates: bool = False
-    seats: list[str] = []
-    waits: bool = False
+    ref: Ref = None
+    episode: Identifier = Field(description="The episode's id.")
+    code: Identifier = Field(description="The episode's code.")
+    role: str = Field(description="`player` or `spectator`.")
+    seat: str | None = Field(
+        default=None, description="The client's first seat; null for spectators."
+    )
+    name: str = Field(default="", description="The participant's name in this episode.")
+    seq: int = Field(
+        default=0,
+        description="The seat's last sequence number, or the highest one of several seats. The "
+        "next action needs a higher number.",
+    )
+    step: int = Field(
+        default=0,
+        description="The current step. After a resume, the deltas that follow lead up to it.",
+    )
+    said: int = Field(default=0, description="Number of chat messages so far.")
+    resume: Token | None = Field(
+        default=None,
+        description="Secret token that replaces the token in `welcome`. It resumes this seat, also "
+        "after a restart of the server.",
+    )
+    seats: list[str] = Field(
+        default=[], description="The client's seats in seat order, if it has several."
+    )
 
 
 class Moved(FromServer):
-    """The answer to `join` or `hello` where the episode is with another process of the server:
-    connect to `url`, or to this `port` of the same host, and join there."""
+    """The answer to `join` or `hello` if another process of the server has the episode."""
 
     type: Literal["moved"] = "moved"
-    ref: Ref | None = None
-    episode: Identifier
-    port: int
-    url: str = ""
+    ref: Ref = None
+    episode: Identifier = Field(description="The id or code of the request.")
+    port: int = Field(description="The other process's port on the same host.")
+    url: str = Field(default="", description="The address to connect to instead of `port`, if set.")
 
 
 class Snapshot(FromServer):
-    """The whole state at a step.
-
-    `atoms[i]` is atom *i* as `[predicate, object, …]`, indices into `predicates` and `objects`;
-    `facts` lists the atoms that are true. `timers` are the active effects in order of creation,
-    each with its counters; `busy` the steps for which players cannot act. `task` is absent where
-    the client said it knows it. `clock` are the rules, `left` the seconds until the next step or
-    the end of the move's budget, `starts_in` those until the game begins, while that is
-    counted down, `said` the number of chat messages so far. `last_seq` is the
-    seat's last action whose fate is decided: taken in step `last_step`, or rejected for
-    `last_reasons`. Where one has several seats, that is the first's; `answers` tell the same of the
-    others, and `seq` is the highest number of any.
-    """
+    """The complete state at one step."""
 
     type: Literal["snapshot"] = "snapshot"
-    episode: Identifier
-    step: int
-    phase: Known[Phase]
-    digest: str
-    task: dict[str, Any] | None = None
-    predicates: list[str]
-    objects: list[list[str]]
-    atoms: list[list[int]]
-    facts: list[int]
-    timers: list[list[str | list[int]]]
-    busy: dict[str, int]
-    hash: str
-    seat: str | None = None
-    seq: int = 0
-    last_seq: int = 0
-    last_step: int = 0
-    last_reasons: list[str] = []
-    answers: list[SeatAnswer] = []
-    turn: str | None = None
-    clock: RulesRow
-    left: float | None = None
-    starts_in: float | None = None
-    pause: Pause | None = None
-    said: int = 0
-    seats: list[SeatInfo]
-    spectators: int = 0
-    spectator_names: list[str] = []
-    outcome: OutcomeRow | None = None
+    episode: Identifier = Field(description="The episode's id.")
+    step: int = Field(description="The step of this state.")
+    phase: Known[Phase] = Field(description="`waiting`, `running`, `paused` or `ended`.")
+    digest: str = Field(description="The task's content hash.")
+    task: dict[str, Any] | None = Field(
+        default=None,
+        description="The task: `name`, `domain`, `problem`, `seats`, `timing`. Absent if the "
+        "client knows it.",
+    )
+    predicates: list[str] = Field(description="Names of the predicates that can change.")
+    objects: list[list[str]] = Field(description="Each object as `[name, kind, type]`.")
+    atoms: list[list[int]] = Field(
+        description="Each atom as `[predicate, object, …]`, indices into the two lists above."
+    )
+    facts: list[int] = Field(description="Indices of the atoms that are true.")
+    timers: list[list[str | list[int]]] = Field(
+        description="Active effects in order of creation, each as `[label, counters]`."
+    )
+    busy: dict[str, int] = Field(
+        description="Players who cannot act, with the number of steps that remain."
+    )
+    hash: str = Field(description="The state's digest.")
+    seat: str | None = Field(
+        default=None, description="The client's first seat; null for spectators."
+    )
+    seq: int = Field(
+        default=0,
+        description="The seat's last sequence number, or the highest one of several seats.",
+    )
+    last_seq: int = Field(
+        default=0, description="Sequence number of the first seat's last decided action."
+    )
+    last_step: int = Field(default=0, description="The step in which that action was decided.")
+    last_reasons: list[str] = Field(
+        default=[], description="Reasons for its rejection; empty if it was applied."
+    )
+    answers: list[SeatAnswer] = Field(
+        default=[], description="The same three values for each further seat of the client."
+    )
+    turn: str | None = Field(
+        default=None, description="The player whose turn it is, with the clock `turn`."
+    )
+    clock: RulesRow = Field(description="The rules of the episode.")
+    left: float | None = Field(
+        default=None,
+        description="Seconds until the server acts by itself: the next step, or the end of the "
+        "move budget, a pause or a grace period.",
+    )
+    starts_in: float | None = Field(
+        default=None, description="Seconds until the episode starts, during the countdown."
+    )
+    pause: Pause | None = Field(
+        default=None, description="The reason for the pause, if `phase` is `paused`."
+    )
+    said: int = Field(default=0, description="Number of chat messages so far.")
+    seats: list[SeatInfo] = Field(description="The seats.")
+    spectators: int = Field(default=0, description="Number of spectators.")
+    spectator_names: list[str] = Field(
+        default=[], description="Names of the first eight spectators, in order of arrival."
+    )
+    outcome: OutcomeRow | None = Field(
+        default=None, description="The outcome; absent before the end."
+    )
 
 
 class Delta(FromServer):
-    """What one step changed; step numbers have no gaps.
-
-    `add` and `remove` are atoms; `timers` gives the new counters of effects (null: gone; an effect
-    not known before comes last). `did` is the joint action in the order it applied:
-    `[seat number, action, arguments …]`, with the unmet preconditions in `unmet` and `why` under
-    its position if it was rejected. `seq` are the sequence numbers of `did`. `waits` are the seats
-    that did nothing and said that they wait. `objects` and `atoms` extend the tables of the
-    snapshot. `hash` is the digest of the state, now and then.
-    """
+    """The changes of one step. Step numbers have no gaps."""
 
     type: Literal["delta"] = "delta"
-    step: int
-    add: list[int] = []
-    remove: list[int] = []
-    timers: dict[str, list[int] | None] = {}
-    busy: dict[str, int] | None = None
-    did: list[list[int | str]] = []
-    seq: list[int] = []
-    waits: list[int] = []
-    unmet: dict[str, list[str]] = {}
-    why: dict[str, list[Why]] = {}
-    turn: str | None = None
-    objects: list[list[str]] = []
-    atoms: list[list[int]] = []
-    hash: str | None = None
+    step: int = Field(description="The number of the step.")
+    add: list[int] = Field(default=[], description="Indices of atoms that became true.")
+    remove: list[int] = Field(default=[], description="Indices of atoms that became false.")
+    timers: dict[str, list[int] | None] = Field(
+        default={},
+        description="New counters of effects by label; null if the effect ended. Append labels "
+        "not seen before.",
+    )
+    busy: dict[str, int] | None = Field(
+        default=None, description="All busy players with their steps; absent if unchanged."
+    )
+    did: list[list[int | str]] = Field(
+        default=[],
+        description="The joint action in order: `[seat index, action, argument, …]` per row.",
+    )
+    seq: list[int] = Field(default=[], description="The sequence numbers of the rows of `did`.")
+    waits: list[int] = Field(
+        default=[],
+        description="Indices of the seats that declared a wait. Seats whose kind a study hides "
+        "are left out.",
+    )
+    unmet: dict[str, list[str]] = Field(
+        default={}, description="Unmet preconditions of rejected rows of `did`, by row index."
+    )
+    why: dict[str, list[Why]] = Field(
+        default={}, description="The reasons of `unmet` as data, by row index."
+    )
+    turn: str | None = Field(
+        default=None, description="The player whose turn is next, with the clock `turn`."
+    )
+    objects: list[list[str]] = Field(
+        default=[], description="New objects, to append to the snapshot's table."
+    )
+    atoms: list[list[int]] = Field(
+        default=[], description="New atoms, to append to the snapshot's table."
+    )
+    hash: str | None = Field(
+        default=None, description="The digest of the state, sent every tenth step."
+    )
 
 
 class Observation(FromServer):
-    """The state in words for one seat, with its valid actions as sentences (text view).
-
-    `seq` is the seat's last action whose fate is decided; if it was rejected, `reasons` say why,
-    and `rejected` came before.
-    """
+    """The state in words for one seat, for the views `text` and `both`."""
 
     type: Literal["observation"] = "observation"
-    episode: Identifier
-    step: int
-    phase: Known[Phase] = Phase.RUNNING
-    seat: str | None = None
-    text: str
-    actions: list[str]
-    turn: str | None = None
-    seq: int = 0
-    reasons: list[str] = []
+    episode: Identifier = Field(description="The episode's id.")
+    step: int = Field(description="The step of this state.")
+    phase: Known[Phase] = Field(
+        default=Phase.RUNNING, description="`waiting`, `running`, `paused` or `ended`."
+    )
+    seat: str | None = Field(default=None, description="The client's seat; null for spectators.")
+    text: str = Field(
+        description="The player, the objects, the valid actions and the goal's conditions."
+    )
+    actions: list[str] = Field(
+        description="The seat's valid actions as sentences; empty for spectators and busy players."
+    )
+    turn: str | None = Field(
+        default=None, description="The player whose turn it is, with the clock `turn`."
+    )
+    seq: int = Field(default=0, description="Sequence number of the seat's last decided action.")
+    reasons: list[str] = Field(
+        default=[], description="Reasons for its rejection; empty if it was applied."
+    )
 
 
 class Rejected(FromServer):
-    """An action that was not taken into a step: why (`code`, `reasons`, `why`), and at which
-    step. `seat` says whose it was where one has several."""
+    """An action was not applied."""
 
     type: Literal["rejected"] = "rejected"
-    seq: int
-    step: int
-    action: str
-    reasons: list[str]
-    why: list[Why] = []
-    code: Known[ErrorCode] = ErrorCode.ACTION_INVALID
-    seat: str = ""
+    seq: int = Field(description="The action's sequence number.")
+    step: int = Field(description="The episode's step at the time.")
+    action: str = Field(description="The action's sentence, or the requested text.")
+    reasons: list[str] = Field(description="The unmet preconditions in words, or another reason.")
+    why: list[Why] = Field(
+        default=[], description="The same reasons as data, in the same order; may be empty."
+    )
+    code: Known[ErrorCode] = Field(default=ErrorCode.ACTION_INVALID, description="An error code.")
+    seat: str = Field(
+        default="", description="The seat that acted; empty if the client has one seat."
+    )
 
 
 class Said(FromServer):
-    """A chat message, the `number`th of the episode; `seat` is empty for a spectator."""
+    """A chat message."""
 
     type: Literal["said"] = "said"
-    step: int
-    number: int = 0
-    name: str
-    seat: str = ""
-    text: str
+    step: int = Field(
+        description="The episode's step at the time; 0 for messages from before a restart."
+    )
+    number: int = Field(
+        default=0, description="The message's number in the episode, counted from 1."
+    )
+    name: str = Field(description="The sender's name.")
+    seat: str = Field(default="", description="The sender's seat; empty for a spectator.")
+    text: str = Field(description="The message.")
 
 
 class Notice(FromServer):
-    """Something the server's operator says to everybody in the episode."""
+    """A message from the server's operator to everybody in the episode."""
 
     type: Literal["notice"] = "notice"
-    text: str
+    text: str = Field(description="The message.")
 
 
 class Roster(FromServer):
-    """Who plays and who watches, whose turn it is, and why the game stands still if it does; sent
-    when it changes.
-
-    `waits_for` are the players whose decision a step has waited for, for two seconds at least.
-    While everybody is there and ready and the game has not begun, it does so in `starts_in`
-    seconds. `spectator_names` are the first few who watch, in the order in which they came.
-    `rematch` is the code of the game in which they play again, once the game is over and somebody
-    has asked for one.
-    """
+    """The participants and the phase of the episode. Sent whenever one of them changes."""
 
     type: Literal["roster"] = "roster"
-    phase: Known[Phase]
-    turn: str | None = None
-    pause: Pause | None = None
-    seats: list[SeatInfo]
-    waits_for: list[Identifier] = []
-    starts_in: float | None = None
-    spectators: int = 0
-    spectator_names: list[str] = []
-    rematch: str = ""
+    phase: Known[Phase] = Field(description="`waiting`, `running`, `paused` or `ended`.")
+    turn: str | None = Field(
+        default=None, description="The player whose turn it is, with the clock `turn`."
+    )
+    pause: Pause | None = Field(
+        default=None, description="The reason for the pause, if `phase` is `paused`."
+    )
+    seats: list[SeatInfo] = Field(description="The seats.")
+    waits_for: list[Identifier] = Field(
+        default=[],
+        description="Players who have not decided, if the step has waited for at least 2 seconds.",
+    )
+    starts_in: float | None = Field(
+        default=None, description="Seconds until the episode starts, during the countdown."
+    )
+    spectators: int = Field(default=0, description="Number of spectators.")
+    spectator_names: list[str] = Field(
+        default=[], description="Names of the first eight spectators, in order of arrival."
+    )
+    rematch: str = Field(
+        default="", description="The code of the rematch, if a participant has created one."
+    )
 
 
 class Ended(FromServer):
-    """The episode is over."""
+    """The episode has ended."""
 
     type: Literal["ended"] = "ended"
-    step: int
-    outcome: OutcomeRow
-    hash: str
+    step: int = Field(description="The last step.")
+    outcome: OutcomeRow = Field(description="The outcome.")
+    hash: str = Field(description="The digest of the final state.")
 
 
 class Left(FromServer):
     """The client is no longer in the episode."""
 
     type: Literal["left"] = "left"
-    ref: Ref | None = None
-    episode: Identifier
-    reason: str = ""
+    ref: Ref = None
+    episode: Identifier = Field(description="The episode's id.")
+    reason: str = Field(default="", description="The reason; empty if the client sent `leave`.")
 
 
 class Error(FromServer):
-    """A message could not be honoured; the connection lives on unless it closes."""
+    """A message was refused. The connection stays open unless `bye` follows."""
 
     type: Literal["error"] = "error"
-    ref: Ref | None = None
-    code: Known[ErrorCode]
-    message: str
-    field: str = ""
+    ref: Ref = None
+    code: Known[ErrorCode] = Field(description="A stable error code.")
+    message: str = Field(description="Explanation for people. Its wording may change.")
+    field: str = Field(
+        default="", description="The invalid field, with its path if nested; empty if none."
+    )
 
 
 class Bye(FromServer):
-    """The server closes the connection, and why. With `retry` it can be resumed in a moment."""
+    """The server closes the connection."""
 
     type: Literal["bye"] = "bye"
-    reason: str
-    code: Known[ErrorCode] = ErrorCode.SERVER_BYE
-    retry: bool = False
+    reason: str = Field(description="The reason, for people.")
+    code: Known[ErrorCode] = Field(default=ErrorCode.SERVER_BYE, description="A stable error code.")
+    retry: bool = Field(
+        default=False, description="True if the client may reconnect soon with the resume token."
+    )
 
 
 ClientMessage = Annotated[
@@ -657,25 +815,8 @@ ServerMessage = Annotated[
     Field(discriminator="type"),
 ]
 
-CLIENT_MESSAGES = (
-    Hello,
-    ListEpisodes,
-    Create,
-    Close,
-    Join,
-    Ready,
-    Leave,
-    Act,
-    Say,
-    Note,
-    GetRendering,
-    GetPicture,
-    Resync,
-)
-SERVER_MESSAGES = (
-    Welcome, Episodes, Created, Closed, Rendering, Picture, Joined, Moved, Snapshot, Delta,
-    Observation, Rejected, Said, Notice, Roster, Ended, Left, Error, Bye,
-)  # fmt: skip
+CLIENT_MESSAGES: tuple[type[Message], ...] = get_args(get_args(ClientMessage)[0])
+SERVER_MESSAGES: tuple[type[FromServer], ...] = get_args(get_args(ServerMessage)[0])
 
 client_messages: TypeAdapter[ClientMessage] = TypeAdapter(ClientMessage)
 server_messages: TypeAdapter[ServerMessage] = TypeAdapter(ServerMessage)

@@ -1,7 +1,7 @@
-"""States and their changes as messages carry them, and back.
+"""Conversion of states and their changes to the values in messages and recordings, and back.
 
-`StateWriter` is the server's side (one per episode), `StateReader` the client's (one per copy of
-the state). The reader maps the server's atoms by name, so both need not number them alike.
+The server has a `StateWriter` for each episode, and a client a `StateReader` for each copy of the
+state. The reader maps atoms by name, because client and server may number them differently.
 """
 
 from __future__ import annotations
@@ -17,33 +17,22 @@ from robotouille.world.grounding.objects import Object
 from robotouille.world.unmet import Attempt, Unmet
 from robotouille.world.world import State, World
 
-__all__ = [
-    "StateReader",
-    "StateWriter",
-    "effect_label",
-    "parse_label",
-    "unmet_rows",
-    "why_row",
-    "why_rows",
-]
-
-
 _tables: WeakKeyDictionary[World, dict[int, dict[str, Any]]] = WeakKeyDictionary()
-"""The smallest tables of each world in use, by size: all its episodes tell the same."""
+"""Tables of each world in use, by size. All episodes of a world share them."""
 MAX_TABLES = 4
 
 
 def effect_label(effect: Effect) -> str:
-    """`cook.0(patty1,stove1)`: the first effect of `cook`, with its arguments."""
+    """Return an effect's label: `cook.0(patty1,stove1)` is the first effect of `cook`."""
     action, index, arguments = effect.label
     return f"{action}.{index}({','.join(arguments)})"
 
 
 def parse_label(label: str) -> tuple[str, int, tuple[str, ...]]:
-    """The parts of an effect's label.
+    """Return the action, index and arguments of an effect's label.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The label is invalid.
     """
     head, bracket, rest = label.partition("(")
     action, dot, index = head.rpartition(".")
@@ -54,19 +43,19 @@ def parse_label(label: str) -> tuple[str, int, tuple[str, ...]]:
 
 
 def unmet_rows(attempts: Iterable[Attempt]) -> dict[str, list[str]]:
-    """The unmet preconditions of the attempts that were rejected, by position."""
+    """Return the reasons for rejected attempts as text, by the position of the attempt."""
     return {str(i): list(a.reasons) for i, a in enumerate(attempts) if not a.applied}
 
 
 def why_rows(attempts: Iterable[Attempt]) -> dict[str, list[dict[str, Any]]]:
-    """The same as values: the fields of `messages.Why`, as plain data."""
+    """Return the reasons for rejected attempts as fields of `messages.Why`."""
     return {
         str(i): [why_row(unmet) for unmet in a.unmet] for i, a in enumerate(attempts) if a.unmet
     }
 
 
 def why_row(unmet: Unmet) -> dict[str, Any]:
-    """A reason as plain data, without its words."""
+    """Return a reason as fields of `messages.Why`."""
     row: dict[str, Any] = {"kind": unmet.kind.value}
     if unmet.predicate:
         row["predicate"] = unmet.predicate
@@ -82,7 +71,7 @@ def _rows(objects: Iterable[Object]) -> list[list[str]]:
 
 
 class StateWriter:
-    """Describes the states of one episode to those who follow it."""
+    """Writer of the states of one episode."""
 
     __slots__ = (
         "_digest",
@@ -98,10 +87,11 @@ class StateWriter:
         self._digest: tuple[State, str] | None = None
 
     def tables(self, state: State) -> dict[str, Any]:
-        """The tables one needs to read the facts of a state; not to be changed."""
+        """Return the tables for reading the facts of a state. The caller must not change them."""
         size = self.world.table_size(state.facts)
         made = _tables.setdefault(self.world, {})
         if size not in made:
+            # The largest tables belong to states with many created objects, which are rare.
             if len(made) >= MAX_TABLES:
                 del made[max(made)]
             objects = self._objects(0, size)
@@ -112,8 +102,9 @@ class StateWriter:
             }
         return made[size]
 
+    # Facts are positions in the tables. Each name is sent once, with the tables.
     def values(self, state: State) -> dict[str, Any]:
-        """Facts, timers and busy players of a state."""
+        """Return the facts, timers and busy players of a state."""
         timers = [[effect_label(e), list(counters)] for e, counters in state.timers.entries]
         return {
             "facts": bits_of(state.facts),
@@ -122,16 +113,15 @@ class StateWriter:
         }
 
     def digest(self, state: State) -> str:
-        """The content hash of a state; that of the last one is kept."""
+        """Return the content hash of a state."""
+        # Recording and sending a step ask for the same hash.
         if self._digest is None or self._digest[0] is not state:
             self._digest = state, state.digest
         return self._digest[1]
 
     def changes(self, before: State, after: State) -> dict[str, Any]:
-        """What differs between two states; only what did change is there.
-
-        The answer for the last pair is kept: a step is both recorded and sent.
-        """
+        """Return the differences between two states, without empty fields."""
+        # The last result is kept, because a step is both recorded and sent.
         if self._last is None or self._last[0] is not before or self._last[1] is not after:
             self._last = (before, after, self._changes(before, after))
         return self._last[2]
@@ -153,6 +143,8 @@ class StateWriter:
             fields["add"] = bits_of(added)
         if removed := before.facts & ~after.facts:
             fields["remove"] = bits_of(removed)
+        # Equal timer values are the same object (docs/decisions/0002), so this comparison is
+        # enough.
         if after.timers is not before.timers:
             timers = _timer_changes(before, after)
             if timers:
@@ -162,7 +154,7 @@ class StateWriter:
         return fields
 
     def _objects(self, start: int, stop: int) -> list[Object]:
-        """The objects whose atoms begin in a range of the table, in the table's order."""
+        """Return the objects whose atoms begin in a range of the table, in the table's order."""
         everything = self.world.all_objects()
         initial = len(self.world.placed)
         sizes = self.world.table_sizes
@@ -175,6 +167,8 @@ class StateWriter:
         predicate = {name: i for i, name in enumerate(self.predicates)}
         return [
             [
+                # The two bookkeeping predicates of created objects have no names on the wire
+                # (docs/decisions/0004).
                 predicate.get(atom[0], -1 if atom[0] == "~exists" else -2),
                 *(place[a] for a in atom[1:]),
             ]
@@ -196,15 +190,14 @@ def _timer_changes(before: State, after: State) -> dict[str, list[int] | None]:
 
 
 class StateReader:
-    """A client's copy of an episode's state, kept up to date by deltas.
+    """A client's copy of an episode's state, updated by deltas.
 
     Args:
-        tables: What `StateWriter.tables` gives, of the same state.
-        values: What `StateWriter.values` gives.
+        tables: The value of `StateWriter.tables` for the state.
+        values: The value of `StateWriter.values` for the state.
 
     Raises:
-        ProtocolError: `state/mismatch`, as in `apply`: a message does not fit this world. Ask for
-            a snapshot then.
+        ProtocolError: `state/mismatch` if the values do not fit this world. Request a snapshot.
     """
 
     def __init__(
@@ -230,7 +223,7 @@ class StateReader:
             raise ProtocolError("state/mismatch", f"unreadable snapshot: {error}") from None
 
     def apply(self, changes: Mapping[str, Any]) -> State:
-        """The state after a delta's changes.
+        """Apply a delta's changes and return the new state.
 
         Raises:
             ProtocolError: `state/mismatch`.
@@ -238,6 +231,7 @@ class StateReader:
         try:
             self._extend(changes.get("objects", ()), changes.get("atoms", ()))
             self._facts |= self._mask(changes.get("add", ()))
+            # The order does not matter: a delta never adds and removes the same fact.
             self._facts &= ~self._mask(changes.get("remove", ()))
             for label, counters in changes.get("timers", {}).items():
                 if counters is None:
@@ -254,6 +248,8 @@ class StateReader:
     def _extend(self, objects: Iterable[Sequence[str]], atoms: Iterable[Sequence[int]]) -> None:
         rows = list(objects)
         self._objects += [row[0] for row in rows]
+        # The client's world may have played less than the server's and may not know these objects
+        # yet.
         self.world.admit(self._objects)
         bit = self.world.table.bit
         special = {-1: "~exists", -2: "~used"}

@@ -1,18 +1,15 @@
-"""Recordings of episodes: written, read, verified and exported.
-
-`replay.restore` makes an episode of one, which goes on where the recording ends.
-"""
+"""Recordings of episodes: writing, reading, verifying and exporting them."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille.replay.analysis.measures import Measures, SeatMeasures
-    from robotouille.replay.analysis.transitions import Transition
+    from robotouille.replay.measures import Measures, SeatMeasures
     from robotouille.replay.notes import rejection_kind, rejections
     from robotouille.replay.recorder import Recorder, header
     from robotouille.replay.recording import Recording, Verification, read_recording, recording_of
+    from robotouille.replay.transitions import Transition
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -21,8 +18,8 @@ else:
         "robotouille.replay.recorder",
         "robotouille.replay.recording",
         "robotouille.replay.notes",
-        "robotouille.replay.analysis.transitions",
-        "robotouille.replay.analysis.measures",
+        "robotouille.replay.transitions",
+        "robotouille.replay.measures",
     )
 
 __all__ = [

@@ -1,7 +1,7 @@
-"""MessagePack in a frame, read within limits that hold before anything is made of it.
+"""MessagePack decoding within limits that hold before memory is reserved.
 
-A list of four billion is announced in five bytes, and an empty map takes one byte in a file and
-sixty-four in memory. So a payload is unpacked only once it is known what it would become.
+A list of four billion entries is announced in five bytes, and an empty map takes one byte in a file
+and sixty-four in memory. A payload is therefore checked before it is decoded.
 """
 
 from __future__ import annotations
@@ -10,31 +10,31 @@ from typing import Any
 
 import msgpack
 
-__all__ = ["MAX_ENTRIES", "MAX_LENGTH", "unpack"]
-
 MAX_LENGTH = 200_000
-"""Entries of one list or map in a frame."""
+"""Entries of one list or map."""
 MAX_ENTRIES = 500_000
-"""Values in a frame, at any depth: those of all lists, and the keys and values of all maps."""
+"""Values in a frame at any depth, with the keys and values of maps."""
 MAX_ANNOUNCED = 4_000_000
-"""Places in lists that may be made before it is known that they are filled."""
+"""Places that the lists of a payload may reserve before a count has shown them to be filled."""
 
 _LONG_LISTS = b"\xdc\xdd"
-"""What begins a list of 16 entries or more: a place for each is made at once."""
+"""First bytes of lists of 16 entries or more, for which the decoder reserves all places at once."""
 _FIXED = {0xC0: 0, 0xC2: 0, 0xC3: 0, 0xCA: 4, 0xCB: 8, 0xCC: 1, 0xCD: 2, 0xCE: 4, 0xCF: 8,
           0xD0: 1, 0xD1: 2, 0xD2: 4, 0xD3: 8}  # fmt: skip
 _STRINGS = {0xD9: 1, 0xDA: 2, 0xDB: 4}
 _CONTAINERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
-"""Bytes of the length, and values for each entry."""
+"""Bytes of the length, and values in each entry."""
 
 
 def unpack(payload: bytes) -> dict[str, Any]:
-    """The map of a payload; ValueError says what is wrong with it."""
+    """Decode the map of a payload. ValueError if it is invalid or exceeds a limit."""
+    # Most payloads are too small to exceed a limit. Only the others are counted, which is slow.
     size = len(payload)
     longest = min(size, MAX_LENGTH)
     lists = size - len(payload.translate(None, _LONG_LISTS))
     if size > MAX_ENTRIES or lists * longest > MAX_ANNOUNCED:
         _count(payload)
+    # Recordings contain no binary or extension values, so the decoder refuses them.
     value = msgpack.unpackb(
         payload,
         strict_map_key=True,
@@ -49,7 +49,7 @@ def unpack(payload: bytes) -> dict[str, Any]:
 
 
 def _count(payload: bytes) -> None:
-    """ValueError where a payload has more values than may be, or announces more than it has."""
+    """Raise ValueError if a payload has too many values or announces more than it has."""
     position, awaited, size, seen = 0, 1, len(payload), 1
     while awaited:
         if position >= size:
@@ -75,11 +75,11 @@ def _count(payload: bytes) -> None:
             width, each = _CONTAINERS[first]
             length = int.from_bytes(payload[position : position + width], "big")
             if length > MAX_LENGTH:
-                raise ValueError(f"a list or map of {length:,} entries; {MAX_LENGTH:,} may be")
+                raise ValueError(f"a list or map of {length:,} entries, over {MAX_LENGTH:,}")
             position += width
             more = length * each
         else:
-            raise ValueError("a value of a kind that no recording has")
+            raise ValueError("a value of a type that recordings do not use")
         if more:
             awaited += more
             seen += more

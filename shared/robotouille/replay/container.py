@@ -1,15 +1,14 @@
-"""The container of a recording: length-prefixed, checksummed frames.
+"""Container of a recording: length-prefixed frames with checksums.
 
-    file  = magic frame*                while it is written
+    file  = magic frame*                while it is being written
           | zstd(magic frame*)          once it is closed
     magic = "RBTL" version(1 byte)
     frame = length(4 bytes) crc32 of the payload(4) crc32 of these 8 bytes(4) payload(length bytes)
 
-All numbers are little-endian, a payload is MessagePack. In version 1 a frame has no checksum of
-its first eight bytes.
+All numbers are little-endian, and a payload is MessagePack.
 
-A file may be *torn*: its process was killed while it wrote, or the power went. Then the frames
-before the tear are all there is. Anything else that is wrong is *damage*, and told as such.
+A file may be *torn*: its process was killed while it wrote, or the power failed. The frames before
+the tear are then intact, and reading ends there. Any other fault is *damage* and an error.
 """
 
 from __future__ import annotations
@@ -30,84 +29,61 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-__all__ = [
-    "FORMAT_VERSION",
-    "MAGIC",
-    "MAX_FILE",
-    "MAX_FRAME",
-    "VERSIONS",
-    "compress",
-    "frame_ends",
-    "frame_value",
-    "frames_with_ends",
-    "intact",
-    "is_closed",
-    "magic",
-    "pack_frame",
-    "plain",
-    "read_frames",
-    "unwrap",
-    "version_of",
-]
-
 FORMAT_VERSION = 2
-"""What is written; a recording that began in an earlier one goes on in it."""
-VERSIONS = (1, 2)
+MAGIC = b"RBTL" + bytes([FORMAT_VERSION])
+"""First bytes of an uncompressed recording."""
+# These limits are part of the format (docs/recording_format.md). The server ends an episode at 192
+# MiB, well before a reader would refuse its recording.
 MAX_FRAME = 4 * 1024 * 1024
 """Bytes of a frame's payload."""
 MAX_FILE = 256 * 1024 * 1024
-"""Bytes of a recording, uncompressed."""
+"""Bytes of an uncompressed recording."""
 BLOCK = 4 * 1024
-"""Bytes of a stream that are compressed into a block of their own."""
+"""Bytes in a compressed block. A damaged block is lost as a whole, so blocks are small."""
 PIECE, PLAIN_PIECE = 16 * 1024, 1024 * 1024
-"""Bytes that are decompressed at once, and that come out at once."""
+"""Bytes given to the decompressor at once, and bytes taken from it at once."""
 
 UNCHECKED = 128 * 1024
-"""Bytes of a payload that cannot hold more values than a reader takes."""
+"""Bytes of a payload that cannot exceed the limits of `bounded_msgpack`, so are not checked."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _LENGTH_AND_SUM = struct.Struct("<II")
 _SUM = struct.Struct("<I")
-_HEAD = {1: 8, 2: 12}
+_HEAD = 12
 """Bytes before the payload."""
 _KIND = b"\xa4kind"
-"""The key with which the map of every frame begins."""
+"""First key in the map of every frame."""
 _MAP_BYTES = (1, 3)
-"""Bytes that a map may take before its first key."""
+"""Bytes of a map's head, before its first key."""
 
 _pack = msgpack.Packer(autoreset=True).pack
 
 
-def magic(version: int) -> bytes:
-    """The first bytes of an uncompressed recording."""
-    return b"RBTL" + bytes([version])
-
-
-MAGIC = magic(FORMAT_VERSION)
-
-
-def version_of(stream: bytes) -> int:
-    """The format version of a plain stream; RecordingError if it is none that can be read."""
+def check_magic(stream: bytes) -> None:
+    """Raise RecordingError unless an uncompressed stream begins like a readable recording."""
     if len(stream) < len(MAGIC) or stream[:4] != MAGIC[:4]:
         raise RecordingError("not a recording: it does not begin with 'RBTL'")
-    found = stream[4]
-    if found not in VERSIONS:
-        raise RecordingError(f"format version {found}; this software reads 1 to {FORMAT_VERSION}")
-    return found
+    if stream[4] != FORMAT_VERSION:
+        raise RecordingError(f"format version {stream[4]}; this software reads {FORMAT_VERSION}")
 
 
-def pack_frame(value: dict[str, Any], version: int = FORMAT_VERSION) -> bytes:
-    """One frame with its length and checksums; RecordingError if no reader would take it."""
+def pack_frame(value: dict[str, Any]) -> bytes:
+    """Return one frame with its length and checksums.
+
+    Raises:
+        RecordingError: The frame exceeds the limits of readers.
+    """
     payload: bytes = _pack(value)
     size = len(payload)
     if size > MAX_FRAME:
         raise RecordingError(f"a frame of {size:,} bytes; at most {MAX_FRAME:,} can be recorded")
     if size > UNCHECKED:
         _refuse_unreadable(payload)
+    # The second checksum covers the length. In version 1, a flipped bit in a length made the rest
+    # of the file look like an incomplete frame, and a restart cut 57 of 72 kB
+    # (docs/decisions/0021).
     head = _LENGTH_AND_SUM.pack(size, zlib.crc32(payload))
-    if version > 1:
-        head += _SUM.pack(zlib.crc32(head))
-    return head + payload
+    return head + _SUM.pack(zlib.crc32(head)) + payload
 
 
 def _refuse_unreadable(payload: bytes) -> None:
@@ -121,16 +97,17 @@ def _refuse_unreadable(payload: bytes) -> None:
 
 
 def compress(stream: bytes) -> bytes:
-    """The form of a closed recording: with a checksum of all of it, in blocks of their own, so
-    that what stands before some damage can still be read."""
+    """Return the content of a closed recording, with a checksum over all of it."""
     options = {
         int(zstd.CompressionParameter.compression_level): 9,
         int(zstd.CompressionParameter.checksum_flag): 1,
     }
     compressor = zstd.ZstdCompressor(options=options)
-    # Otherwise it makes room for a stream without an end: 11 MiB for each that is closed at once.
+    # Without the size, zstd reserves 11 MiB for each recording that is closed at the same time.
     compressor.set_pledged_input_size(len(stream))
     pieces = [
+        # Without flushing, a reader would lose everything that the compressor had not put out
+        # before the damage.
         compressor.compress(stream[at : at + BLOCK], mode=zstd.ZstdCompressor.FLUSH_BLOCK)
         for at in range(0, len(stream), BLOCK)
     ]
@@ -138,12 +115,13 @@ def compress(stream: bytes) -> bytes:
 
 
 def is_closed(content: bytes) -> bool:
-    """Whether a file's content is that of a closed recording."""
+    """Return whether a file's content is that of a closed recording."""
+    # Decided by the content and not by the suffix, because people rename files.
     return content[:4] == _ZSTD
 
 
 def unwrap(content: bytes) -> bytes:
-    """The plain stream of a recording, compressed or not; RecordingError if it is damaged."""
+    """Return the uncompressed stream of a recording. RecordingError if it is damaged."""
     stream, fault = plain(content)
     if fault:
         raise RecordingError(fault)
@@ -151,38 +129,45 @@ def unwrap(content: bytes) -> bytes:
 
 
 def plain(content: bytes, limit: int = MAX_FILE) -> tuple[bytes, str]:
-    """The plain stream of a recording as far as it can be read, and what is wrong with the
-    compressed one, if anything is. RecordingError if it is no recording. Of one with more than
-    `limit` bytes not much more than that is decompressed."""
+    """Return the readable part of a recording, uncompressed, and the damage as text if any.
+
+    Decompression stops soon after `limit` bytes.
+
+    Raises:
+        RecordingError: The content is not a recording.
+    """
     stream, fault = _decompressed(content, limit) if is_closed(content) else (content, "")
     try:
-        version_of(stream)
+        check_magic(stream)
     except RecordingError as error:
         raise RecordingError(fault or str(error)) from None
     return stream, fault
 
 
 def _decompressed(content: bytes, limit: int) -> tuple[bytes, str]:
-    """What a compressed stream holds before any damage, and the damage in words."""
     found: list[bytes] = []
     try:
         failed = _inflate(content, found, len(content), limit)
         if failed < len(content):
-            # Of a piece with damage in it nothing comes out: byte by byte, what stands before.
+            # Nothing comes out of a piece that contains damage. A second pass, byte by byte in
+            # that piece, finds what stands before the damage.
             found.clear()
             _inflate(content, found, failed, limit)
-            return b"".join(found), "damaged: the compressed stream makes no sense"
+            return b"".join(found), "damaged: the compressed stream is invalid"
     except RecordingError as error:
         return b"".join(found), str(error)
     return b"".join(found), ""
 
 
-def _inflate(content: bytes, found: list[bytes], surely: int, limit: int) -> int:
-    """Decompress in pieces, behind the first `surely` bytes of one byte each. Where the piece
-    begins that cannot be decompressed; the length of all if there is none."""
+def _inflate(content: bytes, found: list[bytes], intact_bytes: int, limit: int) -> int:
+    """Decompress in pieces, after the first `intact_bytes` byte by byte.
+
+    Returns:
+        The position of the piece that cannot be decompressed, or the length of the content.
+    """
     decompressor, at = zstd.ZstdDecompressor(), 0
     while at < len(content) and not decompressor.eof:
-        size = PIECE if at < surely else 1
+        size = PIECE if at < intact_bytes else 1
         try:
             _feed(decompressor, content[at : at + size], found, limit)
         except zstd.ZstdError:
@@ -191,14 +176,14 @@ def _inflate(content: bytes, found: list[bytes], surely: int, limit: int) -> int
     if not decompressor.eof:
         raise RecordingError("damaged: the compressed stream is cut off")
     if decompressor.unused_data or at < len(content):
-        raise RecordingError("damaged: something follows the end of the compressed stream")
+        raise RecordingError("damaged: data follows the end of the compressed stream")
     return len(content)
 
 
 def _feed(
     decompressor: zstd.ZstdDecompressor, piece: bytes, found: list[bytes], limit: int
 ) -> None:
-    """Add what comes out; a bomb is noticed by how it begins, or by its size."""
+    # A decompression bomb is noticed by its first bytes or by its size, before it fills memory.
     while piece or not (decompressor.needs_input or decompressor.eof):
         more = decompressor.decompress(piece, max_length=PLAIN_PIECE)
         piece = b""
@@ -215,26 +200,29 @@ def _feed(
 
 
 def intact(stream: bytes) -> int:
-    """The length of a plain stream up to the end of its last whole frame before any damage."""
+    """Return the length of a stream up to the last whole frame before any damage."""
     return max(frame_ends(stream), default=len(MAGIC))
 
 
 def read_frames(stream: bytes) -> Iterator[dict[str, Any]]:
-    """The frames of a plain stream, up to where it is torn; RecordingError where it is damaged."""
+    """Yield the frames of a stream up to a tear. RecordingError if a frame is damaged."""
     return (frame for frame, _ in frames_with_ends(stream))
 
 
 def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
-    """The frames of a plain stream, each with the position at which it ends, up to a tear.
+    """Yield the frames of a stream up to a tear, each with the position of its end.
 
-    RecordingError names the byte of the first frame that is damaged.
+    Raises:
+        RecordingError: A frame is damaged. The message has the position of its first byte.
     """
-    version = version_of(stream)
+    check_magic(stream)
     position = len(MAGIC)
     while position < len(stream):
-        end, fault = _end_of_frame(stream, position, version)
+        end, fault = _end_of_frame(stream, position)
         if fault:
-            if _is_torn(stream, position, version):
+            # Only an open file may be torn. Readers of a closed one check that its last frame is a
+            # footer.
+            if _is_torn(stream, position):
                 return
             raise RecordingError(f"damaged at byte {position}: {fault}")
         yield frame_value(stream, position, end), end
@@ -242,36 +230,36 @@ def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def frame_ends(stream: bytes, start: int = len(MAGIC)) -> Iterator[int]:
-    """Where each whole frame from `start` on ends, by the checksums alone; stops at the first
-    that is torn or damaged."""
-    version = version_of(stream)
+    """Yield the end of each whole frame from `start` to the first tear or damage.
+
+    This checks the checksums without decoding, so it is much faster than reading the frames.
+    """
+    check_magic(stream)
     while start < len(stream):
-        start, fault = _end_of_frame(stream, start, version)
+        start, fault = _end_of_frame(stream, start)
         if fault:
             return
         yield start
 
 
 def frame_value(stream: bytes, start: int, end: int | None = None) -> dict[str, Any]:
-    """The whole frame that begins at `start`; RecordingError if it makes no sense."""
-    version = version_of(stream)
+    """Decode the whole frame at `start`. RecordingError if its payload is invalid."""
     if end is None:
-        end = start + _HEAD[version] + _LENGTH_AND_SUM.unpack_from(stream, start)[0]
+        end = start + _HEAD + _LENGTH_AND_SUM.unpack_from(stream, start)[0]
     try:
-        return unpack(stream[start + _HEAD[version] : end])
+        return unpack(stream[start + _HEAD : end])
     except (ValueError, msgpack.UnpackException) as error:
         raise RecordingError(f"damaged at byte {start}: {error}") from None
 
 
-def _end_of_frame(stream: bytes, position: int, version: int) -> tuple[int, str]:
-    """Where a frame ends, and what is wrong with it, if anything is."""
-    start = position + _HEAD[version]
+def _end_of_frame(stream: bytes, position: int) -> tuple[int, str]:
+    """Return the end of a frame, and its fault as text if it has one."""
+    start = position + _HEAD
     if start > len(stream):
         return position, "it ends within a frame"
     length, checksum = _LENGTH_AND_SUM.unpack_from(stream, position)
-    if version > 1 and _SUM.unpack_from(stream, position + 8)[0] != zlib.crc32(
-        stream[position : position + 8]
-    ):
+    # Before the length is used, as it may be wrong and name gigabytes.
+    if _SUM.unpack_from(stream, position + 8)[0] != zlib.crc32(stream[position : position + 8]):
         return position, "the checksum of a frame's length does not match"
     if not 0 < length <= MAX_FRAME:
         return position, f"a frame of {length:,} bytes"
@@ -286,44 +274,46 @@ def _end_of_frame(stream: bytes, position: int, version: int) -> tuple[int, str]
 # Tears
 
 
-def _is_torn(stream: bytes, position: int, version: int) -> bool:
-    """Whether what is wrong from a position on is what a killed process or a power cut leaves:
-    a frame that was begun, or zeros, and nothing whole behind it."""
+def _is_torn(stream: bytes, position: int) -> bool:
+    """Return whether the rest of a stream looks like the work of a killed process or a power cut.
+
+    That is the beginning of one frame, or zeros that a file system left, with no whole frame after.
+    """
     rest = len(stream) - position
-    if rest < _HEAD[version] or not stream[position:].strip(b"\0"):
+    if rest < _HEAD or not stream[position:].strip(b"\0"):
         return True
-    return _is_begun(stream, position, version) and not _whole_behind(stream, position, version)
+    # A tear is always the last thing in a file. A frame that was begun and goes on with zeros
+    # counts as damage: it looks the same as an overwritten one (docs/recordings.md).
+    return _is_begun(stream, position) and not _whole_behind(stream, position)
 
 
-def _is_begun(stream: bytes, position: int, version: int) -> bool:
-    """Whether a frame's first bytes are right, and the end of its payload is missing."""
-    start = position + _HEAD[version]
+def _is_begun(stream: bytes, position: int) -> bool:
+    """Return whether a frame's head is valid and only the end of its payload is missing."""
+    start = position + _HEAD
     head = stream[position : position + 8]
-    length, checksum = _LENGTH_AND_SUM.unpack(head)
+    length = _LENGTH_AND_SUM.unpack(head)[0]
     if not len(stream) - start < length <= MAX_FRAME:
         return False
-    if version > 1:
-        return _SUM.pack(zlib.crc32(head)) == stream[position + 8 : start]
-    # Nothing covers the length: where all that is there fits the checksum, it is the length that
-    # is wrong, and nothing is missing.
-    its_sum: int = checksum
-    return zlib.crc32(stream[start:]) != its_sum
+    return _SUM.pack(zlib.crc32(head)) == stream[position + 8 : start]
 
 
-def _whole_behind(stream: bytes, position: int, version: int) -> bool:
-    """Whether there is a whole frame somewhere behind a position."""
-    allowance = 4 * len(stream)  # Bytes to take checksums of: nobody may make this slow.
+def _whole_behind(stream: bytes, position: int) -> bool:
+    """Return whether a whole frame follows somewhere after a position."""
+    # A forged file could name many long frames that overlap. The allowance bounds the bytes to sum.
+    allowance = 4 * len(stream)
+    # Every payload begins with a map whose first key is `kind`, so frames can be found without a
+    # chain of lengths that leads to them.
     at = stream.find(_KIND, position + 1)
     while at >= 0:
         for before in _MAP_BYTES:
-            begin = at - before - _HEAD[version]
+            begin = at - before - _HEAD
             if begin <= position:
                 continue
             length = _LENGTH_AND_SUM.unpack_from(stream, begin)[0]
             if length > len(stream) - at + before:
                 continue
             allowance -= length
-            if allowance < 0 or not _end_of_frame(stream, begin, version)[1]:
+            if allowance < 0 or not _end_of_frame(stream, begin)[1]:
                 return True
         at = stream.find(_KIND, at + 1)
     return False

@@ -1,20 +1,22 @@
-"""Who moved each seat in each step of a recording."""
+"""Controllers of each seat in each step of a recording, and the export as lines of JSON."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robotouille.replay.notes import controller_after
+from robotouille.errors import RecordingError
+from robotouille.replay.measures import activities
+from robotouille.replay.notes import controller_of, rejection_kind
 from robotouille.replay.recording import Recording
-
-__all__ = ["Seating", "Span", "controllers", "seating_after", "seatings", "spans"]
+from robotouille.world.world import State
 
 
 @dataclass(frozen=True, slots=True)
 class Seating:
-    """Whose seat it is (`name` is empty: nobody's) and who moves it."""
+    """Participant and controller of a seat. The name is empty if the seat is free."""
 
     name: str = ""
     kind: str = ""
@@ -23,8 +25,7 @@ class Seating:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The steps from `first` to `last`, in which a seat was one participant's and had one
-    controller."""
+    """Steps from `first` to `last` in which a seat had one participant and one controller."""
 
     player: str
     name: str
@@ -34,13 +35,10 @@ class Span:
 
 
 def controllers(recording: Recording) -> dict[int, dict[str, str]]:
-    """The controller of every player in each step, by the step's number, from 1 on.
+    """Return the controllers of all players by step; see `Controller` for the values.
 
-    `human`, `bot`, `model`: the seat's participant; `absent`: nobody, for as long as the
-    participant was away; `stand-in`: a bot in an absent one's place; empty: the seat was free.
-
-    An action that was sent before a connection was lost is still taken while the seat is `absent`
-    or a `stand-in`'s: its sequence number is above 0, that of a stand-in's action is 0.
+    An action that arrived before the connection was lost may be taken while the seat is `absent`
+    or a `substitute`'s. Its sequence number is above 0; that of a substitute's action is 0.
     """
     return {
         step: {player: seating.controller for player, seating in seats.items()}
@@ -50,7 +48,7 @@ def controllers(recording: Recording) -> dict[int, dict[str, str]]:
 
 
 def spans(recording: Recording) -> dict[str, list[Span]]:
-    """For each player, the stretches of steps that one controller moved it."""
+    """Return each player's spans of steps with one controller."""
     found: dict[str, list[Span]] = {player: [] for player in recording.world.players}
     for step, seats in seatings(recording):
         if step == 0:
@@ -65,7 +63,8 @@ def spans(recording: Recording) -> dict[str, list[Span]]:
 
 
 def seatings(recording: Recording) -> Iterator[tuple[int, Mapping[str, Seating]]]:
-    """The seats before the first step (as step 0), then in each step."""
+    """Yield the seats before the first step (as step 0), then in each step."""
+    # Replaced and never changed: the caller may keep each mapping that this function yields.
     seats: dict[str, Seating] = dict.fromkeys(recording.world.players, Seating())
     begun = False
     for frame in recording.each_frame():
@@ -89,10 +88,76 @@ def _changes(
 
 
 def seating_after(note: Mapping[str, Any]) -> Seating:
-    """A seat as a `roster` note leaves it.
+    """Return a seat as in a `roster` note.
 
     Raises:
-        RecordingError: It names a controller that is not known.
+        RecordingError: The controller is unknown.
     """
-    name = note["name"] if note.get("taken", True) else ""
-    return Seating(name, note["kind"], controller_after(note).value)
+    name = note["name"] if note["taken"] else ""
+    return Seating(name, note["kind"], controller_of(note).value)
+
+
+def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
+    """Yield the header, steps, notes and outcome of a recording as lines of JSON.
+
+    Steps contain `controllers`, `activities` and `busy` (remaining steps) by player. Notes of
+    rejected requests contain their `RejectionKind` as `rejection`.
+
+    Args:
+        texts: True to add the observation text of each seat to each step.
+    """
+    head = {key: value for key, value in recording.header.items() if key != "tables"}
+    head["participants"] = {
+        player: {"name": name, "kind": kind}
+        for player, (name, kind) in recording.participants.items()
+    }
+    yield _line(head)
+    in_control = controllers(recording)
+    each_activity = activities(recording)
+    states = recording.states()
+    before = next(states)[1]
+    for frame in recording.each_frame():
+        if frame["kind"] == "notes":
+            for note in frame["notes"]:
+                kind = {"rejection": rejection_kind(note)} if note["note"] == "rejected" else {}
+                yield _line({"kind": "note", "note": note, **kind})
+        elif frame["kind"] == "step":
+            state = next(states)[1]
+            row = _step(recording, frame, before, state, texts)
+            _, did = next(each_activity)
+            told = {"activities": did.did, "busy": did.busy}
+            yield _line({**row, "controllers": in_control[frame["step"]], **told})
+            before = state
+        elif frame["kind"] == "footer":
+            yield _line({"kind": "outcome", **frame["outcome"]})
+
+
+def _step(
+    recording: Recording, frame: dict[str, Any], before: State, state: State, texts: bool
+) -> dict[str, Any]:
+    added, removed = state.world.changes(before, state)
+    row: dict[str, Any] = {
+        "kind": "step",
+        "step": frame["step"],
+        "ms": frame["t"],
+        "moves": [
+            {**move, "action": action.name, "args": action.arguments, "text": action.sentence}
+            for move, action in zip(frame["moves"], recording.actions(frame), strict=True)
+        ],
+        "rejected": frame.get("unmet", {}),
+        "added": [list(atom) for atom in added],
+        "removed": [list(atom) for atom in removed],
+        "hash": state.digest,
+    }
+    if "undone" in frame:
+        row["undone"] = frame["undone"]
+    if texts:
+        row["observations"] = {p: state.text_view(p) for p in state.world.players}
+    return row
+
+
+def _line(row: dict[str, Any]) -> str:
+    try:
+        return json.dumps(row, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"a value cannot be written as JSON: {error}") from None

@@ -1,23 +1,43 @@
-"""The frames of a recording as schemas: what a reader may rely on, and all that there may be. The
-task and the rules are as free here as their own schemas are."""
+"""Schema of the frames of a recording, for writing events as notes and for checking what is read.
+
+The recorder writes the fields of a note in the order of this schema and omits optional fields at
+their defaults. Bytes of a recording therefore depend on this schema.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Protocol
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated, Any, Literal, Protocol, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from robotouille.episode.events import (
+    ActionRejected,
+    AnnouncementMade,
+    ChatPosted,
+    CountdownChanged,
+    Event,
+    Moderated,
+    Noted,
+    Paused,
+    QuotaReached,
+    ReadinessChanged,
+    Restarted,
+    Resumed,
+    RoundTripMeasured,
+    SeatChanged,
+    Started,
+)
 from robotouille.episode.rules import SeatTreatment
 from robotouille.errors import RecordingError
+from robotouille.protocol.states import why_row
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State, Step, World
-
-__all__ = ["FrameSource", "check_frame"]
 
 
 class FrameSource(Protocol):
-    """What has frames: a `Recording`."""
+    """Source of frames, such as a `Recording`."""
 
     @property
     def world(self) -> World:
@@ -25,15 +45,15 @@ class FrameSource(Protocol):
         ...
 
     def each_frame(self) -> Iterator[dict[str, Any]]:
-        """The frames in order."""
+        """Yield the frames in order."""
         ...
 
     def notes(self) -> Iterator[dict[str, Any]]:
-        """All notes in order."""
+        """Yield all notes in order."""
         ...
 
     def actions(self, frame: dict[str, Any]) -> list[GroundAction]:
-        """The joint action of a step's frame."""
+        """Return the joint action of a step's frame."""
         ...
 
     def take(self, state: State, frame: dict[str, Any]) -> Step:
@@ -41,8 +61,10 @@ class FrameSource(Protocol):
         ...
 
 
+# A pattern and not a list of codes: a recording of a later version may have new codes for
+# unreadable messages.
 CODE = r"^(action/(invalid|unknown|stale)|episode/waiting|rate/limited|message/[a-z-]+)$"
-"""Codes of what is rejected."""
+"""Codes of rejected requests that are recorded."""
 
 Index = Annotated[int, Field(ge=0)]
 Row = Annotated[list[int], Field(min_length=1)]
@@ -50,7 +72,10 @@ ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 
 class Frame(BaseModel):
-    """Whatever has a default may be absent; nothing may be null instead."""
+    """Base of all parts of a frame. A field with a default may be absent, but never null.
+
+    A default that its type does not permit, such as -1 for an index, only stands for absence.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -61,6 +86,8 @@ class Tables(Frame):
     atoms: list[Row]
 
 
+# Further fields are allowed in the task and the rules only. `Task.from_json` and `Rules` check them
+# when an episode is restored; reading alone need not understand them.
 class PlayedTask(Frame):
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -108,151 +135,12 @@ class RecordedMove(Frame):
     action: Annotated[list[str], Field(min_length=1)]
     seq: int
     ms: int
-    basis: Index = 0
+    basis: Index = -1
     reasoning: str = ""
-
-
-class RosterNote(Frame):
-    note: Literal["roster"]
-    t: int
-    player: str
-    name: str
-    kind: str
-    present: bool
-    taken: bool = True
-    controller: str = ""
-    session: str = ""
-    participant: str = ""
-    generation: int = 0
-    why: str = ""
-
-
-class ReadyNote(Frame):
-    note: Literal["ready"]
-    t: int
-    player: str
-    ready: bool
-
-
-class RecordedWhy(Frame):
-    kind: str
-    predicate: str = ""
-    objects: list[str] = []
-    expected: bool = True
-
-
-class RejectedNote(Frame):
-    note: Literal["rejected"]
-    t: int
-    player: str
-    seq: int
-    action: str
-    reasons: list[str]
-    why: list[RecordedWhy] = []
-    code: Annotated[str, Field(pattern=CODE)] = "action/invalid"
-    text: str = ""
-    basis: Index = 0
-    reasoning: str = ""
-    heard: bool = True
-
-
-class QuotaNote(Frame):
-    note: Literal["quota"]
-    t: int
-    player: str
-
-
-class SaidNote(Frame):
-    note: Literal["said"]
-    t: int
-    name: str
-    player: str
-    text: str
-
-
-class NotedNote(Frame):
-    note: Literal["noted"]
-    t: int
-    player: str
-    topic: str
-    text: str
-    more: bool = False
-
-
-class CountdownNote(Frame):
-    note: Literal["countdown"]
-    t: int
-    ms: int = 0
-    utc_ms: int = 0
-
-
-class StartedNote(Frame):
-    note: Literal["started"]
-    t: int
-    utc_ms: int = 0
-
-
-class AnnouncedNote(Frame):
-    note: Literal["announced"]
-    t: int
-    text: str
-
-
-class ModeratedNote(Frame):
-    note: Literal["moderated"]
-    t: int
-    what: Literal["banned", "muted", "unmuted"]
-    session: str
-    participant: str
-    name: str
-
-
-class PausedNote(Frame):
-    note: Literal["paused"]
-    t: int
-    holds: list[str]
-
-
-class ResumedNote(Frame):
-    note: Literal["resumed"]
-    t: int
-    utc_ms: int = 0
-
-
-class RestartedNote(Frame):
-    note: Literal["restarted"]
-    t: int
-    utc_ms: int = 0
-
-
-class RoundTripNote(Frame):
-    note: Literal["round_trip"]
-    t: int
-    player: str
-    ms: float
-
-
-Note = Annotated[
-    RosterNote
-    | ReadyNote
-    | RejectedNote
-    | SaidNote
-    | NotedNote
-    | QuotaNote
-    | AnnouncedNote
-    | ModeratedNote
-    | CountdownNote
-    | StartedNote
-    | PausedNote
-    | ResumedNote
-    | RestartedNote
-    | RoundTripNote,
-    Field(discriminator="note"),
-]
 
 
 class StepFrame(Frame):
-    # Made anew by a function: pydantic would copy an empty list with `deepcopy`, for every step.
+    # `default_factory`: pydantic copies a literal empty list with `deepcopy`, for every step.
     kind: Literal["step"]
     step: Annotated[int, Field(ge=1)]
     t: int
@@ -274,30 +162,182 @@ class StepFrame(Frame):
 
 class RecordedTally(Frame):
     player: str
-    acted: int = 0
-    busy: int = 0
-    waiting: int = 0
-    idle: int = 0
-    away: int = 0
-    substituted: int = 0
+    acted: int
+    busy: int
+    waiting: int
+    idle: int
+    away: int
+    substituted: int
     rejected: int
-    invalid: int = 0
-    malformed: int = 0
-    said: int = 0
-    applied: int = 0
+    invalid: int
+    malformed: int
+    said: int
 
 
 class RecordedOutcome(Frame):
     reason: str
     steps: int
     seconds: float
-    detail: str = ""
-    seats: list[RecordedTally] = []
+    detail: str
+    seats: list[RecordedTally]
 
 
 class Footer(Frame):
     kind: Literal["footer"]
     outcome: RecordedOutcome
+
+
+# Notes
+
+
+class NoteFields(Frame):
+    """Base of all notes. `t`: milliseconds since the start of the game."""
+
+    note: str
+    t: int
+
+
+class RosterNote(NoteFields):
+    note: Literal["roster"]
+    player: str
+    name: str
+    kind: str
+    present: bool
+    taken: bool
+    controller: str
+    session: str
+    participant: str
+    generation: int
+    why: str = ""
+
+
+class ReadyNote(NoteFields):
+    note: Literal["ready"]
+    player: str
+    ready: bool
+
+
+class RecordedWhy(Frame):
+    kind: str
+    predicate: str = ""
+    objects: list[str] = []
+    expected: bool = True
+
+
+class RejectedNote(NoteFields):
+    note: Literal["rejected"]
+    player: str
+    seq: int
+    action: str
+    reasons: list[str]
+    why: list[RecordedWhy] = []
+    code: Annotated[str, Field(pattern=CODE)] = "action/invalid"
+    text: str = ""
+    basis: Index = -1
+    reasoning: str = ""
+    heard: bool = True
+
+
+class QuotaNote(NoteFields):
+    note: Literal["quota"]
+    player: str
+
+
+class SaidNote(NoteFields):
+    note: Literal["said"]
+    name: str
+    player: str
+    text: str
+
+
+class NotedNote(NoteFields):
+    note: Literal["noted"]
+    player: str
+    topic: str
+    text: str
+    more: bool = False
+
+
+class CountdownNote(NoteFields):
+    note: Literal["countdown"]
+    ms: int = -1
+    utc_ms: int = 0
+
+
+class StartedNote(NoteFields):
+    note: Literal["started"]
+    utc_ms: int = 0
+
+
+class AnnouncedNote(NoteFields):
+    note: Literal["announced"]
+    text: str
+
+
+class ModeratedNote(NoteFields):
+    note: Literal["moderated"]
+    what: Literal["banned", "muted", "unmuted"]
+    session: str
+    participant: str
+    name: str
+
+
+class PausedNote(NoteFields):
+    note: Literal["paused"]
+    holds: list[str]
+
+
+class ResumedNote(NoteFields):
+    note: Literal["resumed"]
+    utc_ms: int = 0
+
+
+class RestartedNote(NoteFields):
+    note: Literal["restarted"]
+    utc_ms: int = 0
+
+
+class RoundTripNote(NoteFields):
+    note: Literal["round_trip"]
+    player: str
+    ms: float
+
+
+NOTES: Mapping[type, type[NoteFields]] = {
+    SeatChanged: RosterNote,
+    ReadinessChanged: ReadyNote,
+    ActionRejected: RejectedNote,
+    ChatPosted: SaidNote,
+    Noted: NotedNote,
+    QuotaReached: QuotaNote,
+    AnnouncementMade: AnnouncedNote,
+    Moderated: ModeratedNote,
+    CountdownChanged: CountdownNote,
+    Started: StartedNote,
+    Paused: PausedNote,
+    Resumed: ResumedNote,
+    Restarted: RestartedNote,
+    RoundTripMeasured: RoundTripNote,
+}
+"""The note that records each event. Other events have frames of their own."""
+
+Note = Annotated[
+    RosterNote
+    | ReadyNote
+    | RejectedNote
+    | SaidNote
+    | NotedNote
+    | QuotaNote
+    | AnnouncedNote
+    | ModeratedNote
+    | CountdownNote
+    | StartedNote
+    | PausedNote
+    | ResumedNote
+    | RestartedNote
+    | RoundTripNote,
+    Field(discriminator="note"),
+]
 
 
 class NotesFrame(Frame):
@@ -311,10 +351,67 @@ _frames: TypeAdapter[Any] = TypeAdapter(
 
 
 def check_frame(frame: dict[str, Any], number: int) -> None:
-    """RecordingError names the field of a frame that is not as it must be."""
+    """Raise RecordingError with the name of the first invalid field, if there is one."""
     try:
         _frames.validate_python(frame)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         field = ".".join(str(part) for part in first["loc"])
         raise RecordingError(f"frame {number}: {field}: {first['msg']}") from None
+
+
+# Writing
+
+
+def milliseconds(seconds: float) -> int:
+    """Return a time as recordings have it."""
+    return round(seconds * 1000)
+
+
+def _why(event: ActionRejected) -> list[dict[str, Any]]:
+    # Reasons that are only text have nothing to add to `reasons`.
+    if all(unmet.kind is UnmetKind.OTHER for unmet in event.unmet):
+        return []
+    return [why_row(unmet) for unmet in event.unmet]
+
+
+# All other fields are copied by name, so adding a field to an event and to its note is enough to
+# record it.
+_COMPUTED: Mapping[type, Callable[[Any], dict[str, Any]]] = {
+    ActionRejected: lambda event: {"why": _why(event)},
+    CountdownChanged: lambda event: (
+        {"ms": -1 if event.seconds is None else milliseconds(event.seconds)}
+    ),
+    Paused: lambda event: {"holds": event.reasons},
+    RoundTripMeasured: lambda event: {"ms": round(event.seconds * 1000, 1)},
+}
+"""Fields that differ from the event's attribute of the same name."""
+
+_FIELDS = {
+    model: [(name, field.default) for name, field in model.model_fields.items() if name != "note"]
+    for model in NOTES.values()
+}
+"""Fields of each note after `note`, with their defaults. Read once: pydantic's tables are slow."""
+_NAMES = {model: get_args(model.model_fields["note"].annotation)[0] for model in NOTES.values()}
+
+
+def note_of(event: Event, wall: Callable[[], float] | None = None) -> dict[str, Any]:
+    """Return the note that records an event.
+
+    Args:
+        wall: Returns the seconds since 1970 (UTC), for notes that record the time of day at which
+            the game's time starts to run. None omits it.
+    """
+    model = NOTES[type(event)]
+    computed = _COMPUTED[type(event)](event) if type(event) in _COMPUTED else {}
+    computed["t"] = milliseconds(getattr(event, "time", 0.0))
+    if "utc_ms" in model.model_fields:
+        computed["utc_ms"] = None if wall is None else milliseconds(wall())
+    note: dict[str, Any] = {"note": _NAMES[model]}
+    for name, default in _FIELDS[model]:
+        value = computed[name] if name in computed else getattr(event, name)
+        # Omitted defaults keep recordings small, and allow a later version to add optional fields
+        # without a new format version (docs/decisions/0030).
+        if value is not None and value != default:
+            note[name] = value
+    return note

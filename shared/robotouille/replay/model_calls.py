@@ -1,9 +1,14 @@
-"""What language models were sent and have answered, in the notes of the seats that they play.
+"""Calls to language models, recorded in the notes of the seats that the models play.
 
-A note of the topic `model-call` is a JSON object: `number` from 1 on, `new` with the messages that
-this seat has not been sent before, `sent` with the numbers of all that were sent now, and whatever
-else belongs to the call (`answer`, `verdict`, …). So a conversation that is sent again and again is
-recorded once. `known` is how many messages there were before; they are numbered from 0.
+A note with the topic `model-call` is a JSON object with these fields:
+
+- `number`: number of the call, from 1.
+- `known`: how many different messages the seat's earlier calls sent. They are numbered from 0.
+- `new`: messages that no earlier call sent, as role and content.
+- `sent`: numbers of all messages that this call sent.
+- further fields, such as `answer` and `verdict`.
+
+A conversation that grows with each call is thus recorded once.
 """
 
 from __future__ import annotations
@@ -16,40 +21,32 @@ from typing import Any
 
 from robotouille.replay.recording import Recording
 
-__all__ = [
-    "MAX_ANSWER",
-    "MAX_MESSAGE",
-    "TOPIC",
-    "CallNotes",
-    "RecordedCall",
-    "call_texts",
-    "model_calls",
-]
-
 TOPIC = "model-call"
 MAX_MESSAGE, MAX_ANSWER = 50_000, 16_000
-"""Characters that are noted of a message, and of an answer; what was left out is counted."""
+"""Characters recorded of a message and of an answer. The number of omitted ones is recorded."""
 
 MAX_CALL, MAX_SEAT = 4_000_000, 100_000_000
-"""Characters that are read of what one call was sent, and all calls of a seat: a short note can say
-that a long message was sent a thousand times. What is longer counts as not recorded."""
+"""Characters of messages that are read for one call, and for all calls of a seat. A short note can
+claim that a long message was sent a thousand times; longer calls count as not recorded."""
 
+# Notes with long texts are split into pieces. This beginning, which `CallNotes` always writes
+# first, shows where a call starts after a piece was lost.
 BEGIN = '{"number":'
 
 
 class CallNotes:
-    """Writes the notes of one seat."""
+    """Writer of one seat's notes."""
 
     def __init__(self) -> None:
         self._number = 0
         self._known: dict[tuple[str, str], int] = {}
 
     def note(self, messages: Sequence[tuple[str, str]], **rest: object) -> str:
-        """The text of the note of one call.
+        """Return the text of the note for one call.
 
         Args:
-            messages: Role and content of all that was sent.
-            rest: What else is said of it, as JSON has it.
+            messages: Role and content of all messages sent.
+            rest: Further fields, as JSON values.
         """
         self._number += 1
         known = len(self._known)
@@ -70,10 +67,10 @@ def _short(text: str, longest: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RecordedCall:
-    """One call of a seat's model: after which step, the messages sent, and the rest of its note.
+    """One call of a seat's model after a step, with the further fields of its note in `rest`.
 
-    Messages whose note is not in the recording (the line was lost, or the seat's quota was used up)
-    have neither role nor content; `missed` calls before this one are not recorded at all.
+    Messages whose note is missing (a lost line, or a used-up quota) have neither role nor content.
+    `missed` is the number of calls directly before this one that are not recorded.
     """
 
     step: int
@@ -83,7 +80,7 @@ class RecordedCall:
     missed: int = 0
 
     def row(self) -> dict[str, Any]:
-        """The same as a line of a transcript: `purpose`, `messages`, and the rest."""
+        """Return the call as a row of a transcript: `purpose`, `messages` and further fields."""
         rest = dict(self.rest)
         begin = {"purpose": rest.pop("purpose")} if "purpose" in rest else {}
         return {**begin, "messages": [dict(message) for message in self.messages], **rest}
@@ -93,7 +90,7 @@ LOST: Mapping[str, str] = {"role": "", "content": ""}
 
 
 class _Seat:
-    """What is known of a seat's calls so far."""
+    """Reader of one seat's calls."""
 
     def __init__(self) -> None:
         self.pieces: list[str] = []
@@ -102,10 +99,10 @@ class _Seat:
         self.left = MAX_SEAT
 
     def read(self, step: int, player: str) -> RecordedCall | None:
-        """The call of the pieces; None where some are missing, or they are somebody else's."""
+        """Return the call in the pieces; None if pieces are missing or belong to something else."""
         row = _object("".join(self.pieces))
         if row is None:
-            # The end of an earlier note may have been lost: the last one begins behind it.
+            # The end of an earlier note may have been lost, so start at the last beginning.
             begins = (i for i in reversed(range(len(self.pieces))) if _begins(self.pieces[i]))
             row = _object("".join(self.pieces[next(begins, len(self.pieces)) :]))
         self.pieces.clear()
@@ -123,6 +120,8 @@ class _Seat:
         self.known, before = known, 0 if number == 1 else self.number
         messages = tuple(known.get(int(i), LOST) for i in sent)
         size = sum(len(message["content"]) for message in messages)
+        # Checked before texts are joined: the messages of a forged call are references to one text,
+        # and only a copy would need the memory.
         if size > min(MAX_CALL, self.left):
             return None
         self.left -= size
@@ -143,7 +142,7 @@ def _object(text: str) -> dict[str, Any] | None:
 
 
 def model_calls(recording: Recording, player: str | None = None) -> Iterator[RecordedCall]:
-    """The calls of all models in a recording, or of that of one player, in order."""
+    """Yield the calls of all models, or of one player's model, in order."""
     seats: dict[str, _Seat] = {}
     for note in recording.notes():
         wanted = note["note"] == "noted" and note["topic"] == TOPIC
@@ -158,7 +157,7 @@ def model_calls(recording: Recording, player: str | None = None) -> Iterator[Rec
 def call_texts(
     recording: Recording, player: str | None = None, *, as_json: bool = False
 ) -> Iterator[str]:
-    """Each call for people, or as JSON: the line that a transcript has."""
+    """Yield each call as text for people, or as the JSON line of a transcript."""
     before: dict[str, tuple[Mapping[str, str], ...]] = {}
     for call in model_calls(recording, player):
         if as_json:

@@ -1,4 +1,4 @@
-"""Read a recording: its frames, its states with or without the engine, and whether it verifies."""
+"""Recordings: their frames, states, verification and re-simulation."""
 
 from __future__ import annotations
 
@@ -11,41 +11,39 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError
 from robotouille.protocol.states import StateReader, StateWriter
-from robotouille.replay.analysis.measures import Measures, measures
-from robotouille.replay.analysis.transitions import Transition, transitions
 from robotouille.replay.container import (
     MAGIC,
     MAX_FILE,
+    check_magic,
     frame_ends,
     frame_value,
     frames_with_ends,
     is_closed,
-    magic,
     pack_frame,
     plain,
-    version_of,
 )
 from robotouille.replay.frame_schema import check_frame
-from robotouille.replay.notes import as_recorded
+from robotouille.replay.measures import Measures, measures
 from robotouille.replay.recorder import keyframe, step_frames
+from robotouille.replay.transitions import Transition, transitions
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name
 from robotouille.world.world import State, Step, World
 
-__all__ = ["Comparison", "Recording", "Verification", "read_recording", "recording_of"]
-
-
+# Everything else in a step follows from the state before it. `undone` is chance, so it is given.
 GIVEN = ("t", "moves", "idle", "waits", "undone")
-"""The fields of a step that re-simulation cannot know."""
+"""Fields of a step that re-simulation cannot know."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """The result of re-simulating a recording.
+    """Result of re-simulating a recording.
 
-    `fault` is empty where every fact, timer and hash came out alike and, `identical`, the frames
-    written anew are the recorded ones byte for byte. `complete` says that the episode's end is
-    recorded.
+    Attributes:
+        steps: Number of steps.
+        fault: The first difference in a fact, timer, hash or outcome; otherwise empty.
+        identical: True if the re-simulated frames equal the recorded ones byte for byte.
+        complete: True if the recording contains the episode's end.
     """
 
     steps: int
@@ -55,26 +53,32 @@ class Verification:
 
     @property
     def ok(self) -> bool:
-        """Whether it re-simulates, byte for byte."""
+        """True if the recording re-simulates byte for byte."""
         return not self.fault and self.identical
 
 
 class Recording:
-    """One episode as its file has it.
+    """The recording of one episode.
 
-    The first `whole` bytes of the stream hold its frames. They are decoded one by one, each time
-    they are gone through: a recording may be large, and as Python's objects is many times that.
+    Frames are decoded each time they are read. As Python objects, the frames of a long recording
+    would take many times the memory of its bytes.
 
     Args:
-        stream: The bytes of the file, not compressed.
-        source: What errors call it.
-        closed: It has to end with the footer.
-        damaged: If it is damaged, what stands before the damage is read all the same, and
-            `damage` says what it is.
-        fault: The damage that is known already.
+        stream: The uncompressed bytes of the file.
+        source: Name of the recording in errors.
+        closed: True if the recording must end with a footer.
+        damaged: True to read a damaged recording up to the damage.
+        fault: Damage that decompression has found.
+
+    Attributes:
+        header: The first frame.
+        length: Number of steps.
+        whole: Length of the stream up to the last whole frame.
+        outcome: The outcome; None if the episode's end is not recorded.
+        damage: Description of the damage, if `damaged` permits it.
 
     Raises:
-        RecordingError: It is damaged, or no recording, or of a format that is not known.
+        RecordingError: The stream is damaged, or is not a recording of a known format.
     """
 
     def __init__(
@@ -103,16 +107,16 @@ class Recording:
     def opening(
         cls, stream: bytes, source: str, *, closed: bool
     ) -> Generator[int, None, Recording]:
-        """The same frame by frame, for those who have something else to do in between.
+        """Read a recording frame by frame, so that the caller can do other work in between.
 
         Yields:
             The number of steps so far.
 
         Returns:
-            The recording, as the generator's value.
+            The recording, as the value of the generator.
 
         Raises:
-            RecordingError: It is damaged, or no recording, or of a format that is not known.
+            RecordingError: The stream is damaged, or is not a recording of a known format.
         """
         recording = cls.__new__(cls)
         recording._begin(stream, source)
@@ -122,7 +126,7 @@ class Recording:
     def _begin(self, stream: bytes, source: str) -> None:
         self.source = source
         self.stream = stream
-        self.version = version_of(stream)
+        check_magic(stream)
         self.header: dict[str, Any] = {}
         self.whole = 0
         self.length = 0
@@ -130,13 +134,13 @@ class Recording:
         self.damage = ""
 
     def _go_through(self, closed: bool) -> Generator[int, None, None]:
-        """Check every frame, and that nothing is missing where nothing may be."""
+        """Check every frame, and that a closed recording is complete."""
         for number, (frame, end) in enumerate(frames_with_ends(self.stream)):
             if not number and frame.get("kind") != "header":
                 break
             check_frame(frame, number)
             if self.outcome is not None:
-                raise RecordingError(f"damaged at byte {self.whole}: a frame behind the footer")
+                raise RecordingError(f"damaged at byte {self.whole}: a frame follows the footer")
             if frame["kind"] == "header" and not number:
                 self.header = frame
             elif frame["kind"] == "step":
@@ -146,14 +150,14 @@ class Recording:
             self.whole = end
             yield self.length
         if not self.header:
-            raise RecordingError(f"{self.source}: has no header")
+            raise RecordingError(f"{self.source}: the header is missing")
         if closed and self.whole < len(self.stream):
             raise RecordingError(f"damaged at byte {self.whole}: a torn frame in a closed file")
         if closed and self.outcome is None:
-            raise RecordingError(f"damaged at byte {self.whole}: the file is closed without an end")
+            raise RecordingError(f"damaged at byte {self.whole}: a closed file without a footer")
 
     def each_frame(self) -> Iterator[dict[str, Any]]:
-        """The frames in order, decoded anew."""
+        """Yield the frames in order."""
         position = len(MAGIC)
         for end in frame_ends(self.stream):
             if end > self.whole:
@@ -163,12 +167,12 @@ class Recording:
 
     @cached_property
     def frames(self) -> list[dict[str, Any]]:
-        """All frames at once: for those of a long recording see `each_frame`."""
+        """All frames. Prefer `each_frame` for long recordings."""
         return list(self.each_frame())
 
     @cached_property
     def steps(self) -> list[dict[str, Any]]:
-        """The frames of all steps at once; `length` says how many there are."""
+        """The frames of all steps."""
         return list(self._each_step())
 
     def _each_step(self) -> Iterator[dict[str, Any]]:
@@ -179,18 +183,18 @@ class Recording:
         """The task that was played.
 
         Raises:
-            FileError: What is recorded of it is no task.
+            FileError: The recorded task is invalid.
         """
         return Task.from_json(self.header["task"], self.source)
 
     @cached_property
     def world(self) -> World:
-        """A world of the task, which is this recording's own."""
+        """A world of the task, used by this recording only."""
         return World(self.task)
 
     @cached_property
     def participants(self) -> dict[str, tuple[str, str]]:
-        """Who played each seat last: name and kind. In seat order."""
+        """Name and kind of each seat's last participant, in seat order."""
         people: dict[str, tuple[str, str]] = {}
         for note in self.notes():
             if note["note"] == "roster" and note["name"]:
@@ -198,7 +202,7 @@ class Recording:
         return {player: people[player] for player in self.world.players if player in people}
 
     def notes(self) -> Iterator[dict[str, Any]]:
-        """Rejections, chat and roster changes, in order, each with the step it came after."""
+        """Yield the notes in order, each with the number of the step before it as `step`."""
         step = 0
         for frame in self.each_frame():
             if frame["kind"] == "step":
@@ -208,10 +212,10 @@ class Recording:
                     yield {"step": step, **note}
 
     def actions(self, frame: dict[str, Any]) -> list[GroundAction]:
-        """The joint action of a step's frame, in the order in which it applied.
+        """Return the joint action of a step's frame, in the order in which it applied.
 
         Raises:
-            RecordingError: It has an action that the task has not, or one of another player's.
+            RecordingError: The task has no such action, or the action moves another player.
         """
         where = f"{self.source}: step {frame.get('step')}"
         try:
@@ -221,14 +225,14 @@ class Recording:
         for move, action in zip(frame["moves"], actions, strict=True):
             mover = move["player"]
             if mover not in self.world.players or action.player not in (mover, None):
-                raise RecordingError(f"{where}: {action} is no move of {mover!r}")
+                raise RecordingError(f"{where}: {action} is not an action of {mover!r}")
         return actions
 
     def take(self, state: State, frame: dict[str, Any]) -> Step:
-        """Take a recorded step in a state: its actions, then what chance undid.
+        """Take a recorded step in a state: its actions, then its random reversals.
 
         Raises:
-            RecordingError: It has an action or a fact that the task has not.
+            RecordingError: The task has no such action or fact.
         """
         result = state.step(self.actions(frame))
         if not (undone := frame.get("undone")):
@@ -240,22 +244,18 @@ class Recording:
         return result._replace(state=after, goal_reached=after.goal_reached)
 
     def transitions(self) -> Iterator[Transition]:
-        """All that the seats asked for, with the states before and after, by re-simulation.
-
-        Raises:
-            RecordingError: A step has an action that the task has not.
-        """
+        """Yield all requests of the seats with the states before and after; see `transitions`."""
         return transitions(self)
 
     def measures(self) -> Measures:
-        """How the episode went, in numbers: for the team, and for each seat."""
+        """Return the measures of the team and of each seat."""
         return measures(self)
 
     def states(self) -> Iterator[tuple[int, State]]:
-        """The state at step 0 and after each step, by re-simulation.
+        """Yield the initial state (step 0) and the state after each step, by re-simulation.
 
         Raises:
-            RecordingError: A step has an action that the task has not.
+            RecordingError: The task has no such action.
         """
         state = self.world.initial
         yield 0, state
@@ -264,20 +264,22 @@ class Recording:
             yield frame["step"], state
 
     def recorded_facts(self) -> Iterator[tuple[int, frozenset[str]]]:
-        """The facts at each step as the file has them, without the engine.
+        """Yield the recorded facts at each step, without re-simulation.
 
-        This needs neither this version's rules nor the domain: only the file's own tables.
+        Only the file's own tables are used, so this works even if the engine has changed.
 
         Raises:
-            RecordingError: A frame speaks of what no table has.
+            RecordingError: A frame refers to an entry that the tables do not have.
         """
         try:
             yield from self._recorded_facts()
         except IndexError:
-            fault = "a frame speaks of an object, predicate or fact that no table has"
+            fault = "a frame refers to an object, predicate or fact that the tables do not have"
             raise RecordingError(f"{self.source}: {fault}") from None
 
     def _recorded_facts(self) -> Iterator[tuple[int, frozenset[str]]]:
+        # The names in the file and not those of the world, whose atoms a later version may number
+        # differently.
         tables = self.header["tables"]
         names = [row[0] for row in tables["objects"]]
         atoms = [_name(row, tables["predicates"], names) for row in tables["atoms"]]
@@ -297,8 +299,7 @@ class Recording:
             yield frame["step"], frozenset(atoms[i] for i in facts if atoms[i])
 
     def verify(self) -> Verification:
-        """Re-simulate, and compare every fact, timer and hash with the recorded ones, and the
-        file with one that is written anew."""
+        """Re-simulate, and compare all facts, timers, hashes and bytes with the recorded ones."""
         comparison = Comparison(self)
         try:
             fault = self._first_difference(comparison)
@@ -311,7 +312,7 @@ class Recording:
         if self.task.digest != self.header["digest"]:
             return f"the task's hash is {self.task.digest}, recorded {self.header['digest']}"
         reader, expected, state = None, 0, self.world.initial
-        for frame, state, written in self.anew():
+        for frame, state, written in self.resimulated_frames():
             comparison.add(written)
             if frame["kind"] == "state" and reader is None:
                 reader = StateReader(self.world, self.header["tables"], frame)
@@ -326,49 +327,53 @@ class Recording:
         return self._wrong_outcome(expected, state)
 
     def _wrong_outcome(self, steps: int, state: State) -> str:
-        """What is wrong with the recorded outcome, if anything is."""
         outcome = self.outcome
         if outcome is None:
             return ""
         if outcome["steps"] != steps:
-            return f"the outcome speaks of {outcome['steps']} steps, there are {steps}"
+            return f"the outcome has {outcome['steps']} steps, the recording {steps}"
         if (outcome["reason"] == "goal") != state.goal_reached:
             reached = "is" if state.goal_reached else "is not"
             return f"the outcome is {outcome['reason']!r}, but the goal {reached} reached"
         return ""
 
     def resimulate(self) -> bytes:
-        """The recording written anew from the header, the actions and the notes alone: `anew`."""
-        return b"".join(written for _, _, written in self.anew())
+        """Return the recording as written again from its header, actions and notes."""
+        return b"".join(written for _, _, written in self.resimulated_frames())
 
-    def anew(self) -> Iterator[tuple[dict[str, Any], State, bytes]]:
-        """Each frame, the state after it by re-simulation, and what a recorder writes for it now:
-        for a step also the keyframe that follows it, and for that nothing.
+    def resimulated_frames(self) -> Iterator[tuple[dict[str, Any], State, bytes]]:
+        """Yield each frame, the state after it by re-simulation, and its bytes as written again.
+
+        The bytes of a step include the keyframe after it, so those of a keyframe are empty.
 
         Raises:
-            RecordingError: A step has an action that the task has not.
+            RecordingError: The task has no such action.
         """
-        writer, version = StateWriter(self.world), self.version
-        state = self.world.initial
+        writer, state = StateWriter(self.world), self.world.initial
         for number, frame in enumerate(self.each_frame()):
             written = b""
             if not number:
-                head = pack_frame({**frame, "tables": writer.tables(state)}, version)
-                written = magic(version) + head + keyframe(writer, 0, state, version)
+                head = pack_frame({**frame, "tables": writer.tables(state)})
+                written = MAGIC + head + keyframe(writer, 0, state)
             elif frame["kind"] == "step":
                 before, result = state, self.take(state, frame)
                 state = result.state
                 rows = {key: value for key, value in frame.items() if key in GIVEN}
-                attempts, step = as_recorded(frame, result.attempts), frame["step"]
-                written = step_frames(writer, step, rows, attempts, before, state, version)
+                attempts = result.attempts
+                written = step_frames(writer, frame["step"], rows, attempts, (before, state))
             elif frame["kind"] in ("footer", "notes"):
-                written = pack_frame(frame, version)
+                written = pack_frame(frame)
             yield frame, state, written
 
 
 class Comparison:
-    """Compares what is written anew with a recording, piece by piece. What goes beyond the
-    recording's whole frames is `missing` in it: a keyframe that was not written any more."""
+    """Comparison of a recording with its re-simulated bytes, piece by piece.
+
+    Attributes:
+        same: True while all bytes are equal.
+        missing: Re-simulated bytes after the recording's last whole frame: a keyframe that the
+            stopped process did not write any more.
+    """
 
     def __init__(self, recording: Recording) -> None:
         self.same = True
@@ -377,21 +382,23 @@ class Comparison:
         self._position = 0
 
     def add(self, written: bytes) -> None:
-        """The next bytes of the recording written anew."""
+        """Compare the next re-simulated bytes."""
         recording, position = self._recording, self._position
         known = min(len(written), max(0, recording.whole - position))
         self.same = self.same and recording.stream[position : position + known] == written[:known]
+        # The writer puts a step and the keyframe after it into two frames. A process that stops in
+        # between leaves the first one whole, and the file is not torn.
         self.missing += written[known:]
         self._position = position + len(written)
 
     @property
     def reaches_the_end(self) -> bool:
-        """Whether nothing is recorded that was not written anew."""
+        """True if every recorded byte has been compared."""
         return self._position >= self._recording.whole
 
     @property
     def identical(self) -> bool:
-        """Whether the whole frames of the file are these; where it is over, all of it."""
+        """True if all whole frames are equal, and for a complete recording all bytes."""
         recording = self._recording
         if recording.outcome is not None:
             return self.same and self._position == recording.whole == len(recording.stream)
@@ -399,8 +406,7 @@ class Comparison:
 
 
 def _name(row: list[int], predicates: list[str], names: list[str]) -> str:
-    """An atom's name; empty for the bookkeeping of created objects."""
-    if row[0] < 0:
+    if row[0] < 0:  # Bookkeeping of created objects.
         return ""
     return atom_name((predicates[row[0]], *(names[i] for i in row[1:])))
 
@@ -418,19 +424,19 @@ def _difference(frame: dict[str, Any], state: State, recorded: State) -> str:
 
 
 def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
-    """The recording in a file, open or closed; an open one may be torn at its end.
+    """Read the recording in a file, open or closed. An open one may be torn at its end.
 
     Args:
-        damaged: What stands before the damage is read, if there is any: see `Recording.damage`.
+        damaged: True to read a damaged recording up to the damage; see `Recording.damage`.
 
     Raises:
-        RecordingError: The file cannot be read, is damaged otherwise, or is no recording.
+        RecordingError: The file cannot be read, is damaged, or is not a recording.
     """
     path = Path(path)
     try:
         if path.stat().st_size > MAX_FILE:
             raise RecordingError(f"{path}: larger than {MAX_FILE:,} bytes")
-        with path.open("rb") as file:  # A device has no size, and no end.
+        with path.open("rb") as file:  # A device reports size 0 and may never end.
             content = file.read(MAX_FILE + 1)
         if len(content) > MAX_FILE:
             raise RecordingError(f"{path}: larger than {MAX_FILE:,} bytes")
@@ -445,13 +451,13 @@ def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
 
 
 def recording_of(content: bytes, source: str, *, damaged: bool = False) -> Recording:
-    """The recording in a file's content, like `read_recording`.
+    """Read a recording from a file's content; see `read_recording`.
 
     Args:
-        source: What errors call it.
+        source: Name of the recording in errors.
 
     Raises:
-        RecordingError: It is damaged, or no recording.
+        RecordingError: The content is damaged, or is not a recording.
     """
     stream, fault = plain(content)
     if fault and not damaged:

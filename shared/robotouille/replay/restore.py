@@ -1,4 +1,4 @@
-"""Recordings back to episodes, which go on after their process stopped."""
+"""Recovery of episodes from their recordings after a process has stopped."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from robotouille.domain.task import Task
 from robotouille.episode import (
     ActionAnswer,
     Episode,
+    EpisodeRecord,
     Moderation,
-    Move,
     Outcome,
     PauseReason,
     Phase,
-    RecoveredEpisode,
+    PlayedMove,
     Rules,
     Seat,
     SeatTreatment,
@@ -25,21 +25,21 @@ from robotouille.episode import (
 from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
 from robotouille.errors import RecordingError
-from robotouille.replay.notes import controller_after, rejection_kind
+from robotouille.replay.notes import controller_of, rejection_kind
 from robotouille.replay.recording import Comparison, Recording
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 
-__all__ = ["Restored", "restore", "restoring"]
-
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """An episode as its recording leaves it.
+    """An episode that goes on where its recording ends.
 
-    Of the file the first `kept` bytes hold; `missing` has to be appended to them before anything
-    else. `said` are the chat messages so far. A recording that is `complete` has its outcome and
-    only needs to be closed.
+    Attributes:
+        kept: Number of bytes of the file that are valid. The rest is torn.
+        missing: Bytes to append to them before anything else.
+        said: The chat messages so far.
+        complete: True if the episode had ended and the file only has to be closed.
     """
 
     episode: Episode
@@ -55,10 +55,14 @@ def restore(
     patience: float,
     world_of: Callable[[Task], World] = World,
 ) -> Restored:
-    """The episode of a recording that was cut off anywhere behind its header.
+    """Return the episode of a recording that was cut off anywhere after its header.
 
-    Everybody who was present is waited for, for `patience` seconds. Raises RecordingError where
-    the recording does not re-simulate.
+    Args:
+        patience: Seconds for which the game waits for the participants who were present.
+        world_of: Makes the world of a task.
+
+    Raises:
+        RecordingError: The recording does not re-simulate.
     """
     steps = restoring(recording, now, patience, world_of)
     while True:
@@ -68,12 +72,12 @@ def restore(
             found: Restored = end.value
             return found
         except _DifferentError:
-            fault = recording.verify().fault or "its frames are not those that play writes now"
+            fault = recording.verify().fault or "its frames differ from those of this version"
             raise RecordingError(f"{recording.source}: {fault}") from None
 
 
 class _DifferentError(RecordingError):
-    """The recording does not re-simulate."""
+    """A recording that does not re-simulate."""
 
 
 def restoring(
@@ -82,20 +86,21 @@ def restoring(
     patience: float,
     world_of: Callable[[Task], World] = World,
 ) -> Generator[None, None, Restored]:
-    """The same frame by frame, for those who have something else to do in between."""
+    """Do `restore` frame by frame, so that a server can do other work in between."""
     recording.world = world_of(recording.task)
     comparison = Comparison(recording)
     treatments = _treatments(recording)
-    episode = RecoveredEpisode(recording.world, _rules(recording), now, treatments=treatments)
-    replayer = _Replayer(episode)
-    for frame, _, written in recording.anew():
+    episode = Episode(recording.world, _rules(recording), now, treatments=treatments)
+    # Verified and restored in one pass, so that every frame is decoded and re-simulated once.
+    replayer = _Replayer(episode.record)
+    for frame, _, written in recording.resimulated_frames():
         comparison.add(written)
         if not comparison.same:
-            raise _DifferentError(f"{recording.source}: it does not re-simulate")
+            raise _DifferentError(f"{recording.source}: does not re-simulate")
         replayer.frame(recording, frame)
         yield
     if not comparison.reaches_the_end:
-        raise _DifferentError(f"{recording.source}: it does not re-simulate")
+        raise _DifferentError(f"{recording.source}: does not re-simulate")
     outcome = recording.outcome
     if outcome is not None:
         episode.restore_ended(_outcome(recording, outcome))
@@ -128,16 +133,15 @@ def _rules(recording: Recording) -> Rules:
 
 
 def _treatments(recording: Recording) -> dict[str, SeatTreatment]:
-    """What was done to seats; the frame's schema has checked it."""
     rows = recording.header.get("treatments", {})
     return {player: SeatTreatment.model_validate(row) for player, row in rows.items()}
 
 
 class _Replayer:
-    """Goes through the frames of a recording and brings an episode to where they end."""
+    """Applies the frames of a recording to the record of an episode, without reporting events."""
 
-    def __init__(self, episode: RecoveredEpisode) -> None:
-        self.episode = episode
+    def __init__(self, record: EpisodeRecord) -> None:
+        self.record = record
         self.milliseconds = 0
         self.said: list[dict[str, Any]] = []
         self.pauses: list[str] = []
@@ -145,65 +149,85 @@ class _Replayer:
 
     def frame(self, recording: Recording, frame: dict[str, Any]) -> None:
         if frame["kind"] == "step":
-            actions = recording.actions(frame)
             self.milliseconds = max(self.milliseconds, frame["t"])
-            self._check_players(frame)
-            moves = [
-                _move(row, action) for row, action in zip(frame["moves"], actions, strict=True)
-            ]
-            for move in moves:
-                self.episode.seats[move.player].quota.take(len(move.reasoning.encode()))
-            idle = [(str(player), int(seq)) for player, seq in frame.get("idle", ())]
-            undone = [tuple(atom) for atom in frame.get("undone", ())]
-            waits = frame.get("waits", ())
-            self.episode.replay_step(moves, idle, undone, waits, time=frame["t"] / 1000)
+            self._step(frame, recording.actions(frame))
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
                 self.milliseconds = max(self.milliseconds, note["t"])
                 self._note(note)
+        # These events are in the recording already. Clients that return get a snapshot.
+        self.record.events.clear()
+
+    def _step(self, frame: dict[str, Any], actions: list[GroundAction]) -> None:
+        idle = tuple((str(player), int(seq)) for player, seq in frame.get("idle", ()))
+        moves = tuple(
+            PlayedMove(
+                row["player"],
+                action,
+                row["seq"],
+                row["ms"] / 1000,
+                row.get("reasoning", ""),
+                row.get("basis"),
+            )
+            for row, action in zip(frame["moves"], actions, strict=True)
+        )
+        for player, seq in [*((move.player, move.seq) for move in moves), *idle]:
+            seat = self._seat(player)
+            # Numbers survive a restart: a client that sends its last action again must get the
+            # recorded result and not act twice.
+            seat.seq = max(seat.seq, seq)
+        for move in moves:
+            self._seat(move.player).quota.take(len(move.reasoning.encode()))
+        for player, seq in idle:
+            self._seat(player).answer = ActionAnswer(seq, self.record.step + 1)
+        undone = [tuple(atom) for atom in frame.get("undone", ())]
+        waits = tuple(frame.get("waits", ()))
+        self.record.take_step(moves, idle, waits, frame["t"] / 1000, undone)
 
     def _note(self, note: dict[str, Any]) -> None:
+        record, time = self.record, note["t"] / 1000
         match note["note"]:
             case "roster":
-                self.episode.used = True
-                _sit(self._seat(note), note, self.episode.ran(note["t"] / 1000))
-                if note["present"] or not note.get("taken", True):
+                record.used = True
+                _sit(self._seat(note["player"]), note, record.stopwatch.read(time))
+                if note["present"] or not note["taken"]:
                     self.expected.discard(note["player"])
             case "ready":
-                self._seat(note).ready = note["ready"]
+                self._seat(note["player"]).ready = note["ready"]
             case "rejected":
-                self._rejected(self._seat(note), note)
+                self._rejected(self._seat(note["player"]), note)
             case "said":
                 self.said.append(note)
-                self.episode.said += 1
+                record.said += 1
                 size = NOTE_BYTES + len(note["name"].encode()) + len(note["text"].encode())
                 self._quota(note).take(size)
                 if note["player"]:
-                    self._seat(note).tally.said += 1
+                    self._seat(note["player"]).tally.said += 1
             case "noted":
-                self._seat(note).quota.take(size_of_note(note["topic"], note["text"]))
+                self._quota(note).take(size_of_note(note["topic"], note["text"]))
             case "quota":
                 self._quota(note).reached = True
             case "moderated":
                 what = Moderation(note["what"])
-                self.episode.replay_moderation(what, note["session"], note["participant"])
+                record.apply_moderation(what, note["session"], note["participant"])
             case "paused":
                 self.pauses = note["holds"]
-                self.episode.replay_pause(note["t"] / 1000)
+                record.stopwatch.stop(time)
             case "resumed":
                 self.pauses = []
-                self.episode.replay_resume(note["t"] / 1000)
+                record.stopwatch.go_on(time)
             case "restarted":
-                seats = self.episode.seats.values()
-                self.expected |= {seat.player for seat in seats if seat.present}
-            case "started" if self.episode.phase is Phase.WAITING:
-                self.episode.replay_start()
+                # Participants who have not come back since an earlier restart are still expected:
+                # two restarts in a row must not make them absent.
+                self.expected |= {seat.player for seat in record.seats.values() if seat.present}
+            case "started" if record.phase is Phase.WAITING:
+                record.start()
 
     def _rejected(self, seat: Seat, note: dict[str, Any]) -> None:
         reasons, code = tuple(note["reasons"]), note.get("code", ACTION_INVALID)
         if note.get("heard", True):
             seat.seq = max(seat.seq, note["seq"])
-            seat.answer = ActionAnswer(note["seq"], self.episode.step, reasons, code)
+            seat.answer = ActionAnswer(note["seq"], self.record.step, reasons, code)
         seat.count_rejection(rejection_kind(note))
         texts = [note["action"], note.get("text", ""), *reasons]
         for why in note.get("why", ()):
@@ -212,42 +236,31 @@ class _Replayer:
         seat.quota.take(len(note.get("reasoning", "").encode()))
 
     def _quota(self, note: dict[str, Any]) -> Quota:
-        """The quota of a seat, or that of all spectators."""
-        return self._seat(note).quota if note["player"] else self.episode.audience_quota
+        player = note["player"]
+        return self._seat(player).quota if player else self.record.audience_quota
 
-    def _check_players(self, frame: dict[str, Any]) -> None:
-        players = [row["player"] for row in frame["moves"]]
-        players += [player for player, _ in frame.get("idle", ())]
-        for player in players:
-            if player not in self.episode.seats:
-                raise RecordingError(f"step {frame['step']} speaks of a seat {player!r}")
-
-    def _seat(self, note: dict[str, Any]) -> Seat:
+    def _seat(self, player: str) -> Seat:
         try:
-            return self.episode.seats[note["player"]]
+            return self.record.seats[player]
         except KeyError:
-            raise RecordingError(f"a note speaks of a seat {note['player']!r}") from None
-
-
-def _move(row: dict[str, Any], action: GroundAction) -> Move:
-    told = row.get("reasoning", ""), row.get("basis")
-    return Move(row["player"], action, row["seq"], row["ms"] / 1000, *told)
+            raise RecordingError(f"a frame refers to an unknown seat {player!r}") from None
 
 
 def _sit(seat: Seat, note: dict[str, Any], ran: float) -> None:
-    """A seat as a roster note leaves it, once the game has run for so many seconds."""
-    if note.get("taken", True):
-        newcomer = not seat.taken or seat.session != note.get("session", "")
+    """Bring a seat into the state of a roster note, after the game has run for `ran` seconds."""
+    if note["taken"]:
+        # A participant who returns keeps the session, and with it the numbers of the requests and
+        # the last answer.
+        newcomer = not seat.taken or seat.session != note["session"]
         if newcomer:
             if seat.taken:
                 seat.vacate(ran)
-            session, participant = note.get("session", ""), note.get("participant", "")
-            seat.take(note["name"], note["kind"], session, participant, ran)
-        seat.generation = note.get("generation", 0)
+            seat.take(note["name"], note["kind"], note["session"], note["participant"], ran)
+        seat.generation = note["generation"]
         if note["present"]:
             seat.come_back(ran)
         elif seat.present:
             seat.lose_connection(ran)
     elif seat.taken:
         seat.vacate(ran)
-    seat.controller = controller_after(note)
+    seat.controller = controller_of(note)

@@ -1,4 +1,4 @@
-"""What happened in a recording besides its steps, as data and in words."""
+"""Pauses, controllers and notes of a recording, as data and as text."""
 
 from __future__ import annotations
 
@@ -9,47 +9,38 @@ from typing import Any, NamedTuple, Protocol
 from robotouille.replay.controllers import Span, spans
 from robotouille.replay.recording import Recording
 
-__all__ = [
-    "Interlude",
-    "NoteSource",
-    "Stillness",
-    "course",
-    "course_text",
-    "interludes",
-    "note_lines",
-    "note_words",
-    "pauses",
-]
-
 MAX_SHOWN = 200
-"""Characters of a seat's note that are shown in a list."""
+"""Characters of a seat's note that a list shows."""
+# `holds` is the field's name in recordings of format 2; the code calls them reasons for pauses.
 HOLDS = {
     "operator": "by the operator",
     "player": "by the player",
     "storage": "the recording could not be written",
     "restart": "the server was restarted",
-    "absence": "somebody was away",
+    "absence": "a player was away",
     "deserted": "everybody was away",
 }
 
 
 class NoteSource(Protocol):
-    """What has notes: a `Recording`, or what was kept of one."""
+    """Source of notes, such as a `Recording`."""
 
     @property
     def outcome(self) -> dict[str, Any] | None:
-        """How it ended; None if it has no end."""
+        """The outcome; None if the end is not recorded."""
         ...
 
     def notes(self) -> Iterator[dict[str, Any]]:
-        """The notes in order, each with the `step` that it came after."""
+        """Yield the notes in order, each with the number of the step before it as `step`."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Stillness:
-    """A time in which the game stood still, after `step` and from `t` milliseconds on. `holds` are
-    all the reasons it had, `seconds` is None where the recording does not say until when."""
+    """A pause after `step`, from `t` milliseconds, for the reasons `holds`.
+
+    `seconds` is None if the recording does not contain the end of the pause.
+    """
 
     step: int
     t: int
@@ -58,7 +49,7 @@ class Stillness:
 
 
 def pauses(recording: NoteSource) -> list[Stillness]:
-    """The times in which the game stood still, in order."""
+    """Return the pauses in order."""
     found: list[Stillness] = []
     for note in recording.notes():
         still = found[-1] if found and found[-1].seconds is None else None
@@ -79,8 +70,7 @@ def _ended(still: Stillness, t: int) -> Stillness:
 
 
 def course(recording: Recording) -> dict[str, Any]:
-    """Who moved which seat in which steps, pauses, and the steps after which another process of
-    the server went on."""
+    """Return the controllers, the pauses and the steps before server restarts, as plain data."""
     return {
         "controllers": {
             player: [
@@ -95,17 +85,17 @@ def course(recording: Recording) -> dict[str, Any]:
 
 
 def course_text(recording: Recording) -> Iterator[tuple[str, str]]:
-    """The same as lines of (heading, text); the heading of further lines is empty."""
+    """Yield the course as pairs of heading and text. Further lines have an empty heading."""
     moved = [
         f"{player}: {', '.join(map(_span_words, course))}"
         for player, course in spans(recording).items()
         if course
     ]
     still = [_pause_words(pause) for pause in pauses(recording)]
-    begun_anew = [
+    restarts = [
         f"after step {note['step']}" for note in recording.notes() if note["note"] == "restarted"
     ]
-    for heading, lines in (("moved by", moved), ("paused", still), ("restarted", begun_anew)):
+    for heading, lines in (("played by", moved), ("paused", still), ("restarted", restarts)):
         for i, line in enumerate(lines):
             yield "" if i else heading, line
 
@@ -117,8 +107,8 @@ def _span_words(span: Span) -> str:
             who = "nobody"
         case "absent":
             who = f"nobody ({span.name} was away)"
-        case "stand-in":
-            who = f"a stand-in for {span.name}" if span.name else "a stand-in"
+        case "substitute":
+            who = f"a substitute for {span.name}" if span.name else "a substitute"
         case _:
             who = f"{span.name} ({span.controller})"
     return f"{who} in {steps}"
@@ -134,22 +124,20 @@ def _length(pause: Stillness) -> str:
 
 
 def _interlude_words(pause: Stillness) -> str:
-    """A pause as it is told to who watches: whole seconds, and no reason where it goes without
-    saying."""
+    # For viewers: whole seconds, and no reason for the player's own pause.
     seconds = None if pause.seconds is None else max(1, round(pause.seconds))
     words = f"Paused {_length(replace(pause, seconds=seconds))}"
     return words if pause.holds == ("player",) else f"{words}: {_reasons(pause.holds)}"
 
 
 def _reasons(holds: Sequence[str]) -> str:
-    """Reasons in words; after a restart it goes without saying that nobody is there yet."""
+    # After a restart nobody has come back yet, which needs no mention.
     told = [hold for hold in holds if hold != "deserted" or "restart" not in holds]
     return " and ".join(HOLDS.get(hold, hold) for hold in told)
 
 
 class Interlude(NamedTuple):
-    """What somebody who watches should be told after a step; one that does not last is over as soon
-    as the game goes on."""
+    """Text that a viewer shows after a step, until the game goes on unless it `lasts`."""
 
     step: int
     words: str
@@ -157,7 +145,7 @@ class Interlude(NamedTuple):
 
 
 def interludes(recording: NoteSource) -> list[Interlude]:
-    """What somebody who watches the recording should be told."""
+    """Return the texts that a viewer shows between steps, in order."""
     still = [
         (pause.t, Interlude(pause.step, _interlude_words(pause), lasts=False))
         for pause in pauses(recording)
@@ -171,14 +159,14 @@ def interludes(recording: NoteSource) -> list[Interlude]:
 
 
 DEPARTURES = {
-    "left": "gives up",
-    "lost": "was away too long and loses",
-    "removed": "is removed by the operator from",
+    "left": "leaves",
+    "lost": "was away too long and lost",
+    "removed": "was removed by the operator from",
 }
 
 
 def note_lines(recording: Recording) -> Iterator[str]:
-    """A line for each note: the step it came after, the seconds since the game began, words."""
+    """Yield a line for each note: the step before it, the seconds since the start, and its text."""
     seated: dict[str, tuple[str, str]] = {}
     for note in recording.notes():
         words = note_words(note, seated)
@@ -186,20 +174,19 @@ def note_lines(recording: Recording) -> Iterator[str]:
 
 
 def note_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -> str:
-    """What a note says; `seated` are name and session of each seat so far, kept up to date here."""
+    """Return a note as text. `seated` has the name and session of each seat, and is updated."""
     return _roster_words(note, seated) if note["note"] == "roster" else _note_words(note)
 
 
 def _roster_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -> str:
-    """What a roster note changes."""
     player, name, session = note["player"], note["name"], note.get("session", "")
     before = seated.get(player)
     controller = note.get("controller", "")
-    by_bot = ", a stand-in plays" if controller == "stand-in" else ""
-    if not note.get("taken", True) or not name:
+    by_bot = ", a substitute plays" if controller == "substitute" else ""
+    if not note["taken"] or not name:
         seated.pop(player, None)
         who = before[0] if before else "nobody"
-        does = DEPARTURES.get(note.get("why", ""), "gives up")
+        does = DEPARTURES.get(note.get("why", ""), "leaves")
         return f"{who} {does} {player}{by_bot}" if before else f"{player} is free{by_bot}"
     seated[player] = (name, session)
     if not note["present"]:
@@ -211,8 +198,8 @@ def _roster_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -
 
 def _countdown(note: Mapping[str, Any]) -> str:
     if "ms" not in note:
-        return "somebody is missing: the game does not begin yet"
-    return f"everybody is there: the game begins in {note['ms'] / 1000:g} s"
+        return "the countdown stops: a player is missing or not ready"
+    return f"all players are ready: the game starts in {note['ms'] / 1000:g} s"
 
 
 def _note_words(note: Mapping[str, Any]) -> str:
@@ -222,24 +209,24 @@ def _note_words(note: Mapping[str, Any]) -> str:
         case "ready":
             return f"{note['player']} is {'' if note['ready'] else 'not '}ready"
         case "started":
-            return "the game begins"
+            return "the game starts"
         case "rejected":
-            return f"{note['player']}: {note['action']} is rejected: {'; '.join(note['reasons'])}"
+            return f"{note['player']}: {note['action']} was rejected: {'; '.join(note['reasons'])}"
         case "said":
             return f"{note['name']}: {note['text']}"
         case "noted":
             dots = "…" if note.get("more") or len(note["text"]) > MAX_SHOWN else ""
             return f"{note['player']} notes ({note['topic']}): {note['text'][:MAX_SHOWN]}{dots}"
         case "round_trip":
-            return f"{note['player']}: {note['ms']:g} ms to its participant and back"
+            return f"{note['player']}: round-trip time {note['ms']:g} ms"
         case "announced":
             return f"the operator: {note['text']}"
         case "moderated":
-            return f"{note['name']} is {note['what']} by the operator"
+            return f"{note['name']} was {note['what']} by the operator"
         case "paused":
             return f"paused: {_reasons(note['holds'])}"
         case "resumed":
-            return "the game goes on"
+            return "the game resumes"
         case "restarted":
             return "the server was restarted"
     return str(note["note"])

@@ -1,4 +1,4 @@
-"""The decision process of a task: states, actions, steps and what they look like in words."""
+"""The decision process of a task: states, actions, steps, and their descriptions in words."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Where everything is in a state: the domain's layout rules read backwards.
+"""The place of every object in a state, by applying the domain's layout rules in reverse.
 
-The window draws a scene; nothing in it depends on a clock or on pygame.
+The window draws scenes. This module does not depend on pygame or on time.
 """
 
 from __future__ import annotations
@@ -12,18 +12,21 @@ from robotouille.world.grounding.floor import Tile
 from robotouille.world.grounding.objects import Object
 from robotouille.world.world import State, World
 
-__all__ = ["Placed", "scene"]
-
 
 @dataclass(frozen=True, slots=True)
 class Placed:
     """One object of a scene.
 
-    `host` is what carries it: a station, a player (it is held) or a container (it is inside);
-    None for stations and players. `tile` is where that is; `level` counts the things below it in
-    its stack. `facing` is the unit vector a player looks along, `at` the station it is at.
-    `facts` are the predicates that hold of it alone, `contents` what is added to it (an item
-    that stands in any relation to it and has no other place).
+    Attributes:
+        thing: The object.
+        tile: Tile of the object or of its host.
+        host: The station, player or container that carries the object; None for stations and
+            players.
+        level: Number of objects below it in its stack.
+        facing: Unit vector of a player's direction.
+        at: The station where a player is.
+        facts: Unary predicates that hold of the object.
+        contents: Items that are in some relation to the object and have no other place.
     """
 
     thing: Object
@@ -37,14 +40,16 @@ class Placed:
 
 
 def scene(state: State) -> dict[str, Placed]:
-    """Every object of a state by name, with its place; those of the newest few states are kept, so
-    do not change it."""
+    """Return every object of a state by name, with its place.
+
+    Results are cached for a few states; do not modify them.
+    """
     return _scene(state.world, state)
 
 
 @lru_cache(maxsize=8)
 def _scene(_: World, state: State) -> dict[str, Placed]:
-    """A scene, found by its world, too: states of two worlds may be equal."""
+    """Return a scene. The world is part of the cache key: states of two worlds can be equal."""
     return _Scene(state).placed()
 
 
@@ -77,7 +82,7 @@ class _Scene:
                     self._related.setdefault(atom[-1], []).append(atom[1])
 
     def _carry(self, first: str, second: str) -> None:
-        """Of two things on one tile, the player or station carries, else the second."""
+        """Record which of two objects on a tile carries the other."""
         if self._world.thing(first).type in self._players | self._stations:
             first, second = second, first
         self._host[first] = second
@@ -102,6 +107,7 @@ class _Scene:
     def _with_tile(self, placed: Placed, all_: dict[str, Placed]) -> Placed:
         host = placed.host
         tile = placed.tile
+        # The loop is bounded because custom domains can have cyclic relations.
         for _ in range(len(all_)):
             if tile is not None or host is None or host not in all_:
                 break
@@ -112,6 +118,7 @@ class _Scene:
         )  # fmt: skip
 
     def _level(self, name: str) -> int:
+        # A custom domain can put objects on each other in a circle, so visited ones are tracked.
         level, seen = 0, {name}
         while (name := self._below.get(name, "")) and name not in seen:
             seen.add(name)
@@ -119,11 +126,12 @@ class _Scene:
         return level
 
     def _standing(self) -> dict[str, Tile]:
-        """Where each player stands: beside its station, apart from the others if it can be."""
+        """Return each player's tile next to its station, different from others if possible."""
         taken: dict[str, Tile] = {}
         for name in self._world.players:
             thing, station = self._world.thing(name), self._at.get(name)
             choices = self._world.floor.beside(station) if station else []
+            # A player that has not moved stays where the problem puts it.
             if thing.tile and (not station or self._world.thing(station).tile == thing.facing):
                 choices = [thing.tile, *choices]
             if not choices:
@@ -140,6 +148,7 @@ class _Scene:
         if there is None or there == tile:
             return (0, -1)
         dx, dy = there[0] - tile[0], there[1] - tile[1]
+        # A custom domain can have a player at a distant station; it faces the longer way.
         if abs(dx) > abs(dy):
             return (1 if dx > 0 else -1, 0)
         return (0, 1 if dy > 0 else -1)

@@ -1,9 +1,10 @@
-"""The timers of a state as an automaton that is built while it is used.
+"""Timers of a state, as an automaton whose transitions are computed on first use.
 
-A `Timers` value is the tuple of active effects with their counters, and how long each player is
-still busy. What a step does to it depends only on itself and on the few atoms its effects read,
-so every transition is computed once (by `EffectRun`) and looked up afterwards. Transitions that
-create or delete objects depend on more, and are computed anew each time.
+A `Timers` value holds the active effects with their counters, and how long each player is still
+busy. The result of an update depends only on that value and on the few atoms that the effects read.
+So `EffectRun` computes each transition once, and later updates look it up. Transitions that create
+or delete objects depend on more of the state and are computed every time
+(docs/decisions/0002-timers-as-an-automaton.md).
 """
 
 from __future__ import annotations
@@ -17,26 +18,26 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.effects import DONE, HOLDING, Effect, EffectRun
 from robotouille.world.grounding.ground_task import GroundTask
 
-__all__ = ["BusyRow", "Change", "Progress", "TimerRow", "TimerTable", "Timers"]
-
 TimerRow = tuple[str, int, tuple[str, ...], tuple[int, ...]]
-"""An active effect: its action, its number there, its arguments, its counters."""
+"""Active effect: its action, its index in the action, its arguments, its counters."""
 BusyRow = tuple[str, int]
-"""A player who is walking or working, and for how many more steps."""
+"""Player who is walking or working, and the steps that are left."""
 
 Entry = tuple[Effect, tuple[int, ...]]
 Key = tuple[tuple[Entry, ...], int | None, int]
-"""Active effects, the serial of the action that is performed, and the atoms they read."""
+"""Active effects, the serial number of the performed action, and the atoms that they read."""
 
+# A planner may visit millions of states. At the bound the caches are emptied, which costs only
+# time.
 MAX_KEPT = 50_000
-"""Transitions that a world knows; then it learns anew."""
+"""Transitions that a world caches."""
 
 
 class Progress(NamedTuple):
-    """How far something has come: `done` of `total` steps or performances of `action`.
+    """Progress of a counting effect: `done` of `total` steps or performances of `action`.
 
-    `running` is False while it is paused, e.g. a patty taken off its stove; `timed` tells what
-    time brings about from what needs to be done again and again.
+    `running` is false while the effect is paused, such as the cooking of a patty that was taken off
+    its stove. `timed` is true if time completes the effect, and false if repeated work does.
     """
 
     action: str
@@ -49,7 +50,7 @@ class Progress(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What an update does: `facts = (facts | touched) ^ removed`, and the timers after it."""
+    """Result of an update: `facts = (facts | touched) ^ removed`, and the timers after it."""
 
     touched: int
     removed: int
@@ -57,7 +58,7 @@ class Change(NamedTuple):
 
 
 class TimerOutcome(NamedTuple):
-    """What an update does to the effects alone, and whether it depends only on what they read."""
+    """Result of an update for the effects; `repeatable` if it depends only on the atoms read."""
 
     touched: int
     removed: int
@@ -66,7 +67,7 @@ class TimerOutcome(NamedTuple):
 
 
 class Timers:
-    """Active effects in order of creation with their counters; equal values are one object."""
+    """Active effects with their counters, in order of creation; equal values are one object."""
 
     __slots__ = ("__weakref__", "busy", "entries", "reads", "started", "table", "ticked")
 
@@ -83,21 +84,23 @@ class Timers:
         self.started: dict[tuple[int, int], Change] = {}
 
     def __bool__(self) -> bool:
+        # `World.step` skips the tick of a state in which nothing runs.
         return bool(self.entries or self.busy)
 
+    # A tuple and not a dictionary: at most a few players are busy, and the value must be hashable.
     def busy_steps(self, player: str | None) -> int:
-        """For how many more steps a player cannot act."""
+        """Return for how many more steps a player cannot act."""
         for name, steps in self.busy:
             if name == player:
                 return steps
         return 0
 
     def rows(self) -> tuple[TimerRow, ...]:
-        """The active effects as `(action, index, arguments, counters)`, in order of creation."""
+        """Return the active effects in order of creation."""
         return tuple((*effect.label, progress) for effect, progress in self.entries)
 
     def progress(self) -> tuple[Progress, ...]:
-        """All that time or work is bringing about, in order of creation: a patty that cooks."""
+        """Return the progress of all counting effects, in order of creation."""
         return tuple(
             Progress(
                 action=effect.label[0],
@@ -105,8 +108,8 @@ class Timers:
                 subject=node.subject,
                 done=counters[node.slot],
                 total=node.total,
-                running=effect.root.kind != "conditional" or counters[0] == HOLDING,
-                timed=node.kind == "delayed",
+                running=not effect.root.pauses or counters[0] == HOLDING,
+                timed=node.counts == "steps",
             )
             for effect, counters in self.entries
             for node in effect.counters()
@@ -114,12 +117,13 @@ class Timers:
         )
 
     def begin(self, action: GroundAction, facts: int) -> Change:
-        """Start an action's effects, or give them an active update."""
+        """Start an action's effects, or give running ones an active update."""
         if action.source is not self.table.source:
             raise WrongWorldError(
                 f"{action} was made by another World; ask this one: "
                 f"world.action({action.name!r}, *arguments)"
             )
+        # The serial number and not the action: a small integer is cheaper to hash.
         key = (action.serial, facts & (action.reads | self.reads))
         change = self.started.get(key)
         if change is None:
@@ -130,7 +134,7 @@ class Timers:
         return change
 
     def tick(self, facts: int) -> Change:
-        """The passive update that ends a step."""
+        """Perform the passive update that ends a step."""
         change = self.ticked.get(facts & self.reads)
         if change is None:
             change, repeatable = self.table.tick(self, facts)
@@ -140,16 +144,17 @@ class Timers:
         return change
 
     def forget(self) -> None:
-        """Know no transition any more; they are computed again where they are needed."""
+        """Drop the cached transitions."""
         self.ticked.clear()
         self.started.clear()
 
 
 class TimerTable:
-    """Hands out one `Timers` per value and performs the updates that are not yet known."""
+    """Interns `Timers` values and computes the transitions that are not cached yet."""
 
     def __init__(self, source: GroundTask) -> None:
         self.source = source
+        # Weak values: a `Timers` lives as long as a state refers to it, and its caches with it.
         self._known: WeakValueDictionary[tuple[tuple[Entry, ...], tuple[BusyRow, ...]], Timers] = (
             WeakValueDictionary()
         )
@@ -158,7 +163,7 @@ class TimerTable:
         self.none = self.get((), ())
 
     def get(self, entries: tuple[Entry, ...], busy: tuple[BusyRow, ...]) -> Timers:
-        """The one `Timers` of this value."""
+        """Return the `Timers` object of this value."""
         key = (entries, busy)
         timers = self._known.get(key)
         if timers is None:
@@ -166,16 +171,17 @@ class TimerTable:
         return timers
 
     def restored(self, rows: Iterable[TimerRow], busy: Iterable[BusyRow]) -> Timers:
-        """The `Timers` of `Timers.rows()` and of those who are busy, from elsewhere.
+        """Return the `Timers` for rows that come from outside this process.
 
         Raises:
-            UnknownNameError: A row speaks of an action, object or player that the task has not.
-            WrongWorldError: A row cannot be of this task.
-            WrongArgumentError: These are no rows.
+            UnknownNameError: A row names an unknown action, object or player.
+            WrongWorldError: A row does not fit the task.
+            WrongArgumentError: The values are not rows.
         """
         entries = []
         for action, index, arguments, counters in _checked(rows, 4):
             effect = self.source.effect(action, index, tuple(arguments))
+            # Rows may come from a file or the network, so nothing about them is trusted.
             if len(counters) != effect.size:
                 raise WrongWorldError(f"{effect} has {effect.size} counters, found {len(counters)}")
             entries.append((effect, tuple(counters)))
@@ -185,13 +191,13 @@ class TimerTable:
         return self.get(tuple(entries), busy)
 
     def make_room(self) -> None:
-        """One more transition is about to be kept."""
+        """Count one more cached transition, and empty the caches when they are full."""
         if self._transitions >= MAX_KEPT:
             self.forget()
         self._transitions += 1
 
     def forget(self) -> None:
-        """Know no transition any more."""
+        """Drop all cached transitions."""
         self._transitions = 0
         self._outcomes.clear()
         for reference in self._known.valuerefs():
@@ -199,7 +205,7 @@ class TimerTable:
                 timers.forget()
 
     def begin(self, timers: Timers, action: GroundAction, facts: int) -> tuple[Change, bool]:
-        """What starting an action's effects does, and whether it always does that."""
+        """Start an action's effects; the flag says whether the result may be cached."""
         busy = timers.busy
         if action.player is not None and action.duration > 1:
             busy = tuple(sorted({**dict(busy), action.player: action.duration}.items()))
@@ -208,9 +214,10 @@ class TimerTable:
         return self._change(key, busy, shared, lambda: self._begin(timers.entries, action, facts))
 
     def tick(self, timers: Timers, facts: int) -> tuple[Change, bool]:
-        """What the passive update of all effects does, and whether it always does that."""
+        """Update all effects passively; the flag says whether the result may be cached."""
         busy = tuple((name, steps - 1) for name, steps in timers.busy if steps > 1)
         key = (timers.entries, None, facts & timers.reads)
+        # Without busy players, the caches of `Timers` themselves are enough.
         shared = bool(timers.busy)
         return self._change(key, busy, shared, lambda: self._tick(timers.entries, facts))
 
@@ -221,7 +228,8 @@ class TimerTable:
         shared: bool,
         work_out: Callable[[], TimerOutcome],
     ) -> tuple[Change, bool]:
-        """Effects do the same whoever is busy: where somebody is, that is worked out once."""
+        # Busy counters multiply the `Timers` values, but effects do not read them. So transitions
+        # with busy players are also cached here by the effects alone.
         outcome = self._outcomes.get(key) if shared else None
         if outcome is None:
             outcome = work_out()
@@ -234,6 +242,8 @@ class TimerTable:
     def _begin(self, before: tuple[Entry, ...], action: GroundAction, facts: int) -> TimerOutcome:
         run = self.source.effect_run(facts)
         entries = list(before)
+        # In the order of the domain file: an early effect may create or delete what a later one
+        # reads. An effect that already runs gets an active update instead of a second instance.
         for effect in action.effects:
             if run.concerns_deleted(effect):
                 continue
@@ -256,7 +266,7 @@ class TimerTable:
         return self._outcome(run, [(e, progress) for e, progress in entries if progress[0] != DONE])
 
     def _settle(self, run: EffectRun, entries: list[Entry]) -> None:
-        """Add what a creation or deletion has started; drop what is about a deleted object."""
+        """Add the effects that a creation or deletion started; drop those of deleted objects."""
         active = {effect for effect, _ in entries}
         for effect in run.started:
             if effect not in active:
@@ -267,12 +277,13 @@ class TimerTable:
             entries[:] = [entry for entry in entries if not run.concerns_deleted(entry[0])]
 
     def _outcome(self, run: EffectRun, entries: list[Entry]) -> TimerOutcome:
+        # Internal atoms say which objects exist. A run that wrote one depends on free names.
         repeatable = not run.written & self.source.table.internal
         return TimerOutcome(run.written, run.written & ~run.facts, tuple(entries), repeatable)
 
 
 def _checked(rows: Any, length: int) -> list[Any]:
-    """Rows of timers or of busy players, each a tuple of so many values."""
+    """Return rows of timers or busy players as tuples, each of `length` values."""
     try:
         found = [tuple(row) for row in rows]
     except TypeError:
@@ -284,9 +295,9 @@ def _checked(rows: Any, length: int) -> list[Any]:
 
 def _check_busy(busy: tuple[BusyRow, ...], players: tuple[str, ...]) -> None:
     if len(busy) > len(players):
-        raise WrongWorldError(f"{len(busy)} are busy of {len(players)} players")
+        raise WrongWorldError(f"{len(busy)} players are busy, but the task has {len(players)}")
     for player, steps in busy:
         if player not in players:
             raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}")
         if not (isinstance(steps, int) and steps > 0):
-            raise WrongWorldError(f"{player} is busy for {steps!r} steps")
+            raise WrongWorldError(f"{player} cannot be busy for {steps!r} steps")

@@ -1,15 +1,11 @@
-"""Why an action cannot be done, as values; their words are for people and language models.
-
-`unmet_in` finds them, and an `Attempt` has them.
-"""
+"""Reasons why an action is rejected, as values with words for people and language models."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import EXISTS
@@ -18,48 +14,34 @@ from robotouille.world.grounding.objects import bound
 from robotouille.world.text import describe
 from robotouille.world.timers import Timers
 
-__all__ = [
-    "Attempt",
-    "Unmet",
-    "UnmetKind",
-    "acted_already",
-    "earlier_words",
-    "from_words",
-    "need",
-    "only_words",
-    "texts_of",
-    "unmet_in",
-]
-
 NEEDS = "needs: "
 MUST_NOT_BE = "must not be: "
-EARLIER_NOT = "not: "
 
 
 class UnmetKind(StrEnum):
-    """What it is that does not hold. The values are on the wire."""
+    """Kind of a reason. The values are part of the protocol and of recordings."""
 
     CONDITION = "condition"
-    """A precondition: `predicate` with `objects` should be `expected`, and is not."""
+    """A precondition is unmet: `predicate` of `objects` is not `expected`."""
     MISSING = "missing"
-    """An object does not exist (any more, or yet)."""
+    """An object does not exist now."""
     BUSY = "busy"
-    """The player cannot act before a delay of its own is over."""
+    """The player is still walking or working."""
     ACTED = "acted"
-    """The player has acted in this step already."""
+    """The player has already acted in this step."""
     TURN = "turn"
     """It is another player's turn."""
     SEAT = "seat"
-    """The action moves another's player."""
+    """The action moves the player of another seat."""
     SUPERSEDED = "superseded"
-    """The same seat has sent another action since."""
+    """The same seat sent another action later."""
     OTHER = "other"
-    """Something that only the words say."""
+    """Another reason, described by the words alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unmet:
-    """One reason why an action cannot be done; `str()` gives its words."""
+    """One reason why an action is rejected; `str()` returns its words."""
 
     kind: UnmetKind
     words: str
@@ -72,7 +54,7 @@ class Unmet:
 
 
 class Attempt(NamedTuple):
-    """What became of one player's action: applied, or rejected for what is `unmet`."""
+    """Result of one player's action: applied, or rejected for the reasons in `unmet`."""
 
     action: GroundAction
     applied: bool
@@ -80,21 +62,16 @@ class Attempt(NamedTuple):
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What is unmet, in words."""
+        """Reasons in words."""
         return tuple(unmet.words for unmet in self.unmet)
 
 
 def unmet_in(
     task: GroundTask, facts: int, timers: Timers, action: GroundAction, player: str | None
 ) -> tuple[Unmet, ...]:
-    """What speaks against an action of a task in a state; empty if nothing.
+    """Return the reasons against an action of a task in a state; empty if it applies.
 
-    Args:
-        task: The task, or world, that made the action.
-        facts: `State.facts`.
-        timers: `State.timers`.
-        action: The action.
-        player: Who would do it.
+    `facts` and `timers` are those of the state. `player` would take the action.
     """
     unmet = []
     steps = timers.busy_steps(player)
@@ -103,7 +80,7 @@ def unmet_in(
         unmet.append(Unmet(UnmetKind.BUSY, words, objects=(player,)))
     for name in action.arguments:
         there = task.table.bit.get((EXISTS, name))
-        if there is not None and not facts & there:  # None: it is always there
+        if there is not None and not facts & there:  # None: it always exists.
             unmet.append(Unmet(UnmetKind.MISSING, f"{name} does not exist", objects=(name,)))
     binding = action.schema.bind(action.arguments)
     for condition in action.schema.definition.precons:
@@ -116,55 +93,46 @@ def unmet_in(
 
 
 def acted_already(player: str) -> tuple[Unmet, ...]:
-    """What speaks against a player's second action in a step."""
-    words = f"{player} has acted in this step already"
+    """Return the reason against a player's second action in a step."""
+    words = f"{player} has already acted in this step"
     return (Unmet(UnmetKind.ACTED, words, objects=(player,)),)
 
 
 def only_words(*reasons: str) -> tuple[Unmet, ...]:
-    """Reasons of which no more than the words are known."""
+    """Return reasons that consist of words alone."""
     return tuple(Unmet(UnmetKind.OTHER, words) for words in reasons)
 
 
 def need(fact: str, expected: bool) -> str:
-    """What an action needs, as something that cannot be read as what is so: `needs: robot1 stands
-    at table1`, or `must not be: patty1 is cooking now`."""
+    """Return a precondition in words, such as `needs: robot1 stands at table1`.
+
+    The prefix keeps language models from reading an unmet condition as a fact.
+    """
     return f"{NEEDS if expected else MUST_NOT_BE}{fact}"
 
 
-def earlier_words(words: str) -> str:
-    """A reason as earlier versions said it, who named the fact alone; recordings have such."""
-    if words.startswith(MUST_NOT_BE):
-        return EARLIER_NOT + words.removeprefix(MUST_NOT_BE)
-    return words.removeprefix(NEEDS)
-
-
 def texts_of(reasons: Iterable[Unmet]) -> Iterator[str]:
-    """Whatever is written where reasons are recorded: their words and, of more than those, their
-    predicates and objects."""
+    """Yield every text of some reasons that ends up in a recording."""
     for reason in reasons:
         yield from (reason.words, reason.predicate, *reason.objects)
 
 
-def from_words(*reasons: str) -> tuple[Unmet, ...]:
-    """Reasons as recordings hold them, and messages of older servers: in words alone."""
-    return tuple(map(_from_words, reasons))
+def unmet_from(words: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> tuple[Unmet, ...]:
+    """Return reasons from their words and the rows that recordings store beside them.
+
+    Reasons without rows, or of a kind that this version does not know, are `OTHER`.
+    """
+    if len(words) != len(rows):
+        return only_words(*words)
+    return tuple(map(_unmet_from, words, rows))
 
 
-_PHRASES = {
-    UnmetKind.BUSY: re.compile(r"(\S+) is busy for \d+ more steps?"),
-    UnmetKind.MISSING: re.compile(r"(\S+) does not exist"),
-    UnmetKind.ACTED: re.compile(r"(\S+) has acted in this step already"),
-    UnmetKind.TURN: re.compile(r"it is (\S+)'s turn"),
-    UnmetKind.SEAT: re.compile(r"(\S+) is not yours to move: .*"),
-    UnmetKind.SUPERSEDED: re.compile(r"superseded by action \d+"),
-}
-
-
-def _from_words(words: str) -> Unmet:
-    for kind, phrase in _PHRASES.items():
-        if found := phrase.fullmatch(words):
-            return Unmet(kind, words, objects=found.groups())
+def _unmet_from(words: str, row: Mapping[str, Any]) -> Unmet:
+    known = row["kind"] in set(UnmetKind)
     return Unmet(
-        UnmetKind.CONDITION, words, expected=not words.startswith((MUST_NOT_BE, EARLIER_NOT))
+        UnmetKind(row["kind"]) if known else UnmetKind.OTHER,
+        words,
+        row.get("predicate", ""),
+        tuple(row.get("objects", ())),
+        row.get("expected", True),
     )

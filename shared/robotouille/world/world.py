@@ -1,12 +1,11 @@
-"""The Markov decision process of a task: states, valid actions, steps (paper, section 2).
+"""Markov decision process of a task: states, valid actions and steps (paper, section 2).
 
 world = World(load_task("synchronous/01_cheese_sandwich"))
 state = world.initial
 state = state.step(state.actions("robot1")[0]).state
 
-`World` and `State` are the two halves of one thing, so they are in one module: a state asks its
-world, and a world answers with states. What each can say without the other is below:
-`GroundState` and `GroundTask`; and what they are computed from: `Timers`, `SuccessorTree`.
+`World` and `State` refer to each other and share this module. `GroundTask` and `GroundState` hold
+what each of them knows alone. Transitions come from `Timers`, valid actions from `SuccessorTree`.
 """
 
 from __future__ import annotations
@@ -27,17 +26,31 @@ from robotouille.errors import (
     WrongWorldError,
     did_you_mean,
 )
-from robotouille.world.arrays.packing import PackedState, packed, unpacked
-from robotouille.world.ground_state import GroundState
+from robotouille.world.ground_state import (
+    GroundState,
+    JointAction,
+    PackedState,
+    in_order,
+    not_an_action,
+    packed,
+    read,
+    unpacked,
+)
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.ground_objects import MAX_CREATED
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
 from robotouille.world.grounding.successors import SuccessorTree
-from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
-from robotouille.world.sentences import known, no_valid_action, said, said_exactly
-from robotouille.world.text import goal_sentences, observation, text_view
+from robotouille.world.text import (
+    find_by_exact_sentence,
+    find_by_sentence,
+    find_valid_by_sentence,
+    goal_sentences,
+    no_valid_action,
+    observation,
+    text_view,
+)
 from robotouille.world.timers import BusyRow, TimerRow, Timers, TimerTable
 from robotouille.world.unmet import Attempt, Unmet, acted_already, unmet_in
 
@@ -48,16 +61,15 @@ if TYPE_CHECKING:
     from robotouille.world.arrays.encoding import Encoding
     from robotouille.world.arrays.graph import Graph
 
-__all__ = ["State", "Step", "World", "shared_world"]
-
 
 class State(GroundState):
-    """`s = (facts, timers)` of the paper's section 2.
+    """State `s = (facts, timers)` of the paper's section 2.
 
-    Immutable, hashable and cheap to keep: an integer and a shared tuple. `pickle` and `copy` work;
-    states are equal when their facts and timers are.
+    States are immutable, hashable and small: an integer and a shared tuple. `pickle` and `copy`
+    work. States are equal if their facts and timers are equal.
     """
 
+    # Searches keep millions of states. Without slots each would carry a dictionary.
     __slots__ = ()
 
     world: World
@@ -70,6 +82,7 @@ class State(GroundState):
     def __repr__(self) -> str:
         return f"<State of {self.world.task.name} {self.digest}>"
 
+    # States never change, so a copy may be the same object.
     def __copy__(self) -> State:
         return self
 
@@ -77,62 +90,60 @@ class State(GroundState):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # Rows name actions and objects. Effects are numbered differently in other processes.
         return _restore, (self.world, self.facts, self.timer_rows(), self.timers.busy)
 
     def actions(self, player: str) -> tuple[GroundAction, ...]:
-        """The valid actions of a player in a stable order: as in the domain, then by object.
+        """Return the valid actions of a player, in the domain's order and then by object.
 
-        There are none while the player is busy.
+        A busy player has none.
 
         Raises:
-            UnknownNameError: There is no such player.
+            UnknownNameError: No such player.
         """
         return self.world.actions(self, player)
 
     def step(self, actions: JointAction) -> Step:
-        """Take a joint action, and let a step of time pass.
+        """Apply a joint action and let one step of time pass; see `World.step`.
 
         Args:
-            actions: A `GroundAction`, the sentence of a valid one, a list of these in the order in
-                which they apply (None does nothing), or a dict of them by player.
-
-        Returns:
-            The new state, and which actions were applied or rejected: see `World.step`.
+            actions: A `GroundAction`, the sentence of a valid one, a list of them in the order in
+                which they apply (None does nothing), or a dict by player.
 
         Raises:
-            UnknownNameError: A sentence is that of no valid action, or there is no such player.
-            WrongArgumentError: Something is no action at all.
-            WrongWorldError: An action is one of another task.
+            UnknownNameError: A sentence matches no valid action, or a player does not exist.
+            WrongArgumentError: A value is not an action.
+            WrongWorldError: An action belongs to another task.
         """
         return self.world.step(self, actions)
 
     def mask(self, player: str) -> NDArray[bool_]:
-        """Which of `World.ground_actions(player)` are valid: an array of booleans.
+        """Return a boolean for each of `World.ground_actions(player)`: whether it is valid.
 
         Raises:
-            UnknownNameError: There is no such player.
-            SlotOverflowError: There are more created objects than slots.
+            UnknownNameError: No such player.
+            SlotOverflowError: More created objects than slots.
             MissingExtraError: NumPy is not installed.
         """
         return self.world.encoding.mask(self.facts, player, self.actions(player))
 
     def vector(self) -> NDArray[float32]:
-        """The state as numbers, as many for each state of the task (world.md, "As arrays").
+        """Return the state as a vector whose length depends on the task only (docs/train.md).
 
         Raises:
-            SlotOverflowError: There are more created objects than slots.
+            SlotOverflowError: More created objects than slots.
             MissingExtraError: NumPy is not installed.
         """
         return self.world.encoding.vector(self.facts, self.timers)
 
     def without(self, atoms: Iterable[Atom]) -> State:
-        """The same state in which some facts do not hold any more. What runs goes on.
+        """Return this state with some facts made false; running effects go on.
 
         Args:
-            atoms: As `atoms` gives them; those that do not hold anyway do not matter.
+            atoms: Facts as `atoms` lists them; facts that are false already are ignored.
 
         Raises:
-            UnknownNameError: An atom is none of this world.
+            UnknownNameError: An atom does not exist in this world.
         """
         facts, bits = self.facts, self.world.table.bit
         for atom in atoms:
@@ -142,64 +153,64 @@ class State(GroundState):
         return State(self.world, facts, self.timers)
 
     def graph(self) -> Graph:
-        """The state as a graph of objects and relations, as arrays (world.md, "As arrays").
+        """Return the state as arrays of a graph of objects and relations (docs/train.md).
 
         Raises:
-            SlotOverflowError: There are more created objects than slots.
+            SlotOverflowError: More created objects than slots.
             MissingExtraError: NumPy is not installed.
         """
         return self.world.encoding.graph(self.facts, self.timers)
 
     def action(self, player: str, number: int) -> GroundAction | None:
-        """The action of a number: that in its place in `World.ground_actions(player)`, about the
-        objects that stand in its slots now.
+        """Return the action with a number: its index in `World.ground_actions(player)`.
+
+        A number about a slot stands for the object that is in the slot now.
 
         Returns:
-            The action, valid or not; None where a slot that it is about is empty.
+            The action, valid or not; None if one of its slots is empty.
 
         Raises:
-            UnknownNameError: There is no such player.
-            WrongArgumentError: There is no such number.
-            SlotOverflowError: There are more created objects than slots.
+            UnknownNameError: No such player.
+            WrongArgumentError: No such number.
+            SlotOverflowError: More created objects than slots.
             MissingExtraError: NumPy is not installed.
         """
         return self.world.encoding.action(self.facts, player, number)
 
     def action_number(self, action: GroundAction, player: str | None = None) -> int:
-        """The number of an action: the inverse of `action`.
+        """Return the number of an action: the inverse of `action`.
 
         Args:
-            action: One of this world, or of another world of the same task.
-            player: Whose number it is to be; the acting player's if None.
+            action: An action of this task.
+            player: Player whose numbering counts; by default the acting player.
 
         Raises:
-            UnknownNameError: Play cannot come to such an action, or there is no such player.
-            SlotOverflowError: There are more created objects than slots.
+            UnknownNameError: The action is unreachable, or the player does not exist.
+            SlotOverflowError: More created objects than slots.
             MissingExtraError: NumPy is not installed.
         """
         whose = player or action.player or self.world.players[0]
         return self.world.encoding.number(self.facts, whose, action)
 
     def text(self, player: str | None = None) -> str:
-        """The observation in words (world.md, "In words").
+        """Return the observation in words (docs/episodes.md, "In words").
 
         Args:
-            player: Whose valid actions are listed at its end; the first player's if None.
+            player: Player whose valid actions are listed at the end; by default the first.
 
         Raises:
-            UnknownNameError: There is no such player.
+            UnknownNameError: No such player.
         """
         return observation(self.world, self.facts, self.actions(player or self.world.players[0]))
 
     def text_view(self, player: str | None = None) -> str:
-        """What an agent that reads is sent (world.md, "In words"): who it is, then `text`, then
-        `World.goal_terms`.
+        """Return the text for a language model: the player's name, `text`, and the goal's terms.
 
         Args:
-            player: Who the agent is; None for one that only watches.
+            player: Player of the agent; None for a spectator.
 
         Raises:
-            UnknownNameError: There is no such player.
+            UnknownNameError: No such player.
         """
         return text_view(self.text(player), player, self.world.goal_terms(self))
 
@@ -214,7 +225,7 @@ def _restore(
 
 
 class Step(NamedTuple):
-    """The result of a step: the new state, its reward and what became of each action."""
+    """Result of a step: the new state, its reward, and an attempt for each action."""
 
     state: State
     attempts: tuple[Attempt, ...]
@@ -222,35 +233,33 @@ class Step(NamedTuple):
 
     @property
     def reward(self) -> float:
-        """1 on a step that reaches the goal, else 0."""
+        """1 on a step that reaches the goal, otherwise 0."""
         return 1.0 if self.goal_reached else 0.0
 
 
 class World(GroundTask):
-    """A grounded task: what its states, valid actions and steps are.
+    """Grounded task: its initial state, valid actions and steps.
 
-    `task` is what it was made of, `players` the names of its players, in the order of their seats.
+    `task` is the task it was made from. `players` are the names of its players in seat order.
 
-    No course of play is in it, so all courses of a task may share one. But it grows while it is
-    used, so it is for one thread at a time; a program with several has one for each. What grows:
+    A world holds nothing of an episode, so all episodes of a task may share one. It caches while
+    it is used, so it must not be used by several threads at once. Three parts of it grow:
 
-    - Objects and atoms, by generations (see `GroundObjects`), and only by `make_room`,
-      `make_room_for_another` and `admit`, or where a step creates, or `restore` needs, more
-      objects than there is room for, which comes to the same. No bit moves, so states, actions
-      and timers stay good; the successor trees and what the goal knows are begun anew.
-    - Ground actions and effects, made when first needed; they live as long as the world.
-    - What it remembers of its answers: successor trees (at most `successors.MAX_NODES` nodes a
-      player), transitions of timers (`timers.MAX_KEPT`), parts of states in which the goal holds
-      (`goal.MAX_KEPT`). At the bound it forgets and learns anew; answers never change by it.
+    - Objects and atoms grow in generations (`GroundObjects`), when a step or `restore` needs more
+      created objects than there is room for. Bits never move, so states, actions and timers stay
+      valid. Successor trees and the goal's caches are rebuilt.
+    - Ground actions and effects are made on first use and kept.
+    - Caches: successor trees (at most `successors.MAX_NODES` nodes a player), transitions of timers
+      (`timers.MAX_KEPT`) and facts that reach the goal (`goal.MAX_KEPT`). A full cache is emptied.
 
     Args:
         task: A task, or a name or path for `load_task`.
-        slots: For how many created objects of a kind arrays have room, where the usual number
-            will not do (world.md, "As arrays").
+        slots: Created objects of a kind that arrays have room for, instead of the default
+            (docs/train.md).
 
     Raises:
-        UnknownTaskError: No task and no file goes by that name.
-        FileError: The task's files are wrong.
+        UnknownTaskError: No task or file has that name.
+        FileError: The task's files are invalid.
     """
 
     def __init__(self, task: Task | str, *, slots: Mapping[str, int] | None = None) -> None:
@@ -260,6 +269,8 @@ class World(GroundTask):
         self._trees: dict[str, SuccessorTree] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # A shipped task travels as its name and digest, since a pickled state is sent often and
+        # the task is a hundred times as large as the state.
         task, slots = self.task, (dict(self._slots),) if self._slots else ()
         if self._is_shipped:
             return _shipped_world, (task.name, task.seats, task.timing.value, task.digest, *slots)
@@ -273,13 +284,15 @@ class World(GroundTask):
 
     def _grown(self) -> None:
         super()._grown()
+        # Nodes of a tree test bits of atoms that existed when the node was made.
         self._trees.clear()
 
     @cached_property
     def _is_shipped(self) -> bool:
-        """Whether the task can be loaded by its name, so that it need not travel with states."""
+        """True if the task can be loaded by name, so that pickles need not contain it."""
         task = self.task
         try:
+            # `files=False`: a file of that name in the working directory is not the shipped task.
             known = load_task(task.name, seats=task.seats, timing=task.timing, files=False)
         except RobotouilleError:
             return False
@@ -287,7 +300,7 @@ class World(GroundTask):
 
     @cached_property
     def initial(self) -> State:
-        """The state in which every episode of the task begins."""
+        """State in which every episode of the task begins."""
         return State(self, self.initial_facts, self.timers.none)
 
     @cached_property
@@ -295,11 +308,10 @@ class World(GroundTask):
         return goal_sentences(self)
 
     def goal_terms(self, state: State) -> tuple[tuple[str, bool], ...]:
-        """Every condition of the goal in words, and whether it holds in a state of this world.
+        """Return each condition of the goal in words, and whether it holds in a state.
 
-        They are in the problem's order, and none is left out. One holds if some choice of objects
-        makes it true together with all before it that hold; so all of them hold exactly where the
-        goal is reached.
+        Conditions are in the problem's order. A condition holds if some choice of objects makes it
+        true together with all earlier ones that hold. So all hold exactly if the goal is reached.
         """
         return tuple(zip(self._goal_sentences, self.goal.holding(state.facts), strict=True))
 
@@ -307,23 +319,23 @@ class World(GroundTask):
 
     @cached_property
     def encoding(self) -> Encoding:
-        """How states are vectors and graphs, and actions numbers (world.md, "As arrays").
+        """Encoding of states as vectors and graphs, and of actions as numbers (docs/train.md).
 
         Raises:
-            RobotouilleError: The world was given slots for what cannot be created.
+            RobotouilleError: `slots` names a kind that cannot be created.
             MissingExtraError: NumPy is not installed.
         """
         try:
             from robotouille.world.arrays.encoding import Encoding
-        except ImportError:
+        except ImportError:  # NumPy is optional: servers, bots and planners work without it.
             raise MissingExtraError("states as arrays", "rl") from None
         return Encoding(self, dict(self._slots))
 
     def ground_actions(self, player: str) -> tuple[GroundAction, ...]:
-        """All actions of a player that play could come to, in a fixed order.
+        """Return all reachable actions of a player, in a fixed order.
 
         Raises:
-            UnknownNameError: There is no such player.
+            UnknownNameError: No such player.
             MissingExtraError: NumPy is not installed.
         """
         return self.encoding.ground_actions(player)
@@ -331,14 +343,14 @@ class World(GroundTask):
     # Actions
 
     def actions(self, state: State, player: str) -> tuple[GroundAction, ...]:
-        """The valid actions of a player in a stable order; none while the player is busy.
+        """Return the valid actions of a player in a stable order; none while the player is busy.
 
         Raises:
-            UnknownNameError: There is no such player.
+            UnknownNameError: No such player.
         """
         try:
             tree = self._trees[player]
-        except (KeyError, TypeError):
+        except (KeyError, TypeError):  # TypeError: the name is not hashable, so it is unknown too.
             tree = self._new_tree(player)
         if state.timers.busy and state.timers.busy_steps(player):
             return ()
@@ -361,27 +373,27 @@ class World(GroundTask):
         exact: bool = False,
         valid: bool = True,
     ) -> GroundAction:
-        """The action of a player that a sentence says (world.md, "Sentences").
+        """Return the action that a sentence names (docs/episodes.md, "Sentences").
 
-        A full stop at its end, brackets or quotes around it, blanks and case do not matter, and
-        `move(robot1, table1, table2)` will do: the domain's name and order of arguments.
+        A full stop at the end, surrounding brackets or quotes, blanks and case do not matter.
+        `move(robot1, table1, table2)` works too, with the domain's name and order of arguments.
 
         Args:
-            state: The state in which the action is to be done.
-            player: Whose action it is.
-            sentence: The text to read.
-            exact: The text has to be the sentence of a valid action, character for character.
-            valid: The action has to be valid in the state. If not, any that the task has is
-                given, another player's too, and `unmet` says what speaks against it.
+            state: State in which the action is to be taken.
+            player: Acting player.
+            sentence: Text to read.
+            exact: Accept only the exact sentence of a valid action.
+            valid: Require a valid action. Otherwise any action of the task is returned, even one
+                of another player, and `unmet` has the reasons against it.
 
         Raises:
-            UnknownNameError: It says no such action, or several, and the message gives these, or
-                what is unmet, or the nearest valid sentences; or there is no such player.
-            WrongArgumentError: The sentence is no string.
+            UnknownNameError: The sentence names no action or several, and the message lists those,
+                the unmet conditions, or the nearest valid sentences. Or the player does not exist.
+            WrongArgumentError: The sentence is not a string.
         """
         actions = self.actions(state, player)
         if exact:
-            found = said_exactly(sentence, actions)
+            found = find_by_exact_sentence(sentence, actions)
             if found is None:
                 raise no_valid_action(sentence, actions)
             return found
@@ -390,10 +402,10 @@ class World(GroundTask):
     def _said(
         self, state: State, sentence: str, actions: Sequence[GroundAction], *, valid: bool = True
     ) -> GroundAction:
-        found = said(sentence, actions)
+        found = find_valid_by_sentence(sentence, actions)
         if found is not None:
             return found
-        action = known(sentence, self)
+        action = find_by_sentence(sentence, self)
         if action is None:
             raise no_valid_action(sentence, actions)
         if not valid:
@@ -404,23 +416,24 @@ class World(GroundTask):
     # Bytes
 
     def pack(self, state: State) -> bytes:
-        """A state of this world as some 100 bytes, for another process that has this world, too.
+        """Return a state as about 100 bytes, for a process that has this world too.
 
-        `pickle` sends a state's world along: its name if it is shipped, else the whole task.
+        `pickle` sends the world along: its name if it is shipped, otherwise the whole task.
         """
         rows = PackedState(state.facts, state.timer_rows(), state.timers.busy)
         return packed(self.task, rows)
 
     def unpack(self, data: bytes) -> State:
-        """The state that `pack` made bytes of, in this world or in another one of its task.
+        """Return the state that `pack` encoded, in this world or another one of its task.
 
         Raises:
-            WrongArgumentError: These are no bytes of a packed state.
-            UnknownNameError: They speak of an action or object that this world has not.
-            WrongWorldError: They are those of another task's state, or of none that this world
-                can be in, or more than `MAX_CREATED` objects of a kind were created.
+            WrongArgumentError: The data is not a packed state.
+            UnknownNameError: The data names an unknown action or object.
+            WrongWorldError: The state belongs to another task, is impossible in this world, or has
+                more than `MAX_CREATED` created objects of a kind.
         """
         state = unpacked(self.task, data)
+        # The bound keeps hostile bytes from growing the world without limit.
         self._make_room_for(state.facts, MAX_CREATED)
         if state.facts.bit_length() > len(self.table.atoms):
             raise WrongWorldError(
@@ -431,27 +444,29 @@ class World(GroundTask):
     # Steps
 
     def applicable(self, state: State, action: GroundAction) -> bool:
-        """Whether an action applies in a state; both must be of this world.
+        """Return whether an action applies in a state; both must belong to this world.
 
         Raises:
-            WrongArgumentError: The action is none.
+            WrongArgumentError: `action` is not an action.
         """
+        # An attribute error costs nothing on the fast path; an isinstance check would.
         try:
+            # One mask and one comparison test all preconditions, positive and negative.
             met = state.facts & action.tested == action.required
         except AttributeError:
             raise not_an_action(action) from None
         return met and not state.timers.busy_steps(action.player)
 
     def successor(self, state: State, action: GroundAction) -> State:
-        """The state after one player's valid action: the fast path for search.
+        """Return the state after one player's valid action: the fast path for search.
 
-        Both must be of this world. It is noticed if they are not where the action starts an
-        effect or takes several steps, and otherwise the answer is wrong.
+        The state and the action must belong to this world. A foreign action is only detected if it
+        starts an effect or takes several steps; otherwise the result is wrong.
 
         Raises:
             InapplicableError: The action does not apply.
-            WrongArgumentError: The action is none.
-            WrongWorldError: The action was made by another world, and that was noticed.
+            WrongArgumentError: `action` is not an action.
+            WrongWorldError: The action was made by another world.
         """
         facts = state.facts
         try:
@@ -460,6 +475,8 @@ class World(GroundTask):
             raise not_an_action(action) from None
         if not met or (state.timers.busy and state.timers.busy_steps(action.player)):
             raise InapplicableError(action.sentence, self.unmet(state, action))
+        # Two operations apply an action: `touched` sets every atom that it writes, `removed`
+        # clears those that it makes false.
         facts = (facts | action.touched) ^ action.removed
         timers = state.timers
         if action.effects or action.duration > 1:
@@ -473,17 +490,20 @@ class World(GroundTask):
     def joint_successor(
         self, state: State, actions: Iterable[GroundAction | None]
     ) -> tuple[State, tuple[bool, ...]]:
-        """The state after a step of several players, and which of the actions were applied: the
-        fast path of `step`, without its checks and without reasons.
+        """Return the state after a step of several players, and which actions were applied.
+
+        This is the fast path of `step`, without its checks and reasons.
 
         Args:
-            state: One of this world.
-            actions: Those of this world, of one player each, in the order in which they apply;
-                None does nothing, and counts as applied.
+            state: State of this world.
+            actions: At most one action of this world per player, in the order in which they apply.
+                None does nothing and counts as applied.
 
         Raises:
-            WrongWorldError: An action was made by another world, and that was noticed.
+            WrongWorldError: An action was made by another world, and that was detected.
         """
+        # The loop of `step` without reasons and attempts: team searches call this for every joint
+        # action that they generate.
         facts, timers, applied = state.facts, state.timers, []
         for action in actions:
             if action is None:
@@ -508,26 +528,26 @@ class World(GroundTask):
         state: State,
         actions: JointAction,
     ) -> Step:
-        """Apply a joint action, one player's after the other's, then let a step of time pass.
+        """Apply the actions of a joint action in order, then let one step of time pass.
 
         An action whose preconditions do not hold when its turn comes is rejected and changes
-        nothing. So is a player's second one.
+        nothing (docs/decisions/0005-invalid-actions-cost-nothing.md). So is a player's second one.
 
         Args:
-            state: One of this world, or of another world of the same task.
-            actions: A `GroundAction`, the sentence of one that is valid in `state`, a list of
-                these in the order in which they apply (None does nothing), or a dict of them by
-                player.
+            state: State of this task.
+            actions: A `GroundAction`, the sentence of an action that is valid in `state`, a list of
+                them in the order in which they apply (None does nothing), or a dict by player.
 
         Returns:
             The new state, with an `Attempt` for each action in the same order.
 
         Raises:
-            UnknownNameError: A sentence is that of no valid action, and the message says what is
-                unmet or gives the nearest; or there is no such player.
-            WrongArgumentError: Something is no action at all.
-            WrongWorldError: The state or an action is one of another task.
+            UnknownNameError: A sentence matches no valid action; the message has the unmet
+                conditions or the nearest sentences. Or a player does not exist.
+            WrongArgumentError: A value is not an action.
+            WrongWorldError: The state or an action belongs to another task.
         """
+        # Two worlds of a task may have given the same bit to different created objects.
         if state.world is not self:
             state = self._own(state)
         facts, timers = state.facts, state.timers
@@ -536,8 +556,11 @@ class World(GroundTask):
         for player, action in self._in_order(state, actions):
             actor = action.player or player
             unmet: tuple[Unmet, ...] = ()
+            # Effects of earlier actions are visible here: the players act one after another, and
+            # only time passes for all at once (paper, section 2).
             if actor is not None and actor in acted:
                 unmet = acted_already(actor)
+            # Reasons are expensive, so they are computed only for actions that may be invalid.
             elif facts & action.tested != action.required or timers.busy:
                 unmet = unmet_in(self, facts, timers, action, actor)
             if unmet:
@@ -559,6 +582,7 @@ class World(GroundTask):
     def _in_order(
         self, state: State, joint: JointAction
     ) -> Iterable[tuple[str | None, GroundAction]]:
+        # Most calls come from planners with one action of this world.
         if type(joint) is GroundAction and joint.source is self:
             return ((None, joint),)
         return [
@@ -569,26 +593,27 @@ class World(GroundTask):
         ]
 
     def _reader(self, state: State, player: str | None) -> Callable[[str], GroundAction]:
-        """How the sentences of a player are read, or those of any player."""
+        """Return the function that reads sentences of a player, or of any player if None."""
         return lambda sentence: self._said(state, sentence, tuple(self._valid(state, player)))
 
     def _valid(self, state: State, player: str | None) -> Iterator[GroundAction]:
-        """What a player can do, or any player."""
+        """Yield the valid actions of a player, or of all players if None."""
         names = self.players if player is None else (player,)
         yield from dict.fromkeys(a for name in names for a in self.actions(state, name))
 
     def unmet(self, state: State, action: GroundAction) -> tuple[Unmet, ...]:
-        """What speaks against an action in a state: preconditions above all; empty if nothing.
+        """Return the reasons why an action does not apply; empty if it does.
 
         Raises:
-            WrongArgumentError: The action is none.
+            WrongArgumentError: `action` is not an action.
         """
         if not isinstance(action, GroundAction):
             raise not_an_action(action)
         return unmet_in(self, state.facts, state.timers, action, action.player)
 
     def changes(self, before: State, after: State) -> tuple[list[Atom], list[Atom]]:
-        """The facts added and removed between two states, by bit."""
+        """Return the facts added and removed between two states, in bit order."""
+        # Internal atoms count objects; clients and recordings derive them from the objects.
         internal = ~self.table.internal
         added = after.facts & ~before.facts & internal
         removed = before.facts & ~after.facts & internal
@@ -598,7 +623,7 @@ class World(GroundTask):
     def _own(self, state: State) -> State:
         other = state.world.task
         if other.digest != self.task.digest:
-            raise WrongWorldError(f"the state is one of another task, {other.name}")
+            raise WrongWorldError(f"the state belongs to another task, {other.name}")
         return self.restore(state.facts, state.timer_rows(), state.timers.busy)
 
     def restore(
@@ -607,37 +632,41 @@ class World(GroundTask):
         rows: Sequence[TimerRow],
         busy: Sequence[BusyRow] = (),
     ) -> State:
-        """A state from its facts, `State.timer_rows()` and busy players.
+        """Return the state with these facts, timer rows and busy players.
 
         Args:
             facts: `State.facts`, one bit for each atom of this world's table.
-            rows: The active effects, in order of creation.
-            busy: The players who are walking or working, each with the steps that are left.
+            rows: Active effects, in order of creation.
+            busy: Players who are walking or working, with the steps that are left.
 
         Raises:
-            UnknownNameError: A row speaks of an action, object or player that this world has not.
-            WrongWorldError: The facts or a row cannot be of this world.
-            WrongArgumentError: The facts are no integer, or the rows are none.
+            UnknownNameError: A row names an unknown action, object or player.
+            WrongWorldError: The facts or a row do not fit this world.
+            WrongArgumentError: The facts are not an integer, or the rows are not rows.
         """
         if not isinstance(facts, int):
-            raise WrongArgumentError(f"expected the facts of a state, an integer; found {facts!r}")
+            raise WrongArgumentError(f"expected the facts as an integer, found {facts!r}")
         self._make_room_for(facts)
+        # A negative integer would have infinitely many bits set.
         if facts < 0 or facts.bit_length() > len(self.table.atoms):
             raise WrongWorldError("facts of another world")
+        # Facts about objects that do not exist would stay true for ever.
         self._check_existence(facts)
         return State(self, facts, self.timers.restored(rows, busy))
 
 
 Slots = tuple[tuple[str, int], ...]
 
+# Weak values: a world and its caches are freed once no state or episode refers to them.
 _worlds: weakref.WeakValueDictionary[tuple[str, Slots], World] = weakref.WeakValueDictionary()
 
 
 def shared_world(task: Task, slots: Mapping[str, int] | None = None) -> World:
-    """One world per task (and slots of its arrays, if they are not the usual ones) and process:
-    worlds have no course of play in them, so may be shared."""
+    """Return the process's world for a task and slots; worlds hold nothing of an episode."""
     key = task.digest, tuple(sorted((slots or {}).items()))
     world = _worlds.get(key)
+    # Grounding takes milliseconds, and a shared world shares its caches: a server opens many
+    # episodes of one task.
     if world is None:
         world = _worlds[key] = World(task, slots=slots)
     return world
@@ -650,6 +679,6 @@ def _shipped_world(
     if world is None:
         task = load_task(name, seats=seats, timing=timing, files=False)
         if task.digest != digest:
-            raise WrongWorldError(f"{name} is not the task that it was where this was pickled")
+            raise WrongWorldError(f"{name} has changed since this state was pickled")
         world = shared_world(task, slots)
     return world

@@ -1,4 +1,4 @@
-"""A catalogue of a small study, and exports of it."""
+"""Catalogue of a small study, and a function that exports it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from sqlalchemy.engine import URL
 
 from robotouille_data.database import database_url
 from robotouille_data.exports.exporting import export
-from robotouille_data.exports.request import ExportFormat, Request
+from robotouille_data.exports.request import ExportFormat, ExportRequest
 from robotouille_data.indexing import index
 from tests.support.random_study import Write, write_random_study
 
 
 @pytest.fixture(scope="session")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of recordings with their catalogue; nobody changes it."""
+    """Return a folder of recordings with their catalogue. Tests must not change it."""
     folder = tmp_path_factory.mktemp("study")
     write_random_study(folder)
     index(database_url(None, folder), [folder])
@@ -35,11 +35,13 @@ def url(study: Path) -> URL:
 
 @pytest.fixture
 def write(url: URL, tmp_path: Path) -> Write:
-    """Writes an export; its folder."""
+    """Return a function that writes an export and returns its folder."""
 
     def written(*formats: str, **options: Any) -> Path:
         folder = tmp_path / f"export{len(list(tmp_path.iterdir()))}"
-        export(url, folder, Request(tuple(map(ExportFormat, formats or ["parquet"])), **options))
+        export(
+            url, folder, ExportRequest(tuple(map(ExportFormat, formats or ["parquet"])), **options)
+        )
         return folder
 
     return written
@@ -47,7 +49,7 @@ def write(url: URL, tmp_path: Path) -> Write:
 
 @pytest.fixture
 def hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Hugging Face's `datasets`, without the network and with a cache of its own."""
+    """Return Hugging Face's `datasets`, offline and with its own cache."""
     for name, value in (("HF_HUB_OFFLINE", "1"), ("HF_DATASETS_OFFLINE", "1")):
         monkeypatch.setenv(name, value)
     monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))

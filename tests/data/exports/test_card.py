@@ -1,4 +1,4 @@
-"""The card is read by others, and made anew."""
+"""Cards of exports."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 import yaml
 
-from robotouille_data.errors import CatalogueError
-from robotouille_data.exports.card import rewrite_card
+from robotouille_data.database import CatalogueError
+from robotouille_data.exports.documents import rewrite_card
 from robotouille_data.exports.request import About
 from tests.support.random_study import Write, manifest
 
@@ -26,7 +26,7 @@ def front_matter(folder: Path) -> dict[str, object]:
     return found
 
 
-def test_a_licence_is_in_the_card_and_beside_it(write: Write) -> None:
+def test_card_and_license_file_name_the_licence(write: Write) -> None:
     folder = write(about=About("Pairs", "Who waits?", "CC-BY-4.0", "lab@example.org"))
     assert front_matter(folder)["license"] == "cc-by-4.0"
     assert front_matter(folder)["pretty_name"] == "Pairs"
@@ -36,14 +36,14 @@ def test_a_licence_is_in_the_card_and_beside_it(write: Write) -> None:
     assert "Who waits?" in (folder / "README.md").read_text()
 
 
-def test_without_a_licence_the_card_says_so(write: Write) -> None:
+def test_card_without_licence(write: Write) -> None:
     folder = write()
     assert front_matter(folder)["license"] == "other"
     assert "No licence was given" in (folder / "README.md").read_text()
     assert not (folder / "LICENSE").exists()
 
 
-def test_a_card_is_made_anew(write: Write) -> None:
+def test_card_can_be_rewritten(write: Write) -> None:
     folder = write()
     before, files = (folder / "README.md").read_text(), manifest(folder)["files"]
     assert rewrite_card(folder, {}) == before
@@ -57,14 +57,14 @@ def test_a_card_is_made_anew(write: Write) -> None:
     assert manifest(folder)["files"] == files
 
 
-def test_words_do_not_break_the_front_matter(write: Write) -> None:
+def test_text_cannot_break_the_front_matter(write: Write) -> None:
     folder = write(about=About(title=ODD, description=ODD))
     assert front_matter(folder)["pretty_name"] == ODD
     assert front_matter(folder)["license"] == "other"
 
 
-def test_what_is_no_export_is_told(tmp_path: Path, write: Write) -> None:
-    with pytest.raises(CatalogueError, match="no export"):
+def test_rewriting_a_card_refuses_other_folders_and_licences(tmp_path: Path, write: Write) -> None:
+    with pytest.raises(CatalogueError, match="not an export"):
         rewrite_card(tmp_path, {})
     folder = write()
     with pytest.raises(CatalogueError, match="SPDX"):
@@ -74,17 +74,17 @@ def test_what_is_no_export_is_told(tmp_path: Path, write: Write) -> None:
     with pytest.raises(CatalogueError, match="another version"):
         rewrite_card(folder, {})
     path.write_text("[]")
-    with pytest.raises(CatalogueError, match="no export"):
+    with pytest.raises(CatalogueError, match="not an export"):
         rewrite_card(folder, {})
 
 
-def test_words_of_others_break_no_line(write: Write) -> None:
+def test_query_cannot_break_a_line_of_the_card(write: Write) -> None:
     folder = write(labels={"condition": "a"}, query="SELECT id\n---\n, '`| \x1b[2J' FROM episodes")
     card = (folder / "README.md").read_text()
     assert "the query `SELECT id --- , ''/ \ufffd[2J' FROM episodes`" in card
 
 
-def test_a_version_that_a_recording_words_is_quoted(write: Write) -> None:
+def test_unusual_version_is_quoted(write: Write) -> None:
     folder = write()
     told = manifest(folder)
     told["recorded_by"] = {"1 <script>`|\n---\n# Mine\x1b": 1, "0.1.0+local": 2}

@@ -1,4 +1,4 @@
-"""Names and free text are left out on demand, wherever they are."""
+"""Exports without names and without free text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ pytest.importorskip("pyarrow", reason="needs the extra `data`")
 import polars as pl
 
 from robotouille.replay.frame_schema import Note
-from robotouille_data.exports.privacy import UNWRITTEN
+from robotouille_data.exports.people import UNWRITTEN
 from tests.support.random_study import Write, manifest
 
 NAMES = ["Ada", "Bob", *(f"x{pair}{one}" for pair in range(3) for one in "ab")]
@@ -41,7 +41,7 @@ def test_names_are_replaced_everywhere(write: Write) -> None:
     assert "hello" in text
 
 
-def test_new_names_are_the_same_in_all_tables(write: Write) -> None:
+def test_replaced_names_are_consistent(write: Write) -> None:
     plain, folder = write(), write(names=False, split={"train": 0.5, "test": 0.5})
     seats = pl.read_parquet(plain / "seats.parquet")
     new = pl.concat([pl.read_parquet(p) for p in sorted(folder.glob("*/seats.parquet"))])
@@ -58,7 +58,7 @@ def test_new_names_are_the_same_in_all_tables(write: Write) -> None:
         assert json.loads(details)["participant"] in ("", other)
 
 
-def test_what_was_written_is_left_out(write: Write) -> None:
+def test_texts_are_left_out(write: Write) -> None:
     plain, folder = everything(write("jsonl")), write("jsonl", texts=False)
     text = everything(folder)
     for each in WRITTEN:
@@ -68,7 +68,7 @@ def test_what_was_written_is_left_out(write: Write) -> None:
     assert "text" not in pl.read_ndjson(folder / "events.jsonl").columns
 
 
-def test_both_at_once_and_the_export_says_so(write: Write) -> None:
+def test_names_and_texts_can_both_be_left_out(write: Write) -> None:
     query = "SELECT episode_id AS id FROM seats WHERE name LIKE 'Ada%'"
     folder = write("csv", names=False, texts=False, query=query)
     text = everything(folder)
@@ -77,8 +77,8 @@ def test_both_at_once_and_the_export_says_so(write: Write) -> None:
     assert "Ada" not in (folder / "README.md").read_text()
 
 
-def test_every_field_of_a_note_is_looked_at() -> None:
-    """A new field of recordings is left out until somebody has said that nobody words it."""
+def test_every_field_of_notes_is_classified() -> None:
+    """A new field of recordings is left out until it is listed as free of text."""
     fields: set[str] = set()
     for model in Note.__origin__.__args__:
         fields |= model.model_fields.keys()

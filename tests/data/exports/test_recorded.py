@@ -1,4 +1,4 @@
-"""What is made of recordings: conversations, arrays and Minari's data sets, read back."""
+"""Formats that are made from recordings: conversations, arrays and Minari data sets."""
 
 from __future__ import annotations
 
@@ -19,23 +19,22 @@ import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from robotouille import World, load_task
-from robotouille.episode import Episode, Rules
+from robotouille.episode import ActionRequest, Episode, Rules
 from robotouille.replay import Recording, read_recording
 from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame, plain
 from robotouille.replay.recorder import Recorder, header
-from robotouille_data.database import database_url, writing_engine
-from robotouille_data.errors import CatalogueError
+from robotouille_data.database import CatalogueError, database_url, writing_engine
 from robotouille_data.exports.exporting import export
-from robotouille_data.exports.request import ExportFormat, Request
+from robotouille_data.exports.request import ExportFormat, ExportRequest
 from robotouille_data.indexing import index
-from robotouille_data.recordings.reading import content_digest, episode_id
+from robotouille_data.recording_rows import content_digest, episode_id
 from robotouille_data.schema import RECORDINGS
 from tests.support.random_study import Write, manifest, write_random_study
 
 
 @pytest.fixture(scope="session")
 def recordings(study: Path) -> dict[int, Recording]:
-    """The recordings of the study, by the ids of their episodes."""
+    """Return the recordings of the study by episode id."""
     return {
         episode_id(content_digest(path.read_bytes())): read_recording(path)
         for path in study.glob("*.rbt")
@@ -43,7 +42,7 @@ def recordings(study: Path) -> dict[int, Recording]:
 
 
 def own_moves(recording: Recording, player: str) -> list[Any]:
-    """What a player's participant did, by other code."""
+    """Return the applied actions of a player's participant."""
     return [
         move
         for move in recording.transitions()
@@ -63,7 +62,7 @@ def conversations(folder: Path) -> Iterator[tuple[dict[str, int], list[dict[str,
         yield told, json.loads(line)["messages"]
 
 
-def test_a_conversation_is_what_the_seat_saw_and_did(
+def test_conversation_contains_observations_and_actions(
     write: Write, recordings: dict[int, Recording]
 ) -> None:
     folder = write("chat", system="You cook.")
@@ -84,7 +83,7 @@ def test_a_conversation_is_what_the_seat_saw_and_did(
     assert rows == {"chat": len(expected), "lines": len(expected)}
 
 
-def test_a_conversation_may_be_one_decision(write: Write, recordings: dict[int, Recording]) -> None:
+def test_one_conversation_per_decision(write: Write, recordings: dict[int, Recording]) -> None:
     folder = write("chat", per_decision=True)
     found = list(conversations(folder))
     total = sum(len(own_moves(r, p)) for r in recordings.values() for p in r.world.players)
@@ -108,7 +107,7 @@ def test_datasets_loads_chat(write: Write, hub: Any) -> None:
 
 
 @pytest.mark.slow
-def test_arrays_are_what_the_recordings_say(write: Write, recordings: dict[int, Recording]) -> None:
+def test_arrays_equal_the_recordings(write: Write, recordings: dict[int, Recording]) -> None:
     folder = write("arrays")
     told = manifest(folder)
     codebook = {
@@ -156,7 +155,7 @@ def check_episode(recording: Recording, arrays: Any, chosen: Any, entry: Any) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("split", [{}, {"train": 0.5, "test": 0.5}])
-def test_minari_loads_each_seat_s_data_set(
+def test_minari_loads_the_data_set_of_each_seat(
     write: Write, monkeypatch: pytest.MonkeyPatch, split: dict[str, float]
 ) -> None:
     minari = pytest.importorskip("minari", reason="needs the extra `minari`")
@@ -186,9 +185,7 @@ def test_minari_loads_each_seat_s_data_set(
     assert steps == sum(each["rows"] for each in tables["data"])
 
 
-def test_the_variable_of_minari_s_folder_is_as_before(
-    write: Write, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_minari_folder_variable_is_restored(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("minari", reason="needs the extra `minari`")
     monkeypatch.setenv("MINARI_DATASETS_PATH", "/somewhere")
     folder = write("minari", query="SELECT id FROM episodes WHERE episode = 'random1'")
@@ -198,7 +195,7 @@ def test_the_variable_of_minari_s_folder_is_as_before(
     assert len(manifest(folder)["data"]) == 2
 
 
-# Recordings that are gone, or others
+# Missing and changed recordings
 
 
 @pytest.fixture
@@ -209,7 +206,7 @@ def own_study(tmp_path: Path) -> Path:
     return folder
 
 
-def test_recordings_that_are_gone_or_changed_are_told(own_study: Path, tmp_path: Path) -> None:
+def test_missing_and_changed_recordings_are_faults(own_study: Path, tmp_path: Path) -> None:
     gone, changed, copied = (own_study / f"random{number}.rbt" for number in (1, 2, 4))
     ids = [episode_id(content_digest(path.read_bytes())) for path in (gone, changed)]
     shutil.copy(copied, own_study / "copy.rbt")
@@ -217,17 +214,18 @@ def test_recordings_that_are_gone_or_changed_are_told(own_study: Path, tmp_path:
     gone.unlink()
     copied.unlink()
     changed.write_bytes(changed.read_bytes()[:-3])
-    found = export(database_url(None, own_study), tmp_path / "out", Request((ExportFormat.CHAT,)))
+    found = export(
+        database_url(None, own_study), tmp_path / "out", ExportRequest((ExportFormat.CHAT,))
+    )
     assert [found.faults[number] for number in ids] == [
-        "its recording is gone",
-        "its recording was changed since it was indexed",
+        "the recording is missing",
+        "the recording was changed after it was indexed",
     ]
     assert len(found.faults) == 2
     assert manifest(tmp_path / "out")["faults"].keys() == set(map(str, ids))
 
 
-def test_what_comes_out_otherwise_is_told(own_study: Path, tmp_path: Path) -> None:
-    """As a recording of rules that have changed since."""
+def test_recording_that_simulates_differently_is_a_fault(own_study: Path, tmp_path: Path) -> None:
     path = own_study / "random3.rbt"
     stream, _ = plain(path.read_bytes())
     pieces, begin = [stream[:5]], 5
@@ -239,15 +237,18 @@ def test_what_comes_out_otherwise_is_told(own_study: Path, tmp_path: Path) -> No
         begin = end
     path.write_bytes(compress(b"".join(pieces)))
     index(database_url(None, own_study), [own_study])
-    found = export(database_url(None, own_study), tmp_path / "out", Request((ExportFormat.ARRAYS,)))
-    assert list(found.faults.values()) == ["step 10 comes out otherwise by this version's rules"]
+    found = export(
+        database_url(None, own_study), tmp_path / "out", ExportRequest((ExportFormat.ARRAYS,))
+    )
+    assert list(found.faults.values()) == [
+        "step 10 has a different result with this version's rules"
+    ]
 
 
 @pytest.mark.parametrize("elsewhere", ["pipe", "/dev/zero", "other"])
-def test_a_catalogue_that_leads_elsewhere_is_told(
+def test_changed_path_in_the_catalogue_is_a_fault(
     own_study: Path, tmp_path: Path, elsewhere: str
 ) -> None:
-    """A pipe never ends; another recording is not the one that was indexed."""
     os.mkfifo(tmp_path / "pipe")
     shutil.copy(own_study / "random2.rbt", tmp_path / "other")
     url = database_url(None, own_study)
@@ -258,19 +259,19 @@ def test_a_catalogue_that_leads_elsewhere_is_told(
         connection.execute(
             sa.update(RECORDINGS).where(where).values(path=str(tmp_path / elsewhere))
         )
-    found = export(url, tmp_path / "out", Request((ExportFormat.CHAT,)))
+    found = export(url, tmp_path / "out", ExportRequest((ExportFormat.CHAT,)))
     (fault,) = found.faults.values()
     assert fault in (
-        "its recording cannot be read: is no file",
-        "its recording was changed since it was indexed",
+        "the recording cannot be read: not a regular file",
+        "the recording was changed after it was indexed",
     )
 
 
-def test_nothing_is_written_where_all_is_gone(own_study: Path, tmp_path: Path) -> None:
+def test_export_without_any_recording_is_an_error(own_study: Path, tmp_path: Path) -> None:
     for path in own_study.glob("*.rbt"):
         path.unlink()
-    with pytest.raises(CatalogueError, match="nothing to write: its recording is gone"):
-        export(database_url(None, own_study), tmp_path / "out", Request((ExportFormat.CHAT,)))
+    with pytest.raises(CatalogueError, match="nothing to write: the recording is missing"):
+        export(database_url(None, own_study), tmp_path / "out", ExportRequest((ExportFormat.CHAT,)))
     assert not (tmp_path / "out").exists()
 
 
@@ -279,7 +280,7 @@ def test_nothing_is_written_where_all_is_gone(own_study: Path, tmp_path: Path) -
 
 @pytest.fixture
 def thoughtful(tmp_path: Path) -> Path:
-    """A folder with one recording, in which a model gives reasons."""
+    """Return a folder with one recording, in which a model gives its reasoning."""
     folder = tmp_path / "thoughtful"
     folder.mkdir()
     world = World(load_task("synchronous/01"))
@@ -288,7 +289,9 @@ def thoughtful(tmp_path: Path) -> Path:
     stream = recorder.begin(header(world.task, rules, episode="thoughtful"))
     episode.join("robot1", "small", "model", 0.0)
     for seq, why in ((1, "bread is there"), (2, "")):
-        episode.submit("robot1", seq, episode.state.actions("robot1")[0], seq, reasoning=why)
+        episode.submit(
+            "robot1", ActionRequest(seq, episode.state.actions("robot1")[0], reasoning=why), seq
+        )
     content = compress(stream + recorder.record(episode.events()))
     (folder / "thoughtful.rbt").write_bytes(content)
     index(database_url(None, folder), [folder])
@@ -296,8 +299,8 @@ def thoughtful(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("texts", [True, False])
-def test_reasons_are_said_before_actions(thoughtful: Path, tmp_path: Path, texts: bool) -> None:
-    request = Request((ExportFormat.CHAT,), texts=texts)
+def test_reasoning_precedes_the_action(thoughtful: Path, tmp_path: Path, texts: bool) -> None:
+    request = ExportRequest((ExportFormat.CHAT,), texts=texts)
     export(database_url(None, thoughtful), tmp_path / "out", request)
     [(_, messages)] = conversations(tmp_path / "out")
     said = [message["content"] for message in messages[1::2]]
@@ -305,12 +308,12 @@ def test_reasons_are_said_before_actions(thoughtful: Path, tmp_path: Path, texts
     assert said[1].startswith("Action: ")
 
 
-def test_formats_lie_side_by_side(url: URL, write: Write, tmp_path: Path) -> None:
+def test_several_formats_share_a_folder(url: URL, write: Write, tmp_path: Path) -> None:
     folder = write("csv", "chat", "arrays")
     told = manifest(folder)
     assert {each["format"] for each in told["data"]} == set(told["formats"])
     names = {path.suffix for path in folder.iterdir()}
     assert names == {".csv", ".jsonl", ".npz", ".json", ".md"}
-    several = Request((ExportFormat.CSV, ExportFormat.PARQUET))
-    with pytest.raises(CatalogueError, match="one format at a time"):
+    several = ExportRequest((ExportFormat.CSV, ExportFormat.PARQUET))
+    with pytest.raises(CatalogueError, match="only one of the formats"):
         export(url, tmp_path / "out", several)

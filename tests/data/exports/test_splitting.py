@@ -1,4 +1,4 @@
-"""Nobody is in two parts, and the parts are as large as may be."""
+"""Splits of exports without shared participants."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ import polars as pl
 import sqlalchemy as sa
 
 from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
-from robotouille_data.answers.query import reading
 from robotouille_data.database import database_url
-from robotouille_data.exports.splitting import groups, split
+from robotouille_data.exports.people import groups, split
 from robotouille_data.indexing import index
+from robotouille_data.query import reading
 from robotouille_data.schema import EPISODES
 from tests.support.random_play import random_stream
 from tests.support.random_study import PAIRS, ROUNDS, Write, manifest
@@ -25,7 +25,7 @@ from tests.support.random_study import PAIRS, ROUNDS, Write, manifest
 SHARES = {"train": 0.5, "test": 0.5}
 
 
-def test_groups_stay_together_and_shares_are_near() -> None:
+def test_groups_stay_together_and_shares_are_approximated() -> None:
     rng, together, number = random.Random(1), [], 0
     for _ in range(200):
         size = rng.choice([1, 1, 1, 2, 3, 10])
@@ -41,8 +41,8 @@ def test_groups_stay_together_and_shares_are_near() -> None:
 
 
 @pytest.mark.parametrize("label", ["pair", "no such label"])
-def test_nobody_is_in_both_parts(write: Write, label: str) -> None:
-    """Pairs share a label and participants; one of them alone would do."""
+def test_parts_share_no_participant(write: Write, label: str) -> None:
+    """Pairs share a label and participants. Each of them keeps a pair together."""
     folder = write(split=SHARES, split_by=label)
     told = manifest(folder)["split"]
     assert (told["groups"], told["episodes"]) == (PAIRS, {"train": 4, "test": 4})
@@ -57,7 +57,7 @@ def test_nobody_is_in_both_parts(write: Write, label: str) -> None:
     assert sum(rows) == PAIRS * ROUNDS
 
 
-def test_a_label_holds_episodes_together_that_share_nobody(write: Write) -> None:
+def test_label_keeps_episodes_together(write: Write) -> None:
     folder = write(split=SHARES, split_by="consent")
     assert manifest(folder)["split"]["episodes"] == {"train": 6, "test": 2}
 
@@ -75,10 +75,10 @@ def test_a_label_holds_episodes_together_that_share_nobody(write: Write) -> None
         (("Ada", ""), ("Bob", ""), "Eve", False),
     ],
 )
-def test_whoever_may_be_the_same_is_in_one_part(
+def test_people_with_similar_names_are_in_one_part(
     tmp_path: Path, first: tuple[str, str], second: tuple[str, str], heard: str, together: bool
 ) -> None:
-    """By name in other letters, without a token once, or as a spectator who said something."""
+    """Names may differ in case, lack a token, or belong to a spectator who wrote a message."""
     folder = tmp_path / "recordings"
     folder.mkdir()
     for number, person in enumerate((first, second)):

@@ -1,10 +1,10 @@
-"""Answers taken apart: as published, letter by letter; tolerantly, as a person would read them."""
+"""Parsers of answers: the published one and the tolerant one."""
 
 from __future__ import annotations
 
 import pytest
 
-from robotouille_evaluation.agents import ParsedAnswer, Published, Tolerant
+from robotouille_evaluation.agents import ParsedAnswer, PublishedParser, TolerantParser
 
 VALID = ("Move robot1 from table1 to table2", "Pick up bread1 at table1 with robot1", "Do nothing")
 MOVE = VALID[0]
@@ -25,14 +25,14 @@ MOVE = VALID[0]
         ("", None, None),
     ],
 )
-def test_published(text: str, reasoning: str | None, action: str | None) -> None:
-    assert Published().step(text) == ParsedAnswer(reasoning, action)
+def test_published_parser(text: str, reasoning: str | None, action: str | None) -> None:
+    assert PublishedParser().step(text) == ParsedAnswer(reasoning, action)
 
 
-def test_published_plans_keep_their_empty_lines() -> None:
-    assert Published().plan("Sure!\nPlan: a\n b \n\nc\n") == ("a", "b", "", "c", "")
-    assert Published().plan("A Plan: a") == ()
-    assert Published().steps("Action: a\nThen: x\n1. Action: b\nAction: c ") == ("a", "c")
+def test_published_plans_keep_empty_lines() -> None:
+    assert PublishedParser().plan("Sure!\nPlan: a\n b \n\nc\n") == ("a", "b", "", "c", "")
+    assert PublishedParser().plan("A Plan: a") == ()
+    assert PublishedParser().steps("Action: a\nThen: x\n1. Action: b\nAction: c ") == ("a", "c")
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def test_published_plans_keep_their_empty_lines() -> None:
         f'Reasoning: so\nAction:\n "{MOVE}"\n',
     ],
 )
-def test_tolerant(text: str) -> None:
-    parser = Tolerant()
+def test_tolerant_parser(text: str) -> None:
+    parser = TolerantParser()
     answer = parser.step(text)
     assert answer.action is not None
     assert parser.match(answer.action, VALID) == MOVE
@@ -58,27 +58,27 @@ def test_tolerant(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["", "I cannot do that.", "移动到桌子", "The next action is clear."]
 )
-def test_no_action_is_none(text: str) -> None:
-    assert Tolerant().step(text).action is None
+def test_answers_without_action(text: str) -> None:
+    assert TolerantParser().step(text).action is None
 
 
 @pytest.mark.parametrize(
     "action", ["Move robot1", "Fly to table2", "", "Move robot1 from table2 to table1"]
 )
-def test_what_is_not_valid_stays_so(action: str) -> None:
-    assert Tolerant().match(action, VALID) is None
+def test_invalid_actions_stay_invalid(action: str) -> None:
+    assert TolerantParser().match(action, VALID) is None
 
 
-def test_tolerant_plans() -> None:
+def test_tolerant_plans_skip_empty_lines() -> None:
     text = "Plan:\n1. a\n\n2) b.\n- c\n"
-    assert Tolerant().plan(text) == ("a", "b", "c")
-    assert Tolerant().steps("1. **Action:** a\nThen: x\nAction 2: b") == ("a", "b")
+    assert TolerantParser().plan(text) == ("a", "b", "c")
+    assert TolerantParser().steps("1. **Action:** a\nThen: x\nAction 2: b") == ("a", "b")
 
 
-def test_an_answer_of_a_megabyte_takes_no_time() -> None:
-    """No expression backtracks: a second for each of these would be a minute in all."""
+def test_long_answers_are_parsed_quickly() -> None:
+    """No pattern backtracks: a second for each of these would be a minute in all."""
     for text in ("Reasoning: " * 100_000, "Action" * 150_000, "#" * 1_000_000, "\n" * 1_000_000):
-        Tolerant().step(text)
-        Tolerant().plan(text)
-        Tolerant().steps(text)
-        Published().step(text)
+        TolerantParser().step(text)
+        TolerantParser().plan(text)
+        TolerantParser().steps(text)
+        PublishedParser().step(text)

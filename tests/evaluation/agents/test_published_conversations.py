@@ -1,7 +1,7 @@
-"""Recorded conversations of the published evaluation come out message for message.
+"""Conversations of the published evaluation are reproduced message for message.
 
-The scripted answers of each recording are given to the strategy that we make from the checkout's
-own configuration; what it asks, the steps, the end and what is logged must be those recorded.
+The recorded answers are given to the strategy of the checkout's own configuration. Its requests,
+the steps, the end and the logged values must equal the recorded ones.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from typing import Any
 import pytest
 
 from robotouille import World
-from robotouille.episode.episode_state import Undone, nothing_undone
+from robotouille.episode.record import RandomReversal, no_reversal
 from robotouille_evaluation.agents.making import published_strategy
 from robotouille_evaluation.agents.proposal import ContextOverflow
 from robotouille_evaluation.models import Completion, ModelRequest
 from robotouille_evaluation.packs.pack import Experiment, Pack
-from robotouille_evaluation.packs.published.checkout import read_checkout
-from robotouille_evaluation.packs.published.layouts import generate_layout
-from robotouille_evaluation.runs.stage import PlainStage
-from robotouille_evaluation.runs.text_episode import TextEpisode, TextResult
-from robotouille_evaluation.runs.variants import Reverting
-from tests.support.samples import first_quickly
+from robotouille_evaluation.packs.published_checkout import read_checkout
+from robotouille_evaluation.packs.published_layouts import generate_layout
+from robotouille_evaluation.runs.episode_runner import PlainRunner
+from robotouille_evaluation.runs.job_list import SingleReversal
+from robotouille_evaluation.runs.text_episode import TextEpisode, TextEpisodeResult
+from tests.support.samples import quick_sample
 
 PUBLISHED = Path(__file__).resolve().parents[4] / "shared/compat/published"
 FILES = sorted(p.name for p in (PUBLISHED / "conversations").glob("*_*.json"))
@@ -50,14 +50,14 @@ def world_of(recorded: dict[str, Any]) -> World:
     return World(pack(seed).load(found[0], seats=1))
 
 
-def undone_of(recorded: dict[str, Any]) -> Undone:
-    """The stochastic environment goes on drawing where the generator and the examples stopped."""
+def undone_of(recorded: dict[str, Any]) -> RandomReversal:
+    """Return reversals that continue the random numbers of the generator and the examples."""
     if not recorded["settings"]["game"]["stochastic"]:
-        return nothing_undone
+        return no_reversal
     file = PUBLISHED / "checkout" / recorded["problem_file"]
     rng = generate_layout(json.loads(file.read_text()), recorded["seed"]).rng()
     rng.sample([0], 1)
-    return Reverting("iscut", rng)
+    return SingleReversal("iscut", rng)
 
 
 def requests_of(recorded: dict[str, Any]) -> list[list[tuple[str, str]]]:
@@ -70,7 +70,7 @@ def experiment_of(recorded: dict[str, Any]) -> str:
 
 
 def as_run(recorded: dict[str, Any]) -> Experiment:
-    """The experiment with what the recorded run has set otherwise, and nothing else otherwise."""
+    """Return the experiment with the overrides of the recorded run, and no others."""
     experiment = pack(None).experiment(experiment_of(recorded))
     settings = deepcopy(dict(experiment.settings))
     for override in recorded["overrides"]:
@@ -83,18 +83,18 @@ def as_run(recorded: dict[str, Any]) -> Experiment:
 
 
 class TooLongError(Exception):
-    """What stops the published evaluation: it cannot shorten the request."""
+    """Error that stops the published evaluation, which cannot shorten the request."""
 
 
-def converse(recorded: dict[str, Any]) -> TextResult:
-    """Give the recorded answers, and compare what is asked for them."""
+def converse(recorded: dict[str, Any]) -> TextEpisodeResult:
+    """Give the recorded answers and compare the requests."""
     strategy = published_strategy(pack(None), as_run(recorded))
     world, undone = world_of(recorded), undone_of(recorded)
     episode = TextEpisode(
         world,
         strategy,
         recorded["max_steps"],
-        begin=lambda _: PlainStage(world, undone),
+        begin=lambda _: PlainRunner(world, undone),
         blind=True,
     )
     playing, request = episode.play(), ModelRequest(())
@@ -110,15 +110,15 @@ def converse(recorded: dict[str, Any]) -> TextResult:
             else:
                 request = playing.send(Completion(answer["answer"]))
     except StopIteration as stop:
-        result: TextResult = stop.value
+        result: TextEpisodeResult = stop.value
         return result
     except ContextOverflow:
         raise TooLongError from None
     raise AssertionError(f"one more request than recorded: {request}")
 
 
-@pytest.mark.parametrize("name", first_quickly(FILES, 4))
-def test_conversation(name: str) -> None:
+@pytest.mark.parametrize("name", quick_sample(FILES, 4))
+def test_conversation_is_reproduced(name: str) -> None:
     recorded = json.loads((PUBLISHED / "conversations" / name).read_text())
     wanted = recorded["result"]
     if wanted["ended_by"] == "exception":

@@ -1,4 +1,4 @@
-"""How models are asked: prices, time-outs and attempts from the command line to the endpoint."""
+"""Model options from the command line to the endpoint, and where keys are sent."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille_client.bots.llm_options import LlmBotOptions
 from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.bot import LanguageModelBot
 from robotouille_evaluation.cli.models import ModelChoice
@@ -34,7 +35,7 @@ RUN = [
 
 
 class FakeModel:
-    """Notes how it is asked; fails while it is told to."""
+    """Model that records its endpoints, and fails while `failing` is set."""
 
     asked: list[Endpoint]
     failing: bool
@@ -51,7 +52,7 @@ class FakeModel:
         pass
 
     async def complete(self, request: ModelRequest) -> Completion:
-        await asyncio.sleep(0)  # As a real one, which is never there at once.
+        await asyncio.sleep(0)  # Real answers are never immediate.
         if FakeModel.failing:
             raise ModelError(FakeModel.kind, "no whole answer in time", attempts=2)
         assert self._endpoint.prices is not None
@@ -75,7 +76,7 @@ def called(*words: str | Path) -> Result:
     return CliRunner().invoke(benchmark, [str(word) for word in words])
 
 
-def test_prices_make_costs_and_a_resumed_run_asks_alike(tmp_path: Path) -> None:
+def test_costs_and_options_of_a_resumed_run(tmp_path: Path) -> None:
     FakeModel.failing = True
     how = ["--price", "2/8", "--timeout", "7.5", "--attempts", "2"]
     result = called("run", tmp_path / "r", *RUN, *how)
@@ -88,31 +89,16 @@ def test_prices_make_costs_and_a_resumed_run_asks_alike(tmp_path: Path) -> None:
     assert called("resume", tmp_path / "r").exit_code == 0
     one, other = FakeModel.asked
     assert one == other
-    assert (one.prices, one.timeout, one.retries.attempts) == (Prices(2, 8), 7.5, 2)
+    assert (one.prices, one.timeout, one.attempts) == (Prices(2, 8), 7.5, 2)
     (row,) = RunFolder(tmp_path / "r").rows()
     assert row.error is None and row.counts.calls == row.counts.malformed > 0
     assert row.usage.cost == pytest.approx(row.counts.calls * 0.00208)
 
 
-def test_a_resumed_run_can_be_more_patient(tmp_path: Path) -> None:
-    FakeModel.failing = True
-    assert called("run", tmp_path / "r", *RUN, "--price", "1/1").exit_code == 1
-    FakeModel.failing = False
-    result = called("resume", tmp_path / "r", "--timeout", "900", "--attempts", "9")
-    assert result.exit_code == 0
-    usual, patient = FakeModel.asked
-    assert (usual.timeout, usual.retries.attempts) == (120, 6)
-    assert (patient.timeout, patient.retries.attempts) == (900, 9)
-    assert len((tmp_path / "r/rows.jsonl").read_text().splitlines()) == 2
-    assert len(RunFolder(tmp_path / "r").rows()) == 1, "the same job"
-
-
 @pytest.mark.parametrize(
     ("kind", "played"), [(ModelErrorKind.REFUSED, MAX_FATAL), (ModelErrorKind.TIME_OUT, 8)]
 )
-def test_a_run_whose_model_answers_nobody_is_stopped(
-    tmp_path: Path, kind: ModelErrorKind, played: int
-) -> None:
+def test_run_stops_after_fatal_errors(tmp_path: Path, kind: ModelErrorKind, played: int) -> None:
     FakeModel.failing, FakeModel.kind = True, kind
     result = called("run", tmp_path / "r", *RUN, "--seeds", "8", "--calls", "1", "--price", "1/1")
     assert result.exit_code == 1
@@ -122,15 +108,15 @@ def test_a_run_whose_model_answers_nobody_is_stopped(
     assert called("resume", tmp_path / "r", "--calls", "8").exit_code == 0
 
 
-def test_a_run_without_a_key_is_not_begun(tmp_path: Path) -> None:
+def test_run_without_key_does_not_begin(tmp_path: Path) -> None:
     result = called("run", tmp_path / "r", *RUN[:-2])
     assert result.exit_code == 1
-    assert "https://api.openai.com/v1 wants a key" in result.output
+    assert "https://api.openai.com/v1 requires a key" in result.output
     assert "--base-url" in result.output
     assert not (tmp_path / "r").exists()
 
 
-def test_no_key_goes_to_an_address_that_only_the_run_names(
+def test_resume_requires_the_base_url_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     FakeModel.failing = True
@@ -160,7 +146,7 @@ def test_no_key_goes_to_an_address_that_only_the_run_names(
         (ModelChoice("inspect:openai/m", "http://127.0.0.1/v1"), False),
     ],
 )
-def test_where_keys_may_go(
+def test_addresses_that_may_receive_keys(
     monkeypatch: pytest.MonkeyPatch, choice: ModelChoice, is_sent_none: bool
 ) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", "sk-0123456789")
@@ -170,20 +156,19 @@ def test_where_keys_may_go(
 @pytest.mark.parametrize(
     ("model", "options", "told"),
     [
-        ("m", {"base_url": ""}, "wants a key"),
+        ("m", {"base_url": ""}, "requires a key"),
         ("m", {"strategy": "oi"}, "no strategy 'oi'"),
         ("m", {"transcript": Path("/nowhere/said.jsonl")}, "cannot be written"),
     ],
 )
-async def test_a_bot_that_cannot_play_takes_no_seat(
+async def test_bot_without_key_takes_no_seat(
     monkeypatch: pytest.MonkeyPatch, model: str, options: dict[str, Any], told: str
 ) -> None:
     monkeypatch.undo()
     for name in KEY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    usual = {"base_url": "http://127.0.0.1:9/v1", "strategy": "io", "transcript": None, "seed": 1}
-    how = {"temperature": None, "prices": "", "timeout": None, "attempts": None}
-    bot = LanguageModelBot.of(model, **{**usual, **how, **options})
+    usual = {"model": model, "base_url": "http://127.0.0.1:9/v1", "strategy": "io"}
+    bot = LanguageModelBot.of(LlmBotOptions(**{**usual, **options}), seed=1)
     with pytest.raises(RobotouilleError, match=told):
         async with bot.opened():
             pass
@@ -197,7 +182,7 @@ async def test_a_bot_that_cannot_play_takes_no_seat(
         ("--attempts", "0", "--attempts"),
     ],
 )
-def test_mistakes_are_told_before_anything_is_begun(
+def test_invalid_options_are_refused_early(
     tmp_path: Path, option: str, value: str, told: str
 ) -> None:
     result = called("run", tmp_path / "r", *RUN, option, value)
@@ -206,16 +191,15 @@ def test_mistakes_are_told_before_anything_is_begun(
     assert not (tmp_path / "r").exists()
 
 
-def test_a_bot_is_asked_alike() -> None:
+def test_bot_options_reach_the_endpoint() -> None:
     options: dict[str, Any] = {
-        "base_url": "http://127.0.0.1:9/v1", "strategy": "io", "transcript": None, "seed": 1,
-        "temperature": 0.5,
+        "model": "m", "base_url": "http://127.0.0.1:9/v1", "strategy": "io", "temperature": 0.5,
+        "timeout": 3.0, "attempts": 1,
     }  # fmt: skip
-    how = {"prices": "1/2", "timeout": 3.0, "attempts": 1}
-    bot = LanguageModelBot.of("m", **options, **how)
+    bot = LanguageModelBot.of(LlmBotOptions(**options, price="1/2"), seed=1)
     endpoint = bot.model.endpoint()
     assert endpoint.parameters == {"temperature": 0.5}
-    assert (endpoint.prices, endpoint.timeout, endpoint.retries.attempts) == (Prices(1, 2), 3.0, 1)
+    assert (endpoint.prices, endpoint.timeout, endpoint.attempts) == (Prices(1, 2), 3.0, 1)
     with pytest.raises(WrongArgumentError, match="prices"):
-        LanguageModelBot.of("m", **options, **{**how, "prices": "1"})
+        LanguageModelBot.of(LlmBotOptions(**options, price="1"))
     assert ModelChoice("m").endpoint() == Endpoint("m")

@@ -1,4 +1,4 @@
-"""`robotouille benchmark` as one uses it."""
+"""Command `robotouille benchmark`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from robotouille.errors import UnknownNameError
 from robotouille_evaluation.cli.benchmark import agent_spec, benchmark
 from robotouille_evaluation.cli.models import ModelChoice
-from robotouille_evaluation.metrics import EpisodeRow
+from robotouille_evaluation.metrics import ResultRow
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Experiment
 from robotouille_evaluation.packs.store import read_pack, write_pack
@@ -31,16 +31,16 @@ def called(*words: str | Path) -> Result:
 
 @pytest.fixture(autouse=True)
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures take seconds, and have tests of their own."""
+    """Skip figures, which take seconds and have tests of their own."""
 
-    def write_report(rows: list[EpisodeRow], folder: Path, **_: Any) -> Path:
+    def write_report(rows: list[ResultRow], folder: Path, **_: Any) -> Path:
         assert rows
         return folder / "report.html"
 
     monkeypatch.setattr("robotouille_evaluation.report.write_report", write_report)
 
 
-def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
+def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     run = tmp_path / "run"
     first = called("run", run, *MODEL)
     assert first.exit_code == 0, first.output
@@ -55,31 +55,31 @@ def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
     before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
     again = called("run", run, *MODEL)
     assert again.exit_code == 1
-    assert "has a run already" in again.output
+    assert "already has a run" in again.output
     assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
     assert called("resume", run).exit_code == 0
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
 
 
 @pytest.mark.parametrize("variant", [[], ["--variant", "delay-free"]])
-def test_a_team_has_as_many_players_as_one_says(tmp_path: Path, variant: list[str]) -> None:
+def test_option_seats(tmp_path: Path, variant: list[str]) -> None:
     words = ["--tasks", TEAM, "--kinds", "default", "--agents", "react-none", "--seats", "3"]
     result = called("run", tmp_path / "run", *words, *variant)
     assert result.exit_code == 0, result.output
     (row,) = RunFolder(tmp_path / "run").rows()
     assert row.seats == 3
-    assert row.optimum.steps is not None, "the plan is one for three"
+    assert row.optimum.steps is not None, "the plan is for three players"
     assert called("resume", tmp_path / "run").exit_code == 0
 
 
-def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
+def test_options_of_real_time(tmp_path: Path) -> None:
     words = ["--clock", "realtime", "--step-rate", "4", "--charge", "declared:500", "--slack", "2"]
     result = called("run", tmp_path / "run", *MODEL, *words, "--late", "drop", "--helper", "script")
     assert result.exit_code == 0, result.output
     (row,) = RunFolder(tmp_path / "run").rows()
     assert (row.clock, row.budget.rule, row.error) == ("realtime", "own x 2", None)
     assert str(row.real_time) == "4 steps/s, declared:500, drop, helper script"
-    assert row.outcome.success, "the plan is carried out while the model thinks"
+    assert row.outcome.success, "the helper carries out the plan"
     assert called("resume", tmp_path / "run").exit_code == 0
 
 
@@ -87,27 +87,25 @@ def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
     ("words", "told"),
     [
         (["--agents", "react-nnone"], "react-none"),
-        (["--agents", "random,random"], "two agents are called 'random'"),
+        (["--agents", "random,random"], "two agents are named 'random'"),
         (["--datasets", "synchronus"], "synchronous"),
-        (["--clock", "realtime", "--charge", "wall"], "does not repeat"),
+        (["--clock", "realtime", "--charge", "wall"], "is not repeatable"),
         (["--clock", "realtime", "--charge", "token:3"], "expected wall, tokens:MILLISECONDS"),
-        (["--helper", "planner"], "--helper is for --clock realtime"),
-        (["--digest-tokens", "9"], "--digest-tokens is for --clock realtime"),
+        (["--helper", "planner"], "--helper is only for --clock realtime"),
+        (["--digest-tokens", "9"], "--digest-tokens is only for --clock realtime"),
         (["--seats", "5", "--tasks", f"{TEAM},{SANDWICH}"],
           f"5 players are not possible for {SANDWICH} (possible: 1); {TEAM} (possible: 2, 3, 4)"),
         (["--seats", "3"], "; and "),
         (["--seats", "2", "--variant", "delay-free", "--tasks", SANDWICH], "2 players are not"),
-        (["--kinds", "tidy"], "no kind of instance 'tidy'"),
+        (["--kinds", "tidy"], "unknown kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),
-        (["--agents", "ReAct/asynchronous/nope"], "`--pack` names a pack that was imported"),
+        (["--agents", "ReAct/asynchronous/nope"], "use --pack with an imported pack"),
         (["--budget", "published", "--tasks", "multi_agent/10_potato_tomato_chicken_soup_and_"
           "potato_cheese_onion_soup"], "no constant"),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_before_anything_is_begun(
-    tmp_path: Path, words: list[str], told: str
-) -> None:
+def test_invalid_options_are_refused_early(tmp_path: Path, words: list[str], told: str) -> None:
     result = called("run", tmp_path / "run", *words)
     assert result.exit_code == 1
     assert told in result.output
@@ -116,8 +114,7 @@ def test_a_mistake_is_told_before_anything_is_begun(
 
 @pytest.mark.slow
 @pytest.mark.process  # The SDK asks `uname` where it runs.
-def test_what_ended_with_an_error_is_played_again(tmp_path: Path) -> None:
-    """The endpoint is that of the run, without being named again."""
+def test_resume_repeats_episodes_with_errors(tmp_path: Path) -> None:
     run = tmp_path / "run"
     nobody = "http://127.0.0.1:9/v1"
     result = called("run", run, *MODEL, "--model", "m", "--base-url", nobody)
@@ -132,7 +129,7 @@ def test_what_ended_with_an_error_is_played_again(tmp_path: Path) -> None:
     assert job.agent.base_url == nobody
 
 
-def test_experiments_are_named_by_agent_and_data_set() -> None:
+def test_unknown_experiments() -> None:
     settings = [
         Experiment(f"{agent}/{dataset}/{name}", agent, (), (), (), {})
         for agent in ("ReAct", "IO") for dataset in ("synchronous", "asynchronous")
@@ -145,8 +142,7 @@ def test_experiments_are_named_by_agent_and_data_set() -> None:
     assert "IO" not in str(caught.value) and "ReAct/synchronous" not in str(caught.value)
 
 
-def test_a_run_without_known_optima_says_so(tmp_path: Path) -> None:
-    """As of a pack that was imported."""
+def test_unknown_optima_are_reported(tmp_path: Path) -> None:
     whole = build_own_pack()
     kept = [i for i in whole.instances if i.task == SANDWICH and i.kind == "default"]
     write_pack(
@@ -159,7 +155,7 @@ def test_a_run_without_known_optima_says_so(tmp_path: Path) -> None:
     assert f"robotouille pack prove {tmp_path / 'pack'}" in result.output
 
 
-def test_a_run_is_not_gone_on_with_another_pack(tmp_path: Path) -> None:
+def test_resume_refuses_another_pack(tmp_path: Path) -> None:
     run = tmp_path / "run"
     assert called("run", run, *MODEL).exit_code == 0
     rows = (run / "rows.jsonl").read_bytes()
@@ -167,16 +163,14 @@ def test_a_run_is_not_gone_on_with_another_pack(tmp_path: Path) -> None:
     write_pack(other, run / "pack")
     result = called("resume", run)
     assert result.exit_code == 1
-    assert "is another pack" in result.output
+    assert "another pack" in result.output
     (run / "pack" / "manifest.json").unlink()
     result = called("resume", run)
     assert result.exit_code == 1 and "manifest.json" in result.output
     assert (run / "rows.jsonl").read_bytes() == rows
 
 
-def test_a_report_that_cannot_be_written_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_report_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: Any, **__: Any) -> Path:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -188,22 +182,8 @@ def test_a_report_that_cannot_be_written_is_told(
 
 
 @pytest.mark.slow
-def test_two_agents_are_compared(tmp_path: Path) -> None:
-    for name, seeds in (("react-none", "2"), ("react-full", "2")):
-        words = ["--tasks", SANDWICH, "--kinds", "default", "--agents", name, "--seeds", seeds]
-        assert called("run", tmp_path / name, *words).exit_code == 0
-    folders = [tmp_path / "react-none", tmp_path / "react-full"]
-    names = ["react-none (mock)", "react-full (mock)"]
-    result = called("compare", *names, *folders, "--json")
-    assert json.loads(result.output)["episodes"] == 2
-    other = called("compare", "react-none (mock)", "planner", *folders)
-    assert other.exit_code == 1
-    assert "react-full (mock)" in other.output
-
-
-@pytest.mark.slow
 @pytest.mark.process
-def test_variants_are_played_named_and_never_mixed(tmp_path: Path) -> None:
+def test_variants_are_not_mixed(tmp_path: Path) -> None:
     soup = "asynchronous/06_potato_soup"
     words = ["--tasks", soup, "--kinds", "default", "--agents", "planner,scripted"]
     rows = {}
@@ -228,7 +208,7 @@ def test_variants_are_played_named_and_never_mixed(tmp_path: Path) -> None:
         assert json.loads(one.output)["episodes"] == 1
 
 
-def test_labels_by_people_beside_the_classifier(tmp_path: Path) -> None:
+def test_agreement_with_labels(tmp_path: Path) -> None:
     run = tmp_path / "run"
     words = ["--tasks", SANDWICH, "--kinds", "default", "--agents", "random", "--seeds", "6"]
     assert called("run", run, *words, "--processes", "1").exit_code == 0
@@ -250,4 +230,4 @@ def test_labels_by_people_beside_the_classifier(tmp_path: Path) -> None:
     labels.write_text("recording,category\nrecordings/other.rbt,goal\n", encoding="utf-8")
     result = called("agreement", labels, run)
     assert result.exit_code == 1
-    assert "labels no failed episode of these runs" in result.output
+    assert "has no label of a failed episode of these runs" in result.output

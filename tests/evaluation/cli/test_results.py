@@ -1,4 +1,4 @@
-"""`benchmark report|compare|agreement` on rows that are there."""
+"""Commands `benchmark report`, `compare` and `agreement` on existing rows."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille_evaluation.cli.benchmark import benchmark
-from robotouille_evaluation.metrics import BudgetRow, Category, EpisodeRow, Measures, PackId
+from robotouille_evaluation.metrics import BudgetRow, Category, EpisodeMeasures, PackId, ResultRow
 from robotouille_evaluation.metrics import Result as Outcome
 from robotouille_evaluation.metrics.rows import FailureRow
 from robotouille_evaluation.runs import RunFolder
@@ -23,14 +22,14 @@ def called(*words: Any) -> Result:
     return CliRunner().invoke(benchmark, [str(word) for word in words])
 
 
-def run_of(path: Path, *rows: EpisodeRow) -> Path:
+def run_of(path: Path, *rows: ResultRow) -> Path:
     path.mkdir(parents=True)
     for each in rows:
         RunFolder(path).add(each)
     return path
 
 
-def test_agents_of_different_terms_do_not_compare_and_it_is_said_why(tmp_path: Path) -> None:
+def test_agents_under_different_conditions_are_not_compared(tmp_path: Path) -> None:
     ours = run_of(tmp_path / "a", row(agent="planner"))
     theirs = run_of(
         tmp_path / "b",
@@ -44,7 +43,7 @@ def test_agents_of_different_terms_do_not_compare_and_it_is_said_why(tmp_path: P
     assert "timing" not in told
 
 
-def test_a_second_attempt_and_a_name_without_its_model(tmp_path: Path) -> None:
+def test_agent_names_without_model(tmp_path: Path) -> None:
     run = run_of(
         tmp_path / "a",
         *(row(agent="react (m)", job=f"a{n}", instance=f"i{n}") for n in range(2)),
@@ -58,12 +57,12 @@ def test_a_second_attempt_and_a_name_without_its_model(tmp_path: Path) -> None:
         "p": 1.0,
         "mean_steps": {"react": 8.0, "reflexion (m)": 8.0, "p": 1.0},
     }
-    assert "has no episode; there are react (m), reflexion (m)" in " ".join(
+    assert "has no episode; choose react (m), reflexion (m)" in " ".join(
         called("compare", "planner", "react", run).output.split()
     )
 
 
-def test_twelve_of_twelve_against_none(tmp_path: Path) -> None:
+def test_significance_of_a_clear_difference(tmp_path: Path) -> None:
     lost = Outcome(success=False, steps=12, ended_by="step-limit")
     run = run_of(
         tmp_path / "a",
@@ -78,24 +77,10 @@ def test_twelve_of_twelve_against_none(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.slow
-def test_a_report_names_recordings_by_the_folders_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also where two runs have one name."""
-    monkeypatch.chdir(tmp_path)
-    for name in ("one/mine", "two/mine"):
-        run_of(Path(name), row(run="mine", job="a", recording="recordings/a.rbt"))
-    assert called("report", "one/mine", "two/mine", "--out", "out").exit_code == 0
-    page = Path("out/report.html").read_text(encoding="utf-8")
-    assert "<code>one/mine/recordings/a.rbt</code>" in page
-    assert "<code>two/mine/recordings/a.rbt</code>" in page
-
-
-def test_a_label_of_one_run_is_not_paired_with_another_run(tmp_path: Path) -> None:
-    """A job has the same recording in every run."""
+def test_labels_are_paired_within_a_run(tmp_path: Path) -> None:
+    """A job's recording has the same name in every run."""
     lost = {
-        category: Measures(failure=FailureRow(category=category, subcategory="x"))
+        category: EpisodeMeasures(failure=FailureRow(category=category, subcategory="x"))
         for category in Category
     }
     kept = {"job": "a", "recording": "recordings/a.rbt"}
@@ -105,7 +90,7 @@ def test_a_label_of_one_run_is_not_paired_with_another_run(tmp_path: Path) -> No
     labels.write_text("recording,category\nrecordings/a.rbt,goal\n", encoding="utf-8")
     result = called("agreement", labels, one, two)
     assert result.exit_code == 1
-    assert "is of the runs one and two: say which in a column `run`" in " ".join(
+    assert "the runs one and two all have recordings/a.rbt; choose one" in " ".join(
         result.output.split()
     )
     assert "classified" not in called("agreement", labels, one).output

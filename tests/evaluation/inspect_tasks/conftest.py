@@ -1,4 +1,4 @@
-"""Evaluations by Inspect, in this process and without a model."""
+"""Evaluations by Inspect in this process, without a real model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Evaluate(Protocol):
 
 @pytest.fixture
 def evaluate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Evaluate:
-    """Evaluates a task with a model whose answers a function gives: a text or a `ModelOutput`."""
+    """Evaluate a task with a model that answers with a function's text or `ModelOutput`."""
     from inspect_ai import eval as inspect_eval
     from inspect_ai.model import ModelOutput, ModelUsage, get_model
 

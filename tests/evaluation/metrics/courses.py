@@ -1,10 +1,10 @@
-"""Hand-made courses of play, on small tasks, whose metrics can be worked out on paper."""
+"""Hand-made trajectories on small tasks, whose metrics can be computed by hand."""
 
 from __future__ import annotations
 
 from robotouille import World, load_task
-from robotouille_evaluation.metrics import Answer, Trajectory, Verdict
-from robotouille_evaluation.metrics.trajectory import refused as refused_answer
+from robotouille_evaluation.metrics import AnswerVerdict, StepAnswer, Trajectory
+from robotouille_evaluation.metrics.trajectory import rejected_answer
 
 __all__ = ["SANDWICH", "WANDERING", "refused", "solo", "wandering"]
 
@@ -23,8 +23,10 @@ WANDERING = (
 """The bread on top is missing: 4 steps to go."""
 
 
-def solo(world: World, *sentences: str | None, answers: list[Answer] | None = None) -> Trajectory:
-    """What a lone cook does, step by step; None is nothing."""
+def solo(
+    world: World, *sentences: str | None, answers: list[StepAnswer] | None = None
+) -> Trajectory:
+    """Return the trajectory of a single cook; None does nothing."""
     return Trajectory.played(world, [{"robot1": s} for s in sentences], answers)
 
 
@@ -32,12 +34,14 @@ def wandering() -> Trajectory:
     return solo(SANDWICH, *WANDERING)
 
 
-def refused(trajectory: Trajectory, step: int, *texts: str, reasoning: str = "") -> list[Answer]:
-    """Answers of the lone cook that were refused after so many steps."""
+def refused(
+    trajectory: Trajectory, step: int, *texts: str, reasoning: str = ""
+) -> list[StepAnswer]:
+    """Return rejected answers of the single cook after some steps."""
     state = trajectory.states[step]
-    found = [refused_answer(step, "robot1", text, state) for text in texts]
-    assert all(each.verdict is not Verdict.APPLIED for each in found)
+    found = [rejected_answer(step, "robot1", text, state) for text in texts]
+    assert all(each.verdict is not AnswerVerdict.APPLIED for each in found)
     return [
-        Answer(a.step, a.seat, a.text, a.verdict, reasoning, a.reasons, a.unmet, a.action)
+        StepAnswer(a.step, a.seat, a.text, a.verdict, reasoning, a.reasons, a.unmet, a.action)
         for a in found
     ]

@@ -1,14 +1,14 @@
-"""Asynchronous work first, waiting and idling, against numbers worked out by hand."""
+"""Asynchronous work first, waiting and idling, against hand-computed values."""
 
 from __future__ import annotations
 
 from robotouille import World, load_task
-from robotouille.certification.shipped_plan import plan_beside
-from robotouille_evaluation.metrics import Measures, Trajectory
-from robotouille_evaluation.metrics.action_kinds import needs_asynchronous_work
+from robotouille.certification.step_limit import plan_beside
+from robotouille_evaluation.metrics import EpisodeMeasures, Trajectory
 from robotouille_evaluation.metrics.asynchrony import (
     TimeShares,
     asynchronous_first,
+    needs_asynchronous_work,
     success_by_asynchronous_first,
     time_shares,
 )
@@ -27,7 +27,7 @@ COOK = ("Move robot1 from board1 to stove1", "Start cooking patty1 at stove1 wit
 
 
 def grill(cook_time: int = 3) -> World:
-    """A lettuce on the board and a patty on the stove, to be cut and cooked."""
+    """Return a world with a lettuce to cut and a patty to cook."""
     config = {"cook_time": {"default": cook_time}, "num_cuts": {"default": 3}}
     return kitchen(items=[LETTUCE, PATTY], goal=BOTH, config=config)
 
@@ -39,7 +39,7 @@ def planned(task: str) -> Trajectory:
     return Trajectory.played(world, [{a.player or "": a for a in joint} for joint in plan])
 
 
-def test_which_tasks_need_asynchronous_work() -> None:
+def test_tasks_that_need_asynchronous_work() -> None:
     assert needs_asynchronous_work(grill())
     assert not needs_asynchronous_work(grill(cook_time=0))
     cooked = {**PATTY, "predicates": ["iscooked"]}
@@ -53,7 +53,7 @@ def test_cutting_before_cooking_is_not_asynchronous_first() -> None:
     assert asynchronous_first(solo(grill(), *CUT, *COOK)) is False
 
 
-def test_cooking_before_cutting_is() -> None:
+def test_cooking_before_cutting_is_asynchronous_first() -> None:
     course = solo(
         grill(),
         "Move robot1 from table1 to stove1",
@@ -68,19 +68,18 @@ def test_filling_the_pot_is_asynchronous() -> None:
     assert asynchronous_first(planned("asynchronous/06")) is True
 
 
-def test_it_is_undefined_where_nothing_is_asynchronous() -> None:
+def test_undefined_without_asynchronous_work() -> None:
     assert asynchronous_first(wandering()) is None
     assert asynchronous_first(solo(grill(cook_time=0), *CUT, *COOK)) is None
 
 
-def test_a_run_without_work_did_not_begin_with_it() -> None:
-    assert asynchronous_first(solo(grill(), CUT[0], None)) is False
-
-
-def test_success_given_that() -> None:
+def test_success_by_asynchronous_first() -> None:
     # Asynchronous first: one of two; not first: none of one; not defined: left out.
     failed = row().outcome.model_copy(update={"success": False})
-    first, later = Measures(asynchronous_first=True), Measures(asynchronous_first=False)
+    first, later = (
+        EpisodeMeasures(asynchronous_first=True),
+        EpisodeMeasures(asynchronous_first=False),
+    )
     rows = [row(measures=first), row(measures=first, outcome=failed),
             row(measures=later, outcome=failed), row()]  # fmt: skip
     assert success_by_asynchronous_first(rows) == (0.5, 0.0)
@@ -94,11 +93,11 @@ def test_waiting_and_idle_shares() -> None:
     assert time_shares(course) == TimeShares(waiting=0.3, idle=0.1, busy=0.0)
 
 
-def test_the_optimal_potato_soup_waits_for_the_water() -> None:
+def test_optimal_potato_soup_waits_for_the_water() -> None:
     # 19 steps, 3 of them while the water comes to the boil.
     shares = time_shares(planned("asynchronous/06"))
     assert shares == TimeShares(waiting=3 / 19, idle=0.0, busy=0.0)
 
 
-def test_no_steps_no_shares() -> None:
+def test_no_shares_without_steps() -> None:
     assert time_shares(solo(grill())) is None

@@ -1,4 +1,4 @@
-"""The failure taxonomy on courses of play that fail in one known way each."""
+"""Failure taxonomy on trajectories that each fail in one known way."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ BREAD_ON_BOARD = (
     "Pick up lettuce1 at table2 with robot1",
     "Move robot1 from table2 to board1",
 )
-"""Then the board is taken, and the lettuce in hand."""
+"""Afterwards the board is occupied and the lettuce is in hand."""
 
 
-def with_refused(course: Trajectory, *texts: str, reasoning: str = "") -> Trajectory:
-    """The same course, with refused answers at its end."""
+def with_rejected(course: Trajectory, *texts: str, reasoning: str = "") -> Trajectory:
+    """Return the trajectory with rejected answers at its end."""
     wrong = refused(course, course.steps, *texts, reasoning=reasoning)
     return replace(course, answers=(*course.answers, *wrong))
 
@@ -40,24 +40,20 @@ def found(course: Trajectory, budget: int = 100) -> tuple[Category, Subcategory]
     return failure.category, failure.subcategory
 
 
-def test_a_success_is_no_failure() -> None:
+def test_success_is_not_classified() -> None:
     goal = [{"predicate": "item_on", "args": ["cheese", "table"], "ids": [1, 2]}]
     items = [{"name": "cheese", "x": 0, "y": 0}]
     assert classify(solo(kitchen(items=items, goal=goal)), 0) is None
 
 
-def test_a_success_beyond_the_budget_is_one() -> None:
-    assert found(wandering(), 6) == (Category.OTHER, Subcategory.OUT_OF_STEPS)
-
-
-def test_a_run_that_broke_off() -> None:
+def test_run_that_ended_early() -> None:
     assert found(wandering(), 12) == (Category.OTHER, Subcategory.NOT_PLAYED)
 
 
 def test_two_items_at_the_board() -> None:
     course = solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD)
     wrong = ["Put down lettuce1 at board1 with robot1"] * 3
-    failure = classify(with_refused(course, *wrong), 20)
+    failure = classify(with_rejected(course, *wrong), 20)
     assert failure is not None
     assert failure.subcategory is Subcategory.ONE_ITEM
     assert failure.category is Category.TRANSITION
@@ -65,11 +61,11 @@ def test_two_items_at_the_board() -> None:
     assert len(failure.evidence) == 3
 
 
-def test_what_is_stacked_at_the_board_cannot_be_cut() -> None:
+def test_stacked_items_at_the_board() -> None:
     course = solo(
         LETTUCE_SANDWICH, *BREAD_ON_BOARD, "Stack lettuce1 onto bread1 at board1 with robot1"
     )
-    course = with_refused(course, "Make a cut in lettuce1 at board1 with robot1")
+    course = with_rejected(course, "Make a cut in lettuce1 at board1 with robot1")
     assert found(course) == (Category.TRANSITION, Subcategory.ONE_ITEM)
     assert {each.step for each in evidence(course)} == {7, 8}
 
@@ -85,14 +81,14 @@ def test_what_is_stacked_at_the_board_cannot_be_cut() -> None:
         ("Put down lettuce1 at board1 with robot1", Subcategory.ONE_ITEM),
     ],
 )
-def test_which_rule_a_refused_answer_breaks(text: str, subcategory: Subcategory) -> None:
-    course = with_refused(solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD), text)
+def test_rule_that_a_rejected_answer_breaks(text: str, subcategory: Subcategory) -> None:
+    course = with_rejected(solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD), text)
     assert [each.subcategory for each in evidence(course)] == [subcategory]
     assert found(course) == (CATEGORIES[subcategory], subcategory)
 
 
-def test_a_mistake_from_which_one_recovered_counts_less_than_the_goal() -> None:
-    """The appendix's tie: rules were violated and the goal misunderstood."""
+def test_goal_outweighs_recovered_mistakes() -> None:
+    """Case of the appendix: rules were violated and the goal misunderstood."""
     course = solo(
         LETTUCE_SANDWICH,
         "Move robot1 from table5 to table2",
@@ -108,7 +104,7 @@ def test_a_mistake_from_which_one_recovered_counts_less_than_the_goal() -> None:
     assert found(course) == (Category.GOAL, Subcategory.UNPREPARED)
 
 
-def test_what_was_put_right_is_no_failure_of_the_goal() -> None:
+def test_corrected_mistakes_are_not_goal_failures() -> None:
     course = solo(
         LETTUCE_SANDWICH,
         "Move robot1 from table5 to table2",
@@ -120,7 +116,7 @@ def test_what_was_put_right_is_no_failure_of_the_goal() -> None:
     assert [each.lasting for each in evidence(course)] == [False]
 
 
-def test_a_false_belief() -> None:
+def test_false_claims() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
     told = replace(course.answers[0], reasoning="Bread, lettuce. lettuce1 is already cut.")
     course = replace(course, answers=(told,))
@@ -135,13 +131,13 @@ def test_a_false_belief() -> None:
         "The bread is cut. Lettuce must be cut.",
     ],
 )
-def test_what_is_no_false_belief(reasoning: str) -> None:
+def test_statements_that_are_not_false_claims(reasoning: str) -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
     told = replace(course.answers[0], reasoning=reasoning)
     assert not evidence(replace(course, answers=(told,)))
 
 
-def test_a_bad_start() -> None:
+def test_bad_start() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2", "Do nothing")
     told = replace(course.answers[0], reasoning="The goal: bread on bread.")
     course = replace(course, answers=(told, course.answers[1]))
@@ -151,13 +147,13 @@ def test_a_bad_start() -> None:
     assert failure.evidence[0].words == "the first reasoning does not name: lettuce"
 
 
-def test_who_does_not_speak_of_the_goal_has_not_misunderstood_it() -> None:
+def test_reasoning_without_goal_is_not_a_bad_start() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
     told = replace(course.answers[0], reasoning="The bread is over there.")
     assert evidence(replace(course, answers=(told,))) == []
 
 
-def test_a_wrong_ingredient() -> None:
+def test_wrong_ingredient() -> None:
     items = [
         {"name": "bread", "x": 0, "y": 0},
         {"name": "tomato", "x": 1, "y": 0},
@@ -174,7 +170,7 @@ def test_a_wrong_ingredient() -> None:
     assert found(course) == (Category.GOAL, Subcategory.WRONG_INGREDIENT)
 
 
-def test_a_wrong_order() -> None:
+def test_wrong_order() -> None:
     items = [{"name": "bread", "x": 0, "y": 0}, {"name": "cheese", "x": 1, "y": 0}]
     goal = [{"predicate": "atop", "args": ["cheese", "bread"], "ids": [1, 2]}]
     course = solo(
@@ -186,13 +182,13 @@ def test_a_wrong_order() -> None:
     assert found(course) == (Category.GOAL, Subcategory.WRONG_ORDER)
 
 
-def test_the_right_order_is_no_evidence() -> None:
+def test_right_order_is_not_evidence() -> None:
     assert evidence(wandering()) == []
 
 
-def test_a_refusal_because_of_the_turn_is_no_mistake() -> None:
+def test_rejection_out_of_turn_is_not_a_mistake() -> None:
     course = solo(SANDWICH)
-    assert evidence(with_refused(course, "Pick up cheese1 at table1 with robot1"))
+    assert evidence(with_rejected(course, "Pick up cheese1 at table1 with robot1"))
     free = refused(course, 0, "Pick up cheese1 at table1 with robot1")[0]
     turn = replace(free, unmet=(), reasons=("it is robot2's turn",))
     assert evidence(replace(course, answers=(turn,))) == []

@@ -1,4 +1,4 @@
-"""Rows as lines: what a killed run leaves, and what is no row."""
+"""Rows as JSON lines: truncated, damaged and invalid ones."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def test_rows_come_back(tmp_path: Path) -> None:
+def test_rows_round_trip(tmp_path: Path) -> None:
     rows = list(made_up_rows(1))
     assert read_rows(written(tmp_path, "".join(write_rows(rows)))) == rows
 
 
-def test_a_last_line_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
+def test_truncated_last_line_is_left_out(tmp_path: Path) -> None:
     text = "".join(write_rows([row(), row(attempts=2)]))
     for kept in range(1, 60):
         assert read_rows(written(tmp_path, text[:-kept])) == [row()] or kept == 1
 
 
-def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+def test_damaged_line_is_an_error(tmp_path: Path) -> None:
     good = "".join(write_rows([row()]))
     with pytest.raises(FileError, match="line 2: "):
         read_rows(written(tmp_path, good + "{}\n" + good))
@@ -39,13 +39,13 @@ def test_a_damaged_line_is_named(tmp_path: Path) -> None:
         read_rows(tmp_path / "none.jsonl")
 
 
-def test_of_a_job_that_was_played_again_the_last_row_counts(tmp_path: Path) -> None:
+def test_last_row_of_a_repeated_job_counts(tmp_path: Path) -> None:
     broken, whole, other = row(job="a", error="no answer"), row(job="a"), row(job="b")
     path = written(tmp_path, "".join(write_rows([broken, other, whole])))
     assert read_rows(path) == [whole, other]
 
 
-def test_rows_are_checked() -> None:
+def test_rows_are_validated() -> None:
     with pytest.raises(ValidationError):
         row(attempts=0)
     with pytest.raises(ValidationError):
@@ -54,7 +54,7 @@ def test_rows_are_checked() -> None:
         row(mood="good")
 
 
-def test_who_played() -> None:
+def test_player_of_a_row() -> None:
     assert row(agent="llm", strategy="react", model="m").player == "llm · react · m"
     assert row(agent="react (m)", strategy="react", model="m").player == "react (m)"
     assert row(agent="planner", strategy="planner").player == "planner"
@@ -72,9 +72,7 @@ def test_who_played() -> None:
         {"measures": {"failure": {"category": "goal", "subcategory": "", "steps": [10**30]}}},
     ],
 )
-def test_numbers_that_no_column_holds_and_unknown_categories_are_no_row(
-    tmp_path: Path, fields: dict[str, Any]
-) -> None:
+def test_out_of_range_values_are_errors(tmp_path: Path, fields: dict[str, Any]) -> None:
     line = json.dumps({**row().model_dump(mode="json"), **fields})
     with pytest.raises(FileError, match="line 1: "):
         read_rows(written(tmp_path, f"{line}\n"))
@@ -93,9 +91,5 @@ def test_numbers_that_no_column_holds_and_unknown_categories_are_no_row(
         {"budget": BudgetRow(rule="published", steps=12)},
     ],
 )
-def test_what_was_played_on_other_terms_is_no_pair(terms: dict[str, Any]) -> None:
+def test_other_conditions_make_other_pairs(terms: dict[str, Any]) -> None:
     assert row(agent="a", **terms).pair != row(agent="b").pair
-
-
-def test_a_second_attempt_is_compared_with_a_first() -> None:
-    assert row(agent="reflexion", attempts=2).pair == row(agent="react").pair

@@ -1,20 +1,20 @@
-"""Contribution, blocking and overlap, against numbers worked out by hand."""
+"""Contribution, blocking and overlap, against hand-computed values."""
 
 from __future__ import annotations
 
 from robotouille import World, load_task
-from robotouille.certification.shipped_plan import plan_beside
+from robotouille.certification.step_limit import plan_beside
 from robotouille_evaluation.metrics import Trajectory
 from robotouille_evaluation.metrics.asynchrony import TimeShares, time_shares
-from robotouille_evaluation.metrics.teams import blocking, contributions, overlap
-from robotouille_evaluation.metrics.trajectory import refused
+from robotouille_evaluation.metrics.measuring import blocking, contributions, overlap
+from robotouille_evaluation.metrics.trajectory import rejected_answer
 from tests.evaluation.metrics.courses import wandering
 
 TWO = World(load_task("multi_agent/01"))
 
 
 def planned() -> Trajectory:
-    """The shipped plan for two: 14 steps."""
+    """Return the trajectory of the shipped plan for two players, with 14 steps."""
     plan = plan_beside(TWO)
     assert plan is not None
     return Trajectory.played(TWO, [{a.player or "": a for a in joint} for joint in plan])
@@ -26,7 +26,7 @@ def test_contributions() -> None:
     assert contributions(planned()) == {"robot1": 5 / 14, "robot2": 9 / 14}
 
 
-def test_those_who_only_walk_contribute_nothing() -> None:
+def test_walking_is_not_a_contribution() -> None:
     course = Trajectory.played(TWO, [{"robot1": "Move robot1 from table2 to table4"}])
     assert contributions(course) == {"robot1": 0.0, "robot2": 0.0}
 
@@ -42,7 +42,7 @@ def test_shares_of_time() -> None:
     assert time_shares(planned()) == TimeShares(waiting=3 / 28, idle=1 / 28, busy=0.0)
 
 
-def test_two_who_want_the_same_station_block_one() -> None:
+def test_two_players_at_one_station() -> None:
     joint = {"robot1": "Move robot1 from table2 to table4",
              "robot2": "Move robot2 from table1 to table4"}  # fmt: skip
     course = Trajectory.played(TWO, [joint])
@@ -50,11 +50,11 @@ def test_two_who_want_the_same_station_block_one() -> None:
     assert blocking(course) == 1
 
 
-def test_a_station_at_which_another_stands() -> None:
+def test_occupied_station() -> None:
     empty = Trajectory.played(TWO, [])
-    taken = refused(0, "robot1", "Move robot1 from table2 to table1", TWO.initial)
+    taken = rejected_answer(0, "robot1", "Move robot1 from table2 to table1", TWO.initial)
     assert [unmet.predicate for unmet in taken.unmet] == ["vacant"]
-    far = refused(0, "robot1", "Move robot1 from table5 to table1", TWO.initial)
+    far = rejected_answer(0, "robot1", "Move robot1 from table5 to table1", TWO.initial)
     course = Trajectory(TWO, empty.states, empty.moves, (taken, far))
     # The second is wrong about its own place as well: that is not the partner's doing.
     assert blocking(course) == 1

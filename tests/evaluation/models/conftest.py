@@ -1,4 +1,4 @@
-"""The SDK of endpoints names the platform in its headers, which is found out once in a process."""
+"""Fixture that looks up the platform once, for the headers of the OpenAI SDK."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ import pytest
 
 @pytest.fixture(scope="session", autouse=True)
 def known_platform() -> None:
-    """`platform` starts `uname` the first time that it is asked, and keeps the answer."""
+    """Fill the cache of `platform`, which starts a process for its first answer."""
     platform.platform()

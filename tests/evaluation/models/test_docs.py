@@ -1,4 +1,4 @@
-"""What the page shows, done."""
+"""Examples of the page on evaluating models."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robotouille_evaluation.models import ModelErrorKind, ModelRequest
 from tests.support.openai_server import answer, endpoint, error
 from tests.support.pages import blocks, read
 
-PAGE = "models.md"
+PAGE = "evaluate_models.md"
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def names() -> dict[str, Any]:
     return names
 
 
-async def test_the_example_asks(names: dict[str, Any]) -> None:
+async def test_the_endpoint_example(names: dict[str, Any]) -> None:
     pytest.importorskip("openai")
     async with endpoint(answer("A fryer."), error(400)) as server:
         assert await names["ask"](server.url, "k") == "A fryer. (0.000064, 1 attempts)"
@@ -29,10 +29,10 @@ async def test_the_example_asks(names: dict[str, Any]) -> None:
     assert server.received[0].body["temperature"] == 0.7
 
 
-async def test_the_mock(names: dict[str, Any]) -> None:
+async def test_the_scripted_example(names: dict[str, Any]) -> None:
     assert (await names["model"].complete(ModelRequest(()))).text.startswith("Reflection")
 
 
 @pytest.mark.parametrize("kind", ModelErrorKind)
-def test_every_kind_of_error_is_explained(kind: ModelErrorKind) -> None:
+def test_every_error_kind_is_documented(kind: ModelErrorKind) -> None:
     assert f"| `{kind}` |" in read(PAGE)

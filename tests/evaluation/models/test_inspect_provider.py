@@ -1,17 +1,15 @@
-"""Models by Inspect's providers: what they are sent, and what is made of what they return."""
+"""Models of Inspect's providers: requests, answers, and errors without keys."""
 
 from __future__ import annotations
 
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import AsyncExitStack
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from robotouille.errors import MissingExtraError
-from robotouille_evaluation.cli.models import ModelChoice, open_model
 from robotouille_evaluation.models import (
     Completion,
     InspectModel,
@@ -38,7 +36,7 @@ REQUEST = ModelRequest(
 )
 
 
-def test_without_inspect_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_inspect_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "inspect_ai.model", None)
     with pytest.raises(MissingExtraError, match=r"robotouille\[bench\]"):
         open_inspect_model("anthropic/any")
@@ -46,11 +44,11 @@ def test_without_inspect_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def with_inspect(request: pytest.FixtureRequest) -> Iterator[None]:
-    if request.node.name == test_without_inspect_that_is_said.__name__:
+    if request.node.name == test_missing_inspect_names_the_extra.__name__:
         yield
         return
     pytest.importorskip("inspect_ai")
-    with warnings.catch_warnings():  # Of the library with which Inspect retries.
+    with warnings.catch_warnings():  # Inspect's retry library warns.
         warnings.filterwarnings("ignore", "The 'initial' parameter", DeprecationWarning)
         yield
 
@@ -75,7 +73,7 @@ async def refused(answer: Callable[..., Any]) -> ModelError:
     return caught.value
 
 
-async def test_a_conversation_goes_there_as_it_is() -> None:
+async def test_conversation_and_settings_are_sent_unchanged() -> None:
     sent: list[list[ChatMessage]] = []
     settings: list[GenerateConfig] = []
 
@@ -100,12 +98,12 @@ async def test_a_conversation_goes_there_as_it_is() -> None:
     assert ids[0] == ids[1]
 
 
-async def test_costs_are_the_providers() -> None:
+async def test_cost_comes_from_the_provider() -> None:
     model = answering(lambda *_: output("Stir.", total_cost=0.25))
     assert (await model.complete(REQUEST)).usage.cost == 0.25
 
 
-async def test_an_answer_is_cut_at_a_megabyte() -> None:
+async def test_answers_are_cut_at_a_megabyte() -> None:
     completion = await answering(lambda *_: output("x" * 1_100_000)).complete(REQUEST)
     assert len(completion.text) == 1_000_000
     assert completion.finish_reason == "too-long"
@@ -119,11 +117,11 @@ async def test_an_answer_is_cut_at_a_megabyte() -> None:
         ("the prompt is too long", "model_length", ModelErrorKind.CONTEXT_OVERFLOW),
     ],
 )
-async def test_no_answer_has_a_kind(text: str, reason: str, kind: ModelErrorKind) -> None:
+async def test_missing_answers_have_a_kind(text: str, reason: str, kind: ModelErrorKind) -> None:
     assert (await refused(lambda *_: output(text, reason))).kind is kind
 
 
-async def test_an_answer_that_the_context_cuts_is_an_answer() -> None:
+async def test_an_answer_cut_by_the_context_is_an_answer() -> None:
     model = answering(lambda *_: output("Sti", "model_length", output_tokens=1))
     assert isinstance(await model.complete(REQUEST), Completion)
 
@@ -144,7 +142,7 @@ class StatusError(Exception):
         (ValueError(f"[bold]{KEY}[/bold] [/odd"), ModelErrorKind.ENDPOINT),
     ],
 )
-async def test_what_a_provider_raises_has_a_kind_and_no_key(
+async def test_provider_errors_have_a_kind_and_no_key(
     error: Exception, kind: ModelErrorKind
 ) -> None:
     def answer(*_: object) -> ModelOutput:
@@ -155,8 +153,7 @@ async def test_what_a_provider_raises_has_a_kind_and_no_key(
     assert KEY not in str(found)
 
 
-async def test_keys_of_the_environment_are_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A provider's key has whatever form its provider likes."""
+async def test_keys_of_the_environment_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINE_API_KEY", "correct horse battery")
 
     def fails(*_: object) -> ModelOutput:
@@ -169,7 +166,7 @@ async def test_keys_of_the_environment_are_nowhere(monkeypatch: pytest.MonkeyPat
     assert completion.text == "Action: [key]"
 
 
-async def test_limits_of_inspect_are_its_own() -> None:
+async def test_limits_of_inspect_are_passed_on() -> None:
     from inspect_ai.util import LimitExceededError, token_limit
 
     model = answering(lambda *_: output("Stir.", input_tokens=90, total_tokens=90))
@@ -178,21 +175,12 @@ async def test_limits_of_inspect_are_its_own() -> None:
 
 
 @pytest.mark.parametrize("parameters", [{"temprature": 1}, {"temperature": "hot"}])
-def test_wrong_settings_are_said(parameters: dict[str, object]) -> None:
+def test_invalid_settings_are_refused(parameters: dict[str, object]) -> None:
     with pytest.raises(ModelError, match="temp"):
         open_inspect_model("mockllm/model", parameters=parameters)
 
 
 @pytest.mark.parametrize("name", ["nobody/any", "any"])
-def test_unknown_providers_are_said(name: str) -> None:
+def test_unknown_providers_are_refused(name: str) -> None:
     with pytest.raises(ModelError, match="any"):
         open_inspect_model(name)
-
-
-async def test_a_command_opens_one_by_its_prefix() -> None:
-    async with AsyncExitStack() as opened:
-        model = await open_model(
-            ModelChoice("inspect:mockllm/model", parameters={"temperature": 1.0}), 0, opened
-        )
-        assert isinstance(model, InspectModel)
-        assert model.name == "mockllm/model"

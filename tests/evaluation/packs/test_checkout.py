@@ -1,4 +1,4 @@
-"""Checkouts of the published repository: what is read, what is missing, what is wrong."""
+"""Import of checkouts: contents, missing parts and faults."""
 
 from __future__ import annotations
 
@@ -12,16 +12,21 @@ from robotouille import World
 from robotouille.errors import FileError
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.pack import ExampleStep, Pack
-from robotouille_evaluation.packs.published.checkout import SEEDS, read_checkout
+from robotouille_evaluation.packs.published_checkout import SEEDS, read_checkout
 from tests.support.checkouts import EXPERIMENT, PROBLEM, write_checkout
 from tests.support.published import CHECKOUT, NEEDED, conversations, read
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
 
 pytest.importorskip("yaml")
 
 TOAST = "environments/env_generator/examples/synchronous/0_toast.json"
+BAD = "environments/env_generator/examples/synchronous/1_bad.json"
+PLAIN = "conf/experiments/ReAct/plain.yaml"
+PROMPT = "agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml"
+EXAMPLES = "agents/in_context_examples/data/synchronous/examples"
+EXAMPLE = f"{EXAMPLES}/0_toast_26.txt"
 SETTINGS_OF_A_RUN = {"log_path", "retries"}
-"""Settings of the recorded runs that their command lines changed."""
+"""Settings that the command lines of the recorded runs changed."""
 
 
 @cache
@@ -30,7 +35,7 @@ def published() -> Pack:
 
 
 @NEEDED
-def test_the_published_checkout_is_a_pack() -> None:
+def test_published_checkout() -> None:
     found = read_checkout(CHECKOUT)
     assert not found.faults
     assert all("/env_generator/" in name for name in found.missing)
@@ -40,15 +45,15 @@ def test_the_published_checkout_is_a_pack() -> None:
 
 
 @NEEDED
-def test_every_published_instance_is_a_world() -> None:
+def test_every_published_instance_loads() -> None:
     assert check_pack(published()) == []
     task = published().load("synchronous/0_cheese_sandwich_42")
     assert World(task).initial.text().endswith("Goal: Prepare a cheese sandwich on a table")
 
 
 @NEEDED
-@pytest.mark.parametrize("path", first_quickly(conversations(), quick=6), ids=lambda p: p.stem)
-def test_recorded_conversations_begin_with_these_messages(path: Path) -> None:
+@pytest.mark.parametrize("path", quick_sample(conversations(), quick=6), ids=lambda p: p.stem)
+def test_recorded_conversations_begin_with_the_pack_prompts(path: Path) -> None:
     recorded = read(path)
     name = recorded["experiment"].removeprefix("conf/experiments/").removesuffix(".yaml")
     llm = published().experiment(name).settings["llm"]
@@ -73,7 +78,7 @@ def check_beginning(sent: list[str], purpose: str, llm: dict[str, object]) -> No
         assert sent[2 : 2 + len(shown)] == shown
 
 
-def test_a_checkout_is_read(tmp_path: Path) -> None:
+def test_import_of_a_small_checkout(tmp_path: Path) -> None:
     found = read_checkout(write_checkout(tmp_path), seeds=[42, 84])
     pack = found.pack
     assert not found.faults
@@ -92,14 +97,13 @@ def test_a_checkout_is_read(tmp_path: Path) -> None:
     (episode,) = pack.example_set("synchronous/examples").episodes
     assert episode.steps == (
         ExampleStep(
-            "...\n\nGoal: Put cheese on bread\n\n",
-            "Reasoning: It is there.\n\nAction: Do nothing",
+            "...\n\nGoal: Put cheese on bread\n\n", "Reasoning: It is there.\n\nAction: Do nothing"
         ),
     )
     assert check_pack(pack) == []
 
 
-def test_settings_are_put_together(tmp_path: Path) -> None:
+def test_settings_are_merged(tmp_path: Path) -> None:
     experiment = read_checkout(write_checkout(tmp_path), seeds=[]).pack.experiment("ReAct/plain")
     assert experiment.agent == "ReAct"
     assert experiment.seeds == (42,)
@@ -116,7 +120,7 @@ def test_settings_are_put_together(tmp_path: Path) -> None:
     assert experiment.settings["game"]["max_step_multiplier"] == 1.5
 
 
-def test_what_json_has_not_becomes_a_text(tmp_path: Path) -> None:
+def test_values_without_json_become_text(tmp_path: Path) -> None:
     base = "agent_name: human\nsince: 2024-05-01\n1: .nan\n"
     found = read_checkout(write_checkout(tmp_path, {"conf/game/base_game.yaml": base}), seeds=[])
     game = found.pack.experiment("ReAct/plain").settings["game"]
@@ -124,27 +128,16 @@ def test_what_json_has_not_becomes_a_text(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("absent", "missing"),
-    [
-        (
-            "agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml",
-            "agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml",
-        ),
-        (
-            "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
-            "agents/in_context_examples/data/synchronous/examples",
-        ),
-        ("conf/experiments/ReAct/plain.yaml", "conf/experiments"),
-    ],
+    ("absent", "missing"), [(PROMPT, PROMPT), (EXAMPLE, EXAMPLES), (PLAIN, "conf/experiments")]
 )
-def test_what_is_missing_is_named(tmp_path: Path, absent: str, missing: str) -> None:
+def test_missing_parts_are_listed(tmp_path: Path, absent: str, missing: str) -> None:
     found = read_checkout(write_checkout(tmp_path, {absent: None}), seeds=[42])
     assert missing in found.missing
     assert not found.faults
     assert len(found.pack.instances) == 3
 
 
-def test_tasks_that_experiments_name_are_missing(tmp_path: Path) -> None:
+def test_missing_tasks_of_experiments(tmp_path: Path) -> None:
     found = read_checkout(write_checkout(tmp_path), seeds=[])
     assert "environments/env_generator/examples/synchronous/1_absent.json" in found.missing
 
@@ -152,55 +145,31 @@ def test_tasks_that_experiments_name_are_missing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "text", "fault"),
     [
-        ("conf/experiments/ReAct/plain.yaml", "a: [", "is not YAML"),
-        ("conf/experiments/ReAct/plain.yaml", "- a", "expected settings by name"),
+        (PLAIN, "a: [", "is not YAML"),
+        (PLAIN, "- a", "expected settings by name"),
+        (PLAIN, EXPERIMENT.replace("[5, 9]", "[5]"), "2 tasks, but 1 optimal_steps"),
+        (PLAIN, EXPERIMENT.replace("[5, 9]", "[five, 9]"), "optimal_steps: expected a list of int"),
         (
-            "conf/experiments/ReAct/plain.yaml",
-            EXPERIMENT.replace("[5, 9]", "[5]"),
-            "2 tasks, but 1 optimal_steps",
-        ),
-        (
-            "conf/experiments/ReAct/plain.yaml",
-            EXPERIMENT.replace("[5, 9]", "[five, 9]"),
-            "optimal_steps: expected a list of int",
-        ),
-        (
-            "conf/experiments/ReAct/plain.yaml",
+            PLAIN,
             EXPERIMENT.replace("agent_name: ReAct", "agent_name: ${llm.nobody}"),
-            "${llm.nobody} is no setting",
+            "unknown setting ${llm.nobody}",
         ),
         (
-            "conf/experiments/ReAct/plain.yaml",
+            PLAIN,
             EXPERIMENT.replace("agent_name: ReAct", "agent_name: ${game.agent_name}"),
-            "${game.agent_name} stands for itself",
+            "${game.agent_name} refers to itself",
         ),
         ("conf/llm/base_llm.yaml", "!!python/object:os.system {}", "is not YAML"),
-        ("agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml", "system: 1", "expected a text"),
-        (
-            "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
-            "Cheese!",
-            "has no interaction",
-        ),
-        (
-            "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
-            "Interaction 1\n---\nNothing\n",
-            "interaction 1: has no observation with an answer",
-        ),
-        ("environments/env_generator/examples/synchronous/1_bad.json", "{", "is not JSON"),
-        ("environments/env_generator/examples/synchronous/1_bad.json", "[]", "found []"),
-        (
-            "environments/env_generator/examples/synchronous/1_bad.json",
-            json.dumps({**PROBLEM, "recipes": 3}),
-            "unknown field 'recipes'",
-        ),
-        (
-            "environments/env_generator/examples/synchronous/1_bad.json",
-            json.dumps({**PROBLEM, "players": []}),
-            "has no player",
-        ),
+        (PROMPT, "system: 1", "expected a text"),
+        (EXAMPLE, "Cheese!", "has no interaction"),
+        (EXAMPLE, "Interaction 1\n---\nNothing\n", "interaction 1: no observation with an answer"),
+        (BAD, "{", "is not JSON"),
+        (BAD, "[]", "found []"),
+        (BAD, json.dumps({**PROBLEM, "recipes": 3}), "unknown field 'recipes'"),
+        (BAD, json.dumps({**PROBLEM, "players": []}), "has no player"),
     ],
 )
-def test_wrong_files_are_named_and_the_rest_is_read(
+def test_invalid_files_are_listed_and_the_rest_is_read(
     tmp_path: Path, path: str, text: str, fault: str
 ) -> None:
     found = read_checkout(write_checkout(tmp_path, {path: text}), seeds=[42])
@@ -208,7 +177,7 @@ def test_wrong_files_are_named_and_the_rest_is_read(
     assert len(found.pack.instances) == 3
 
 
-def test_a_folder_that_is_no_checkout_is_an_error(tmp_path: Path) -> None:
+def test_folder_without_checkout(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"has no domain/robotouille\.json and no environments/"):
         read_checkout(tmp_path)
     with pytest.raises(FileError, match="is not a folder"):
@@ -225,7 +194,7 @@ def test_a_folder_that_is_no_checkout_is_an_error(tmp_path: Path) -> None:
         (TOAST, "{", "no problem of the benchmark"),
     ],
 )
-def test_a_checkout_of_another_shape_is_an_error(
+def test_checkout_of_another_version(
     tmp_path: Path, path: str, text: str | None, words: str
 ) -> None:
     with pytest.raises(FileError, match=words):

@@ -1,4 +1,4 @@
-"""A pack without delays: the same kitchens, in which nothing has to be waited for."""
+"""Packs without delays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robotouille.planning import replay
 from robotouille_evaluation.packs.delay_free import delay_free
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.packs.published.checkout import read_checkout
+from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from tests.support.published import CHECKOUT, NEEDED
 
@@ -27,7 +27,7 @@ def packs() -> tuple[Pack, Pack]:
     return own, free
 
 
-def test_the_kitchens_are_the_same_and_the_plans_are_shorter() -> None:
+def test_same_kitchens_with_shorter_plans() -> None:
     own, free = packs()
     assert free.digest != own.digest
     assert free.name == "ours-delay-free"
@@ -43,7 +43,7 @@ def test_the_kitchens_are_the_same_and_the_plans_are_shorter() -> None:
         assert free.budget(instance, "own").optimal == best.steps
 
 
-def test_nothing_is_waited_for() -> None:
+def test_plans_without_waiting() -> None:
     _, free = packs()
     for instance in free.instances:
         world = World(free.load(instance))
@@ -53,14 +53,14 @@ def test_nothing_is_waited_for() -> None:
             assert not [row for row in state.progress() if row.timed and row.running]
 
 
-def test_it_is_kept_like_any_other(tmp_path: Path) -> None:
+def test_delay_free_pack_is_stored(tmp_path: Path) -> None:
     _, free = packs()
     write_pack(free, tmp_path / "pack")
     assert read_pack(tmp_path / "pack", digest=free.digest) == free
 
 
 @NEEDED
-def test_the_published_one_has_one_too() -> None:
+def test_published_pack_without_delays() -> None:
     pack = read_checkout(CHECKOUT, seeds=()).pack
     chosen = [i for i in pack.instances if i.task == "asynchronous/0_cheese_chicken_sandwich"]
     (instance,) = delay_free(pack, chosen, lambda *_: None).instances

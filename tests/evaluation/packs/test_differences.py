@@ -1,4 +1,4 @@
-"""How packs differ: which tasks belong together, what goals ask, and tables of it all."""
+"""Differences between packs: paired tasks, goals and tables."""
 
 from __future__ import annotations
 
@@ -10,12 +10,17 @@ from typing import Any
 import pytest
 
 from robotouille.domain.schema import GoalTerm, ProblemFile
-from robotouille_evaluation.packs.difference_tables import markdown_tables
-from robotouille_evaluation.packs.differences import Difference, compare_packs
-from robotouille_evaluation.packs.matching import goal_conditions, match_tasks, same_goal
+from robotouille_evaluation.packs.differences import (
+    Difference,
+    compare_packs,
+    goal_conditions,
+    markdown_tables,
+    match_tasks,
+    same_goal,
+)
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack, PackTask
-from robotouille_evaluation.packs.published.checkout import read_checkout
+from robotouille_evaluation.packs.published_checkout import read_checkout
 from tests.support.checkouts import PROBLEM, write_checkout
 from tests.support.published import CHECKOUT, NEEDED
 
@@ -28,7 +33,7 @@ def pack(tmp_path: Path) -> Pack:
 
 
 def changed(pack: Pack, **fields: Any) -> Pack:
-    """The pack with other fields in the problem of its task."""
+    """Return the pack with other fields in its problem."""
     problem = json.dumps({**json.loads(pack.tasks[0].problem), **fields})
     return replace(pack, tasks=(replace(pack.tasks[0], problem=problem),))
 
@@ -43,7 +48,7 @@ def goal(*terms: tuple[str, str, list[int]]) -> tuple[GoalTerm, ...]:
 STACK = goal(("atop", "bread cheese", [1, 2]), ("atop", "cheese bread", [2, 3]))
 
 
-def test_goals_are_the_same_whatever_their_numbers_and_order() -> None:
+def test_goals_are_equal_apart_from_numbers_and_order() -> None:
     other = goal(("atop", "cheese bread", [7, 5]), ("atop", "bread cheese", [9, 7]))
     assert same_goal(STACK, other)
 
@@ -57,16 +62,16 @@ def test_goals_are_the_same_whatever_their_numbers_and_order() -> None:
         (*STACK, *goal(("iscut", "cheese", [2]))),
     ],
 )
-def test_goals_that_ask_another_thing_are_not_the_same(other: tuple[GoalTerm, ...]) -> None:
+def test_different_goals(other: tuple[GoalTerm, ...]) -> None:
     assert not same_goal(STACK, other)
 
 
-def test_conditions_number_objects_of_one_kind() -> None:
+def test_conditions_number_repeated_kinds() -> None:
     problem = ProblemFile.model_validate({**PROBLEM, "goal": list(STACK)})
     assert goal_conditions(problem) == ["atop(bread1, cheese)", "atop(cheese, bread2)"]
 
 
-def test_tasks_are_matched_by_dish_whatever_their_numbers() -> None:
+def test_tasks_are_paired_by_dish() -> None:
     def tasks(*names: str) -> Pack:
         made = tuple(PackTask(name, name.partition("/")[0], "{}", None, "") for name in names)
         return Pack("x", "1", "{}", made, ())
@@ -83,7 +88,7 @@ def test_tasks_are_matched_by_dish_whatever_their_numbers() -> None:
     ]
 
 
-def test_a_pack_does_not_differ_from_itself(pack: Pack) -> None:
+def test_pack_equals_itself(pack: Pack) -> None:
     assert compare_packs(pack, pack).none
 
 
@@ -103,14 +108,14 @@ def test_a_pack_does_not_differ_from_itself(pack: Pack) -> None:
         ({"players": [*PROBLEM["players"]] * 2}, Difference("players", "1", "2")),  # type: ignore[misc]
     ],
 )
-def test_what_differs_is_said(pack: Pack, fields: dict[str, Any], difference: Difference) -> None:
+def test_differences_of_a_task(pack: Pack, fields: dict[str, Any], difference: Difference) -> None:
     found = compare_packs(pack, changed(pack, **fields))
     assert found.tasks[0].differences == (difference,)
     assert not found.none
     assert difference.b in markdown_tables(found)
 
 
-def test_other_constants_are_other_budgets(pack: Pack) -> None:
+def test_other_constants_change_the_budget(pack: Pack) -> None:
     other = replace(pack, tasks=(replace(pack.tasks[0], optimal=7),))
     assert compare_packs(pack, other).tasks[0].differences == (
         Difference("optimum", "5", "7"),
@@ -118,26 +123,20 @@ def test_other_constants_are_other_budgets(pack: Pack) -> None:
     )
 
 
-def test_a_task_that_only_one_pack_has_is_said(pack: Pack) -> None:
-    found = compare_packs(pack, replace(pack, tasks=(), instances=()))
-    assert (found.tasks[0].a, found.tasks[0].b) == ("synchronous/0_toast", None)
-    assert "| task |  | synchronous/0_toast | – |" in markdown_tables(found)
-
-
-def test_words_of_the_domain_are_compared(pack: Pack) -> None:
+def test_words_of_the_domain(pack: Pack) -> None:
     domain = pack.domain.replace("Do nothing", "Wait")
     found = compare_packs(pack, replace(pack, domain=domain))
     assert found.wording == (Difference("action wait", "Do nothing", "Wait"),)
 
 
-def test_markdown_cells_hold_anything(pack: Pack) -> None:
+def test_markdown_cells_are_escaped(pack: Pack) -> None:
     found = compare_packs(pack, changed(pack, goal_description="a|b\n[c]"))
     line = next(line for line in markdown_tables(found).splitlines() if "words" in line)
     assert line.endswith("| a\\|b\N{REPLACEMENT CHARACTER}\\[c\\] |")
 
 
 @NEEDED
-def test_published_tasks_have_their_like_among_ours() -> None:
+def test_published_tasks_have_counterparts() -> None:
     published = read_checkout(CHECKOUT, seeds=[]).pack
     pairs = {b.name: a for a, b in match_tasks(build_own_pack(), published) if b is not None}
     for name, ours in pairs.items():

@@ -1,4 +1,4 @@
-"""Checkouts that somebody else made: nothing outside them is read, and none takes long."""
+"""Hostile checkouts: no file outside is read, and no file takes long."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from robotouille.errors import FileError
 from robotouille_evaluation.packs.pack import ExampleStep
-from robotouille_evaluation.packs.published.checkout import read_checkout
-from robotouille_evaluation.packs.published.examples import parse_episode
+from robotouille_evaluation.packs.published_checkout import read_checkout
+from robotouille_evaluation.packs.published_configuration import parse_episode
 from tests.support.checkouts import EXPERIMENT, write_checkout
 
 pytest.importorskip("yaml")
@@ -25,7 +25,7 @@ def faults(folder: Path, files: dict[str, str | None]) -> str:
 
 
 @pytest.mark.parametrize("base", ["../../../secret", "{}/secret", "../../../secret\0"])
-def test_a_base_file_outside_the_checkout_is_not_read(tmp_path: Path, base: str) -> None:
+def test_base_file_outside_is_not_read(tmp_path: Path, base: str) -> None:
     (tmp_path / "secret.yaml").write_text("api_key: hunter2\n")
     text = EXPERIMENT.replace("/llm: base_llm", f'/llm: "{base.format(tmp_path)}"')
     found = read_checkout(write_checkout(tmp_path / "checkout", {PLAIN: text}), seeds=[])
@@ -44,14 +44,14 @@ def test_a_base_file_outside_the_checkout_is_not_read(tmp_path: Path, base: str)
         "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
     ],
 )
-def test_links_that_lead_outside_are_not_followed(tmp_path: Path, path: str) -> None:
+def test_links_outside_are_not_followed(tmp_path: Path, path: str) -> None:
     root = write_checkout(tmp_path / "checkout")
     outside = (root / path).rename(tmp_path / "outside")
     (root / path).symlink_to(outside)
     assert "leads outside" in "\n".join(read_checkout(root, seeds=[]).faults)
 
 
-def test_a_link_in_place_of_the_domain_is_an_error(tmp_path: Path) -> None:
+def test_domain_link_outside_is_an_error(tmp_path: Path) -> None:
     root = write_checkout(tmp_path / "checkout")
     outside = (root / "domain/robotouille.json").rename(tmp_path / "outside")
     (root / "domain/robotouille.json").symlink_to(outside)
@@ -59,7 +59,7 @@ def test_a_link_in_place_of_the_domain_is_an_error(tmp_path: Path) -> None:
         read_checkout(root)
 
 
-def test_errors_do_not_quote_the_file(tmp_path: Path) -> None:
+def test_errors_do_not_quote_files(tmp_path: Path) -> None:
     found = faults(tmp_path, {PLAIN: "a: 1\nhunter2: [b: c: d\n"})
     assert "line 2: is not YAML" in found
     assert "hunter2" not in found
@@ -81,11 +81,11 @@ def chain(times: int, length: int) -> str:
         (EXPERIMENT + f"  huge: 0x{'f' * 9000}\n", "more than 64 bits"),
         (EXPERIMENT + f"  0x{'f' * 900}: 1\n", "more than 64 bits"),
         (chain(10, 15), "longer than 1,000,000 characters"),
-        (EXPERIMENT + "  a:\n    b: ${llm.a}\n", "stands for itself"),
+        (EXPERIMENT + "  a:\n    b: ${llm.a}\n", "refers to itself"),
         (EXPERIMENT.replace("[5, 9]", "[" + "'x', " * 999 + "]"), "…"),
     ],
 )
-def test_a_file_that_grows_is_given_up(tmp_path: Path, text: str, words: str) -> None:
+def test_growing_settings_are_refused(tmp_path: Path, text: str, words: str) -> None:
     found = faults(tmp_path, {PLAIN: text})
     assert words in found
     assert len(found) < 1000
@@ -99,7 +99,7 @@ PIECES = ["Observation:", "Reasoning:", "Plan:", "Action:", "\n", " ", "x", "\N{
 
 
 @given(st.lists(st.sampled_from(PIECES), max_size=14).map("".join))
-def test_examples_are_split_as_the_published_patterns_do(part: str) -> None:
+def test_examples_are_split_as_published(part: str) -> None:
     match = PUBLISHED[0].search(part) or PUBLISHED[1].search(part)
     text = f"Interaction 1\n---\n{part}"
     if match is None:
@@ -110,6 +110,6 @@ def test_examples_are_split_as_the_published_patterns_do(part: str) -> None:
         assert parse_episode(text, "x").steps == (wanted,)
 
 
-def test_an_example_without_answers_takes_no_time() -> None:
+def test_example_without_answers_is_quick() -> None:
     with pytest.raises(FileError, match="no observation with an answer"):
         parse_episode("Interaction 1\n---\n" + "Observation:\n" * 50_000, "x")

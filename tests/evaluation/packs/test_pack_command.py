@@ -1,4 +1,4 @@
-"""`robotouille pack`: what it prints, where it writes, and when it fails."""
+"""Command `robotouille pack`: output, files and errors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def folder(tmp_path: Path, checkout: Path) -> Path:
     return tmp_path / "toast"
 
 
-def test_import_tells_what_is_there_and_what_is_missing(tmp_path: Path, checkout: Path) -> None:
+def test_import_lists_contents_and_missing_parts(tmp_path: Path, checkout: Path) -> None:
     result = pack("import", checkout, "--out", tmp_path / "toast")
     assert result.exit_code == 0
     assert "published 2.0, 1 tasks (1 default, 10 free, 10 noisy)" in result.stdout
@@ -39,7 +39,7 @@ def test_import_tells_what_is_there_and_what_is_missing(tmp_path: Path, checkout
     assert read_pack(tmp_path / "toast").digest in result.stdout
 
 
-def test_import_goes_to_a_folder_of_the_packs_name(
+def test_default_folder_of_import(
     tmp_path: Path, checkout: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -47,7 +47,7 @@ def test_import_goes_to_a_folder_of_the_packs_name(
     assert read_pack(tmp_path / "packs" / "published").name == "published"
 
 
-def test_import_fails_where_files_are_wrong_and_keeps_the_rest(tmp_path: Path) -> None:
+def test_import_with_invalid_files(tmp_path: Path) -> None:
     bad = "environments/env_generator/examples/synchronous/1_bad.json"
     checkout = write_checkout(tmp_path / "checkout", {bad: "{"})
     result = pack("import", checkout, "--out", tmp_path / "toast", "--json")
@@ -57,14 +57,14 @@ def test_import_fails_where_files_are_wrong_and_keeps_the_rest(tmp_path: Path) -
     assert "1_bad.json: is not JSON" in row["faults"][0]
 
 
-def test_what_is_no_checkout_is_an_error_in_a_line(tmp_path: Path) -> None:
+def test_import_without_checkout(tmp_path: Path) -> None:
     result = pack("import", tmp_path)
     assert result.exit_code == 1
     assert result.stdout == ""
-    assert "is no checkout of the published repository" in result.stderr
+    assert "not a checkout of the published repository" in result.stderr
 
 
-def test_show_lists_what_is_in_a_pack(folder: Path) -> None:
+def test_show(folder: Path) -> None:
     words = pack("show", folder).stdout
     assert "synchronous/0_toast: 21 instances, 5 steps (constant in ReAct/plain)" in words
     assert "prompts: ReAct/1.0.0-plain" in words
@@ -73,7 +73,7 @@ def test_show_lists_what_is_in_a_pack(folder: Path) -> None:
     assert row["tasks"] == [{"task": "synchronous/0_toast", "optimal": 5}]
 
 
-def test_check_says_what_is_wrong(folder: Path) -> None:
+def test_check_lists_faults(folder: Path) -> None:
     assert pack("check", folder).stdout == "no faults\n"
     found = read_pack(folder)
     broken = found.instances[0].problem.replace('"goal":[', '"goal":[{},')
@@ -84,7 +84,7 @@ def test_check_says_what_is_wrong(folder: Path) -> None:
     assert json.loads(result.stdout)["faults"]
 
 
-def test_a_changed_pack_is_an_error(folder: Path) -> None:
+def test_changed_pack_is_an_error(folder: Path) -> None:
     (folder / "tasks.json").write_text("[]")
     for command in ("show", "check"):
         result = pack(command, folder)
@@ -92,22 +92,19 @@ def test_a_changed_pack_is_an_error(folder: Path) -> None:
         assert "tasks.json: was changed since the pack was made" in result.stderr
 
 
-def test_diff_prints_tables(folder: Path, tmp_path: Path) -> None:
-    other = write_checkout(
-        tmp_path / "other",
-        {"conf/experiments/ReAct/plain.yaml": None},
-    )
+def test_diff(folder: Path, tmp_path: Path) -> None:
+    other = write_checkout(tmp_path / "other", {"conf/experiments/ReAct/plain.yaml": None})
     assert pack("import", other, "--out", tmp_path / "other pack").exit_code == 0
     assert pack("diff", folder, folder).stdout == "no difference\n"
     text = pack("diff", folder, tmp_path / "other pack").stdout
-    assert "Task by task" in text
+    assert "By task" in text
     markdown = pack("diff", folder, tmp_path / "other pack", "--markdown").stdout
     assert "|  | budget | 8 | – |" in markdown
     row = json.loads(pack("diff", folder, tmp_path / "other pack", "--json").stdout)
     assert {"aspect": "optimum", "a": "5", "b": ""} in row["tasks"][0]["differences"]
 
 
-def test_names_of_packs_do_not_steer_the_terminal(folder: Path, tmp_path: Path) -> None:
+def test_pack_names_cannot_control_the_terminal(folder: Path, tmp_path: Path) -> None:
     found = read_pack(folder)
     name = "[/red]\x1b[2J|x"
     other = replace(found, name=name, tasks=(replace(found.tasks[0], optimal=6),))
@@ -118,7 +115,7 @@ def test_names_of_packs_do_not_steer_the_terminal(folder: Path, tmp_path: Path) 
         assert "\x1b" not in result.output and "/red" in result.output
 
 
-def test_check_finds_prompts_and_examples_that_are_not_there(folder: Path) -> None:
+def test_check_finds_missing_prompts_and_examples(folder: Path) -> None:
     write_pack(replace(read_pack(folder), prompts=(), examples=()), folder)
     result = pack("check", folder)
     assert result.exit_code == 1
@@ -137,7 +134,7 @@ def test_check_finds_prompts_and_examples_that_are_not_there(folder: Path) -> No
         ({"llm": {"prompts": {"action_proposal_prompt": 3}}}, "llm.prompts.action_proposal_prompt"),
     ],
 )
-def test_experiments_that_nobody_can_play_are_errors(
+def test_invalid_experiments_are_errors(
     folder: Path, change: dict[str, object], words: str
 ) -> None:
     found = read_pack(folder)
@@ -150,14 +147,14 @@ def test_experiments_that_nobody_can_play_are_errors(
     assert f"experiment ReAct/plain: {words}" in " ".join(result.stderr.split())
 
 
-def test_diff_names_a_folder_that_is_no_pack(tmp_path: Path) -> None:
+def test_diff_of_a_folder_without_pack(tmp_path: Path) -> None:
     result = pack("diff", tmp_path, tmp_path)
     assert result.exit_code == 1
-    assert "is no pack" in result.stderr
+    assert "not a pack" in result.stderr
 
 
 @pytest.mark.slow
-def test_build_makes_our_pack(tmp_path: Path) -> None:
+def test_build(tmp_path: Path) -> None:
     assert pack("build", "--out", tmp_path / "ours").exit_code == 0
     assert read_pack(tmp_path / "ours").name == "ours"
     assert pack("diff", "ours", tmp_path / "ours").stdout == "no difference\n"

@@ -1,4 +1,4 @@
-"""The table of docs/packs.md is the one that the packs give now."""
+"""Table of differences in docs/packs.md."""
 
 from __future__ import annotations
 

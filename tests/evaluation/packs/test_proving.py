@@ -1,21 +1,19 @@
-"""Shortest plans of a pack's instances, kept in the pack."""
+"""Proofs of shortest plans, stored in the pack."""
 
 from __future__ import annotations
 
-import os
-import signal
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from robotouille import World
-from robotouille.planning.search_result import Proof
+from robotouille.planning.plan import Proof
 from robotouille_client.cli.main import app
 from robotouille_evaluation.cli import pack as commands
+from robotouille_evaluation.packs.checking import prove_instances, with_instances
 from robotouille_evaluation.packs.pack import Pack, PackInstance
-from robotouille_evaluation.packs.proving import prove_instances, with_instances
-from robotouille_evaluation.packs.published.checkout import read_checkout
+from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from tests.support.checkouts import write_checkout
 from tests.support.solvers import answering, proving
@@ -32,7 +30,7 @@ def default_only(pack: Pack) -> list[PackInstance]:
     return list(prove_instances(pack, proving, kinds=["default"]))
 
 
-def test_proven_plans_are_kept(pack: Pack) -> None:
+def test_proven_plans_are_stored(pack: Pack) -> None:
     (instance,) = default_only(pack)
     made = with_instances(pack, [instance])
     assert made.digest != pack.digest
@@ -43,7 +41,7 @@ def test_proven_plans_are_kept(pack: Pack) -> None:
     assert default_only(made) == []
 
 
-def test_what_is_not_proven_is_left_open(pack: Pack) -> None:
+def test_unproven_instances_stay_open(pack: Pack) -> None:
     done: list[tuple[int, int]] = []
     nothing = answering(plan=None, bound=0, proof=Proof.NONE)
     found = prove_instances(
@@ -53,7 +51,7 @@ def test_what_is_not_proven_is_left_open(pack: Pack) -> None:
     assert done == [(1, 1)]
 
 
-def test_the_command_goes_on_after_an_interruption(
+def test_command_continues_after_an_interruption(
     pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "toast"
@@ -70,34 +68,8 @@ def test_the_command_goes_on_after_an_interruption(
     monkeypatch.setattr(commands, "solve", interrupted)
     result = CliRunner().invoke(app, ["pack", "prove", str(folder)])
     assert result.exit_code == 0
-    assert result.stdout.startswith("1 proven now, 1 have no proven plan\n")
+    assert result.stdout.startswith("1 proven now, 1 without a proven plan\n")
     monkeypatch.setattr(commands, "solve", proving)
     result = CliRunner().invoke(app, ["pack", "prove", str(folder)])
-    assert result.stdout.startswith("1 proven now, 0 have no proven plan\n")
+    assert result.stdout.startswith("1 proven now, 0 without a proven plan\n")
     assert read_pack(folder).digest in result.stdout
-
-
-def test_the_command_keeps_what_is_proven_when_it_is_ended(
-    pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "toast"
-    write_pack(pack, folder)
-    found: list[int | None] = []
-
-    def ended(world: World, *arguments: object, **options: object) -> object:
-        found.append(read_pack(folder).instances[0].optimal())
-        if len(found) > 1:
-            os.kill(os.getpid(), signal.SIGTERM)
-        return proving(world)
-
-    monkeypatch.setattr(commands, "SAVE_SECONDS", 0.0)
-    monkeypatch.setattr(commands, "SAY_SECONDS", 0.0)
-    monkeypatch.setattr(commands, "solve", ended)
-    before = signal.getsignal(signal.SIGTERM)
-    result = CliRunner().invoke(app, ["pack", "prove", str(folder)])
-    assert result.stdout.startswith("1 proven now, 1 have no proven plan\n")
-    assert "1 of 2 instances\n" in result.stderr
-    assert found[0] is None
-    assert found[1] is not None, "it is written meanwhile"
-    assert read_pack(folder).instances[0].optimal() is not None
-    assert signal.getsignal(signal.SIGTERM) is before

@@ -1,4 +1,4 @@
-"""A slow model on a real server whose world does not wait, in virtual time."""
+"""Slow model on a real server whose world does not wait, in virtual time."""
 
 from __future__ import annotations
 
@@ -15,33 +15,26 @@ from robotouille.planning import solve
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
-from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.sansio.game_events import Changed
+from robotouille_client.bots.llm_options import LlmBotOptions
+from robotouille_client.sansio.game_events import StateChanged
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.cli.bot import LanguageModelBot
 from robotouille_evaluation.metrics import Trajectory
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.models import Completion, ModelRequest
-from robotouille_evaluation.models.valid_actions import valid_actions
-from robotouille_evaluation.packs.own import build_own_pack
-from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.realtime import Charge, Late
+from robotouille_evaluation.models.model import valid_actions
+from robotouille_evaluation.packs.own import build_own_pack as pack
+from robotouille_evaluation.realtime import Charge, LatePolicy
 from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptions
 from robotouille_evaluation.realtime.thoughts import Thought
-from tests.support.pondering import PATIENCE, Pondering
 from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.slow_policy import PATIENCE, SlowPolicy
+from tests.support.virtual_time import run, virtual
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
 PLANNER = policy_maker(BotKind.PLANNER)
-FOR_EVER = 1e9
 Answer = Callable[[ModelRequest], str]
-
-
-@cache
-def pack() -> Pack:
-    return build_own_pack()
 
 
 @cache
@@ -60,7 +53,7 @@ def first_valid(request: ModelRequest) -> str:
 
 
 def slow(seconds: float, answer: Answer) -> Callable[[ModelRequest], Awaitable[Completion]]:
-    """A model that takes its time."""
+    """Return a slow model."""
 
     async def complete(request: ModelRequest) -> Completion:
         await asyncio.sleep(seconds)
@@ -84,14 +77,14 @@ def agent(game: Game, seconds: float, answer: Answer, **options: Any) -> RealTim
 def played(
     path: Path, seconds: float, answer: Answer, rules: dict[str, Any], **options: Any
 ) -> Recording:
-    """A model alone on a server; what was recorded of it."""
+    """Play a model alone on a server and return the recording."""
 
     async def main() -> None:
         async with serving(path) as server, connect(server.url, name="m") as client:
             opened = await client.create(ALONE, clock="realtime", timing="benchmark", **rules)
             game = await joined(client, opened.code)
             await agent(game, seconds, answer, **options).play()
-            assert game.over
+            assert game.finished
             assert len(asyncio.all_tasks()) < 20
 
     run(main())
@@ -104,10 +97,8 @@ def played(
 WALL = {"step_rate": 1.0, "max_steps": 40}
 
 
-def test_steps_go_by_while_it_thinks_and_actions_say_what_they_are_based_on(
-    tmp_path: Path,
-) -> None:
-    """2.5 s at a step a second: two steps pass between a look and the one that takes the action."""
+def test_steps_pass_while_thinking_and_actions_have_a_basis(tmp_path: Path) -> None:
+    """2.5 s at one step per second: two steps pass before the action."""
     recording = played(tmp_path, 2.5, the_plan(), WALL)
     assert recording.outcome is not None
     assert (recording.outcome["reason"], recording.outcome["steps"]) == ("goal", 24)
@@ -119,24 +110,8 @@ def test_steps_go_by_while_it_thinks_and_actions_say_what_they_are_based_on(
     assert len(list(model_calls(recording))) == 8
 
 
-def test_a_model_that_never_answers_is_given_up_and_its_helper_wins(tmp_path: Path) -> None:
-    recording = played(tmp_path, FOR_EVER, first_valid, WALL, helper=PLANNER)
-    assert recording.outcome is not None
-    assert recording.outcome["reason"] == "goal"
-    course = Trajectory.recorded(recording)
-    assert course.thoughts == (Thought("robot1", 0),)
-    assert {answer.basis for answer in course.answers} == {None}
-    assert measure(course, 40).lost_to_thinking == 0
-
-
-def test_without_a_helper_the_world_goes_on_to_its_last_step(tmp_path: Path) -> None:
-    recording = played(tmp_path, FOR_EVER, first_valid, {"step_rate": 1.0, "max_steps": 7})
-    course = Trajectory.recorded(recording)
-    assert (course.steps, measure(course, 7).lost_to_thinking) == (7, 7)
-
-
-@pytest.mark.parametrize("late", [Late.APPLY, Late.REVALIDATE, Late.DROP])
-def test_what_becomes_of_answers_that_the_helper_has_overtaken(tmp_path: Path, late: Late) -> None:
+@pytest.mark.parametrize("late", [LatePolicy.APPLY, LatePolicy.REVALIDATE, LatePolicy.DROP])
+def test_answers_overtaken_by_the_helper(tmp_path: Path, late: LatePolicy) -> None:
     told: list[str] = []
 
     def answer(request: ModelRequest) -> str:
@@ -148,27 +123,27 @@ def test_what_becomes_of_answers_that_the_helper_has_overtaken(tmp_path: Path, l
     assert course.goal_step is not None
     refused = [answer for answer in course.answers if answer.wrong]
     dropped = [thought for thought in course.thoughts if thought.dropped]
-    assert bool(refused) == (late is Late.APPLY)
-    assert bool(dropped) == (late is not Late.APPLY)
+    assert bool(refused) == (late is LatePolicy.APPLY)
+    assert bool(dropped) == (late is not LatePolicy.APPLY)
     assert measure(course, 40).held_share == 0
     assert told[1].startswith("Since you last looked ")
     assert "* you: " in told[1]
-    assert ("was dropped" in told[1]) == (late is not Late.APPLY)
+    assert ("was dropped" in told[1]) == (late is not LatePolicy.APPLY)
 
 
 async def deed(game: Game) -> GroundAction:
-    """The next thing that somebody does."""
+    """Wait for the next action of a player."""
     while True:
         event = await game.next_event()
-        if isinstance(event, Changed) and event.did:
+        if isinstance(event, StateChanged) and event.did:
             ((_, action, applied),) = event.did
             assert applied
             return action
 
 
-async def test_an_answer_is_acted_on_while_its_helper_still_searches(tmp_path: Path) -> None:
-    """In real time: where time is virtual, it stands still for threads."""
-    helper = Pondering()
+async def test_answer_takes_effect_while_the_helper_searches(tmp_path: Path) -> None:
+    """In real time, because virtual time does not advance for threads."""
+    helper = SlowPolicy()
     answers = asyncio.Queue[str]()
 
     async def complete(_: ModelRequest) -> Completion:
@@ -208,9 +183,9 @@ async def test_an_answer_is_acted_on_while_its_helper_still_searches(tmp_path: P
 DECLARED = {"step_rate": 5.0, "max_steps": 40, "thinking": "declared"}
 
 
-@pytest.mark.parametrize("late", [Late.APPLY, Late.DROP])
-def test_declared_thinking_costs_steps_however_long_it_takes(tmp_path: Path, late: Late) -> None:
-    """300 ms are two steps: sent with the action, or passed before it."""
+@pytest.mark.parametrize("late", [LatePolicy.APPLY, LatePolicy.DROP])
+def test_declared_thinking_costs_steps(tmp_path: Path, late: LatePolicy) -> None:
+    """300 ms are two steps, sent with the action or passed before it."""
     contents = []
     for name, seconds in (("one", 0.0), ("other", 500.0)):
         more = {"charge": Charge.parse("declared:300"), "late": late}
@@ -228,91 +203,32 @@ def test_declared_thinking_costs_steps_however_long_it_takes(tmp_path: Path, lat
     ]
 
 
-def test_a_helper_acts_where_thinking_is_declared(tmp_path: Path) -> None:
+def test_helper_acts_with_declared_thinking(tmp_path: Path) -> None:
     more = {"charge": Charge.parse("declared:86400000"), "helper": PLANNER}
     recording = played(tmp_path, 1.0, first_valid, DECLARED, **more)
     assert recording.outcome is not None
     assert (recording.outcome["reason"], recording.outcome["steps"]) == ("goal", 8)
 
 
-def test_a_slow_model_and_a_planner_play_together(tmp_path: Path) -> None:
-    """Who did what, and how stale it was, is in the recording."""
-
-    async def main() -> None:
-        async with (
-            serving(tmp_path) as server,
-            connect(server.url, name="model") as one,
-            connect(server.url, name="planner") as other,
-        ):
-            opened = await one.create(
-                TEAM, clock="realtime", step_rate=1.0, timing="benchmark", max_steps=60
-            )
-            game, partner = await asyncio.gather(joined(one, opened.code), other.join(opened.code))
-            slow_one = agent(game, 3.3, first_valid, helper=PLANNER, late=Late.REVALIDATE)
-            playing = play(partner, PLANNER, threaded=False)
-            outcome, _ = await asyncio.gather(slow_one.play(), playing)
-            assert outcome["reason"] == "goal"
-
-    run(main())
-    (file,) = tmp_path.glob("*.rbt")
-    recording = read_recording(file)
-    assert recording.verify().identical
-    course = Trajectory.recorded(recording)
-    assert course.thoughts
-    assert all(thought.seat == "robot1" for thought in course.thoughts)
-
-
 @pytest.mark.parametrize("clock", ["turn", "realtime"])
-def test_the_bot_of_the_command_line_plays_with_every_clock(tmp_path: Path, clock: str) -> None:
-    async def main() -> None:
-        async with serving(tmp_path) as server, connect(server.url, name="m") as client:
-            opened = await client.create(ALONE, clock=clock, step_rate=1.0, max_steps=10)
-            bot = LanguageModelBot.of(
-                "mock",
-                base_url="",
-                strategy="react-none",
-                transcript=None,
-                seed=3,
-                temperature=None,
-                prices="",
-                timeout=None,
-                attempts=None,
-                helper="planner",
-            )
-            async with bot.opened() as play_game:
-                game = await client.join(opened.code, view=bot.view)
-                outcome = await play_game(game)
-            assert outcome["reason"] in ("goal", "step_limit")
-
-    run(main())
+@virtual
+async def test_bot_command_with_every_clock(tmp_path: Path, clock: str) -> None:
+    async with serving(tmp_path) as server, connect(server.url, name="m") as client:
+        opened = await client.create(ALONE, clock=clock, step_rate=1.0, max_steps=10)
+        options = LlmBotOptions(strategy="react-none", helper="planner")
+        bot = LanguageModelBot.of(options, seed=3)
+        async with bot.opened() as play_game:
+            game = await client.join(opened.code, view=bot.view)
+            outcome = await play_game(game)
+        assert outcome["reason"] in ("goal", "step_limit")
     (file,) = tmp_path.glob("*.rbt")
     found = Trajectory.recorded(read_recording(file))
     assert bool(found.thoughts) == (clock == "realtime")
     assert {answer.basis for answer in found.answers} - {None}
 
 
-def test_an_answer_for_a_finished_game_is_not_waited_for(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with (
-            serving(tmp_path) as server,
-            connect(server.url, name="model") as one,
-            connect(server.url, name="other") as other,
-        ):
-            opened = await one.create(TEAM, clock="realtime", step_rate=1.0, absence="end")
-            game, partner = await asyncio.gather(joined(one, opened.code), other.join(opened.code))
-            playing = asyncio.create_task(agent(game, FOR_EVER, first_valid).play())
-            while game.step < 2:
-                await asyncio.sleep(0.5)
-            await other.leave()
-            outcome = await playing
-            assert outcome["reason"] == "abandoned"
-            assert partner.ended
-
-    run(main())
-
-
-def test_a_declared_thought_without_an_action_costs_its_steps_too(tmp_path: Path) -> None:
-    """Five answers that are none, for 80 ms each, are two steps."""
+def test_declared_thought_without_action_costs_steps(tmp_path: Path) -> None:
+    """Five malformed answers of 80 ms each cost two steps."""
     more = {"charge": Charge.parse("declared:80")}
     rules = DECLARED | {"max_steps": 5}
     course = Trajectory.recorded(played(tmp_path, 1.0, lambda _: "Hm.", rules, **more))

@@ -1,4 +1,4 @@
-"""Tables of rows: what is grouped, what is compared, and the published numbers beside it."""
+"""Tables of reports: groups of rows, comparisons and published numbers."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from io import StringIO
 
 import pytest
 
-from robotouille_evaluation.metrics import BudgetRow, Measures, Result
+from robotouille.html_report.page import Table, TableRow
+from robotouille_evaluation.metrics import BudgetRow, EpisodeMeasures, Result
 from robotouille_evaluation.metrics.rows import RealTimeRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import datasets, named, task_number, tasks
 from robotouille_evaluation.report.tables import (
-    Line,
-    Table,
     all_tables,
     bin_of_steps_to_go,
     comparisons,
@@ -32,37 +31,37 @@ def test_success_by_dataset() -> None:
     rows = [row(instance=f"i{n}", **({"outcome": LOST} if n > 2 else {})) for n in range(4)]
     table = success_by_dataset(rows)
     assert table.columns == ("player", "synchronous", "episodes")
-    own, *theirs = table.lines
+    own, *theirs = table.rows
     assert own.cells[0] == "planner"
     assert own.cells[1].startswith("75 % (")
     assert own.cells[2] == "4"
-    assert Line(("gpt-4o, ReAct", "47 %", "–"), reference=True) in theirs
+    assert TableRow(("gpt-4o, ReAct", "47 %", "–"), reference=True) in theirs
     assert all(line.reference for line in theirs)
 
 
-def test_a_part_of_a_data_set_is_marked() -> None:
+def test_part_of_a_data_set_is_marked() -> None:
     def cell(*tasks: int) -> str:
-        return success_by_dataset([row(task=f"{n:02}_x") for n in tasks]).lines[0].cells[1]
+        return success_by_dataset([row(task=f"{n:02}_x") for n in tasks]).rows[0].cells[1]
 
     assert cell(1, 2, 2).endswith(", 2 of 10 tasks")
     assert cell(*range(1, 11)) == "100 % (69–100)"
-    own, *_ = success_by_dataset([row(dataset="mine")]).lines
+    own, *_ = success_by_dataset([row(dataset="mine")]).rows
     assert "tasks" not in own.cells[1]
 
 
-def test_no_interval_is_shown_where_none_is_known() -> None:
+def test_unknown_interval_is_not_shown() -> None:
     rows = [row(task=f"{n:02}_x", seed=seed, **({"outcome": LOST} if seed else {}))
             for n in range(1, 11) for seed in range(2)]  # fmt: skip
-    assert success_by_dataset(rows).lines[0].cells[1] == "50 %"
+    assert success_by_dataset(rows).rows[0].cells[1] == "50 %"
 
 
-def test_success_by_task_has_the_published_columns_of_that_task() -> None:
+def test_success_by_task_has_published_columns() -> None:
     (table,) = success_by_task([row(task="synchronous/03_lettuce_tomato_sandwich")])
     assert table.columns[:3] == ("task", "optimum", "planner")
-    assert table.lines[0].cells[-3:] == ("10 %", "30 %", "80 %")
+    assert table.rows[0].cells[-3:] == ("10 %", "30 %", "80 %")
 
 
-def test_what_may_not_be_averaged_is_listed_apart() -> None:
+def test_different_settings_are_separate_players() -> None:
     other = BudgetRow(rule="published", steps=12)
     groups = named([row(), row(budget=other), row(budget=other, attempts=2)])
     assert {name: len(group) for name, group in groups.items()} == {
@@ -72,16 +71,16 @@ def test_what_may_not_be_averaged_is_listed_apart() -> None:
     assert list(named([row()])) == ["planner"]
 
 
-def test_variants_stand_side_by_side_and_are_never_averaged() -> None:
+def test_variants_have_columns_and_are_never_averaged() -> None:
     rows = [row(), row(variant="stochastic", outcome=LOST), row(variant="delay-free")]
     assert list(named(rows)) == ["planner", "planner · delay-free", "planner · stochastic"]
-    assert not comparisons(rows).lines
-    own, *theirs = variants(rows).lines
+    assert not comparisons(rows).rows
+    own, *theirs = variants(rows).rows
     assert own.cells[:4] == ("planner", "", "synchronous", "01_cheese_sandwich")
     assert [cell.partition(" (")[0] for cell in own.cells[4:]] == ["100 %", "0 %", "100 %"]
-    assert Line(("gpt-4o, ReAct", "–", "synchronous", "2", "80 %", "10 %", "–"), True) in theirs
-    assert not variants([row()]).lines
-    delayed = variants([row(dataset="asynchronous", variant="delay-free")]).lines
+    assert TableRow(("gpt-4o, ReAct", "–", "synchronous", "2", "80 %", "10 %", "–"), True) in theirs
+    assert not variants([row()]).rows
+    delayed = variants([row(dataset="asynchronous", variant="delay-free")]).rows
     assert ("gpt-4o, ReAct", "–", "asynchronous", "1", "20 %", "–", "50 %") in [
         line.cells for line in delayed
     ]
@@ -90,8 +89,8 @@ def test_variants_stand_side_by_side_and_are_never_averaged() -> None:
 def test_players_are_compared_on_common_episodes() -> None:
     one = [row(agent="a", instance=f"i{n}") for n in range(8)]
     other = [row(agent="b", instance=f"i{n}", outcome=LOST) for n in range(1, 7)]
-    (line,) = comparisons([*one, *other]).lines
-    # Six common ones, all won by one alone: 2 / 2^6.
+    (line,) = comparisons([*one, *other]).rows
+    # All six common episodes are solved by one player only: p = 2 / 2^6.
     assert line.cells == ("a", "b", "6", "0", "6", "0.031")
 
 
@@ -100,13 +99,15 @@ def test_players_are_compared_on_common_episodes() -> None:
     [("synchronous/01_cheese_sandwich", 1), ("10_big", 10), ("asynchronous/0_cheese", 1),
      ("9_onion", 10), ("soup", None), (f"{'1' * 5000}_x", None), ("synchronous", None)],
 )  # fmt: skip
-def test_which_task_of_the_paper_it_is(task: str, number: int | None) -> None:
+def test_task_number_of_the_paper(task: str, number: int | None) -> None:
     assert task_number(task) == number
 
 
 def test_bins_of_steps_to_go() -> None:
     def named_bin(least: float | None, most: float | None, dead: bool = False) -> str | None:
-        return bin_of_steps_to_go(Measures(to_go_least=least, to_go_most=most, out_of_reach=dead))
+        return bin_of_steps_to_go(
+            EpisodeMeasures(to_go_least=least, to_go_most=most, out_of_reach=dead)
+        )
 
     assert named_bin(0.5, 0.5) == "0 to 0.5"
     assert named_bin(0.6, 1.0) == "0.5 to 1"
@@ -116,7 +117,7 @@ def test_bins_of_steps_to_go() -> None:
     assert named_bin(None, None, dead=True) == "out of reach"
 
 
-def test_the_order_of_data_sets_and_tasks() -> None:
+def test_data_sets_and_tasks_are_in_the_papers_order() -> None:
     rows = list(made_up_rows(1))[::-1]
     assert list(datasets([*rows, row(dataset="extra")])) == [
         "synchronous", "asynchronous", "multi_agent", "extra"
@@ -125,39 +126,33 @@ def test_the_order_of_data_sets_and_tasks() -> None:
 
 
 @pytest.mark.parametrize("cell", ["=1+1", "+1", "-1", "@a", "\t=1", "  =1", "\ta"])
-def test_csv_cells_are_no_formulas_in_the_head_neither(cell: str) -> None:
-    table = Table("t", "T", ("player", cell), (Line(("a,b", cell)),))
+def test_csv_cells_and_headings_are_never_formulas(cell: str) -> None:
+    table = Table(("player", cell), [TableRow(("a,b", cell))])
     head, line = csv.reader(StringIO(csv_text(table), newline=""))
     assert head == ["player", f"'{cell}", "source"]
     assert line == ["a,b", f"'{cell}", "own"]
 
 
 def test_csv_cells_have_one_line() -> None:
-    table = Table("t", "T", ("player",), (Line(("a\r=1\n+1",)), Line(("\r=1",))))
+    table = Table(("player",), [TableRow(("a\r=1\n+1",)), TableRow(("\r=1",))])
     assert csv_text(table) == "player,source\na =1 +1,own\n' =1,own\n"
 
 
-def test_of_very_many_players_some_are_compared() -> None:
+def test_comparisons_are_limited_to_the_players_with_most_episodes() -> None:
     rows = [row(agent=f"a{n:04}", instance=f"i{i}") for n in range(100) for i in range(1 + n % 2)]
     table = comparisons(rows)
-    assert len(table.lines) == 30 * 29 // 2
-    assert all(line.cells[4] == "2" for line in table.lines)
+    assert len(table.rows) == 30 * 29 // 2
+    assert all(line.cells[4] == "2" for line in table.rows)
     assert "70 more players" in table.note
 
 
-def test_a_second_attempt_counts_in_a_comparison() -> None:
-    rows = [row(agent="react", outcome=LOST), row(agent="reflexion", attempts=2)]
-    (line,) = comparisons(rows).lines
-    assert line.cells[:5] == ("react", "reflexion", "0", "1", "1")
-
-
-def test_every_line_has_all_columns() -> None:
+def test_every_row_has_all_columns() -> None:
     for table in all_tables(list(made_up_rows(2))):
-        assert {len(line.cells) for line in table.lines} == {len(table.columns)}, table.name
+        assert {len(line.cells) for line in table.rows} == {len(table.columns)}, table.name
 
 
-def test_published_totals_are_the_means_of_their_tasks() -> None:
-    """As printed: so it is where the paper's totals are means, which they are here."""
+def test_published_totals_are_means_of_their_tasks() -> None:
+    """The paper's totals are printed separately."""
     totals = {each.strategy: each for each in published.SUCCESS if each.model == "gpt-4o"}
     for dataset, strategies in published.SUCCESS_BY_TASK.items():
         for strategy, values in strategies.items():
@@ -165,9 +160,9 @@ def test_published_totals_are_the_means_of_their_tasks() -> None:
             assert sum(values) / 10 == getattr(totals[strategy], dataset)
 
 
-def test_worlds_that_go_on_are_never_mixed_with_those_that_wait() -> None:
-    """Two players of one name; the second lost 3 steps, held 1 of 2, was 2 steps late."""
-    measures = Measures(staleness=2, late_answers=2, held_share=0.5, lost_to_thinking=3)
+def test_real_time_episodes_are_separate() -> None:
+    """Two players have one name. The second plays in real time."""
+    measures = EpisodeMeasures(staleness=2, late_answers=2, held_share=0.5, lost_to_thinking=3)
     moving = RealTimeRow(step_rate=5, charge="tokens:20", late="drop", helper="planner")
     waiting = row()
     quick = row(clock="realtime", real_time=moving, measures=measures)
@@ -175,17 +170,17 @@ def test_worlds_that_go_on_are_never_mixed_with_those_that_wait() -> None:
     pace = "real time: 5 steps/s, tokens:20, drop, helper planner"
     assert set(named([waiting, quick])) == {"planner", f"planner · {pace}"}
     assert list(named([quick])) == ["planner"]
-    (line,) = real_time([waiting, quick]).lines
+    (line,) = real_time([waiting, quick]).rows
     assert line.cells[2:] == ("100 % (3–100)", "2", "2", "50 %", "3", "1")
-    assert not real_time([waiting]).lines
-    assert not comparisons([waiting, quick]).lines
+    assert not real_time([waiting]).rows
+    assert not comparisons([waiting, quick]).rows
 
 
-def test_teams_of_different_size_on_one_instance_are_groups_of_their_own() -> None:
+def test_team_sizes_on_one_instance_are_separate() -> None:
     rows = [
         row(),
         row(dataset="multi_agent", instance="team", seats=2),
         row(dataset="multi_agent", instance="team", seats=3),
     ]
     assert list(named(rows)) == ["planner", "planner · 2 players", "planner · 3 players"]
-    assert list(named(rows[:2])) == ["planner"], "who plays alone is no other team"
+    assert list(named(rows[:2])) == ["planner"]

@@ -1,4 +1,4 @@
-"""Whatever a model answers: it is refused, counted and recorded, and the episode goes on."""
+"""Bad answers of models: rejected, counted and recorded, while the episode goes on."""
 
 from __future__ import annotations
 
@@ -10,16 +10,11 @@ import pytest
 from robotouille import World, load_task
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_client import connect
-from robotouille_evaluation.agents.asking import answer_all
 from robotouille_evaluation.agents.making import make_strategy
-from robotouille_evaluation.agents.network import NetworkAgent
-from robotouille_evaluation.agents.proposal import Observation
-from robotouille_evaluation.agents.teams.team import Each
-from robotouille_evaluation.metrics.rows import Counts, EpisodeRow
-from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
+from robotouille_evaluation.agents.proposal import AgentObservation, answer_all
+from robotouille_evaluation.metrics.rows import Counts, ResultRow
+from robotouille_evaluation.metrics.trajectory import AnswerVerdict, Trajectory
 from robotouille_evaluation.models import (
-    Completion,
     ModelError,
     ModelErrorKind,
     ModelRequest,
@@ -27,19 +22,17 @@ from robotouille_evaluation.models import (
 )
 from robotouille_evaluation.models.scripted import Scripted
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.runs import AgentSpec, jobs, play_job
+from robotouille_evaluation.runs import AgentSpec, RunContext, plan_jobs, play_job
 from tests.support.runs import small_pack, started_run
-from tests.support.samples import first_quickly
-from tests.support.servers import serving
-from tests.support.virtual_time import run
+from tests.support.samples import quick_sample
 
 TASK = "synchronous/01_cheese_sandwich"
 MEGABYTE = 1_000_000
 FIRST = World(load_task(TASK)).initial.actions("robot1")[0].sentence
 FLY = "Fly to the moon"
 
-MALFORMED, INVALID = Verdict.MALFORMED, Verdict.INVALID
-ANSWERS: dict[str, tuple[Scripted, Verdict]] = {
+MALFORMED, INVALID = AnswerVerdict.MALFORMED, AnswerVerdict.INVALID
+ANSWERS: dict[str, tuple[Scripted, AnswerVerdict]] = {
     "a megabyte of nothing": ("x" * MEGABYTE, MALFORMED),
     "a megabyte as action": ("Reasoning: so\nAction: " + "x" * MEGABYTE, MALFORMED),
     "a megabyte of reasoning": (f"Reasoning: {'y' * MEGABYTE}\nAction: {FLY}", MALFORMED),
@@ -60,7 +53,7 @@ def pack() -> Pack:
 
 
 class Stubborn:
-    """Takes the first valid action, and then says the same thing again and again."""
+    """Model that takes the first valid action and then repeats one text."""
 
     def __init__(self, answer: Scripted) -> None:
         self.answer = answer
@@ -74,18 +67,20 @@ class Stubborn:
         return f"Reasoning: first\nAction: {FIRST}" if self.asked == 1 else self.answer
 
 
-def in_process(folder: Path, answer: Stubborn, strategy: str) -> tuple[EpisodeRow, Recording]:
+def in_process(folder: Path, answer: Stubborn, strategy: str) -> tuple[ResultRow, Recording]:
     spec = AgentSpec(name="m", kind="model", strategy=strategy, model="mock")
-    (job,) = jobs(pack(), [spec], pack().instances)
+    (job,) = plan_jobs(pack(), [spec], pack().instances)
     model = ScriptedModel(answer)
-    playing = play_job(job, "r", pack(), started_run(folder, pack(), job), model, lambda: 0.0)
+    playing = play_job(
+        job, RunContext("r", pack(), started_run(folder, pack(), job), lambda: 0.0), model
+    )
     row = asyncio.run(playing)
     assert row.recording is not None
     return row, read_recording(folder / row.recording)
 
 
-@pytest.mark.parametrize("name", first_quickly(ANSWERS, 3))
-def test_in_process(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", quick_sample(ANSWERS, 3))
+def test_bad_answers_in_a_run(tmp_path: Path, name: str) -> None:
     answer, verdict = ANSWERS[name]
     model = Stubborn(answer)
     row, recording = in_process(tmp_path, model, "react-full")
@@ -98,14 +93,14 @@ def test_in_process(tmp_path: Path, name: str) -> None:
         malformed=refused if verdict is MALFORMED else 0,
     )
     check(recording, refused, verdict)
-    assert model.longest < 300_000, "no megabyte is sent again"
+    assert model.longest < 300_000, "a megabyte is not sent again"
 
 
-async def test_nor_is_it_in_a_reflection_or_below_what_is_read_next() -> None:
+async def test_long_answers_are_not_repeated_in_reflections() -> None:
     model = Stubborn("Reflection: " + "z" * MEGABYTE)
     complete = ScriptedModel(model).complete
     strategy = make_strategy(pack(), "reflexion", "synchronous")
-    seen = Observation(f"Valid Actions:\n{FIRST}", (FIRST,), "robot1")
+    seen = AgentObservation(f"Valid Actions:\n{FIRST}", (FIRST,), "robot1")
     for _ in range(2):
         await answer_all(strategy.propose(seen), complete)
     assert strategy.retry()
@@ -114,34 +109,8 @@ async def test_nor_is_it_in_a_reflection_or_below_what_is_read_next() -> None:
     assert model.longest < 300_000
 
 
-@pytest.mark.parametrize("name", first_quickly(ANSWERS, 3))
-def test_over_the_network(tmp_path: Path, name: str) -> None:
-    answer, verdict = ANSWERS[name]
-    model = Stubborn(answer)
-
-    async def complete(request: ModelRequest) -> Completion:
-        await asyncio.sleep(1.0)  # of simulated time: models are slow
-        try:
-            return await ScriptedModel(model).complete(request)
-        except ModelError as error:
-            return Completion("", finish_reason=error.kind.value)
-
-    async def main() -> None:
-        async with serving(tmp_path) as server, connect(server.url, name="m") as client:
-            opened = await client.create(TASK, clock="turn", max_steps=6)
-            game = await client.join(opened.code, view="text")
-            strategy = make_strategy(pack(), "react-last-reasoning-action", "synchronous")
-            alone = Each({"robot1": strategy}, {"robot1": complete})
-            outcome = await NetworkAgent(game, alone).play()
-            assert outcome["reason"] == "step_limit"
-
-    run(main())
-    (file,) = tmp_path.glob("*.rbt")
-    check(read_recording(file), model.asked - 1, verdict)
-
-
-def check(recording: Recording, refused: int, verdict: Verdict) -> None:
-    """Everything is there: answers with their reasons, counts, and what was sent and said."""
+def check(recording: Recording, refused: int, verdict: AnswerVerdict) -> None:
+    """Check the recorded answers with reasons, the counts, and the model calls."""
     assert recording.verify().identical
     assert recording.outcome is not None
     (seat,) = recording.outcome["seats"]

@@ -1,4 +1,4 @@
-"""A disk that is full in the middle of a run: nothing is torn, and the run goes on afterwards."""
+"""Full disk during a run: no truncated files, and the run can be resumed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from robotouille.errors import FileError
 from robotouille_evaluation.agents.proposal import Exchange, ExchangeVerdict
 from robotouille_evaluation.cli.bot import _transcript
-from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.models import (
     Completion,
     Message,
@@ -26,14 +26,16 @@ from robotouille_evaluation.models import (
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import (
     AgentSpec,
-    Job,
+    EpisodeJob,
+    JobOptions,
+    RunContext,
     RunFolder,
     Workers,
-    jobs,
+    plan_jobs,
     play_job,
     run_jobs,
 )
-from robotouille_evaluation.runs.appending import append_line
+from robotouille_evaluation.runs.journal import append_line
 from tests.support.runs import small_pack, started_run
 
 TASK = "synchronous/01_cheese_sandwich"
@@ -42,7 +44,7 @@ MODEL = AgentSpec(name="m", kind="model", strategy="react-none", model="mock")
 
 @contextmanager
 def files_of_at_most(size: int) -> Iterator[None]:
-    """Nothing is written beyond so many bytes of any file, as on a disk that is full there."""
+    """Limit the size of files, as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -55,13 +57,13 @@ def pack() -> Pack:
     return small_pack(TASK)
 
 
-def created(path: Path, seeds: int = 1) -> tuple[RunFolder, tuple[Job, ...]]:
-    planned = tuple(jobs(pack(), [MODEL], pack().instances, seeds=range(seeds)))
+def created(path: Path, seeds: int = 1) -> tuple[RunFolder, tuple[EpisodeJob, ...]]:
+    planned = tuple(plan_jobs(pack(), [MODEL], pack().instances, JobOptions(seeds=range(seeds))))
     return started_run(path, pack(), *planned), planned
 
 
 class Counting:
-    """A mock that counts what it is asked, and says the same if it is asked the same again."""
+    """Mock that counts its requests and repeats its answer to a repeated request."""
 
     name = "mock"
 
@@ -73,7 +75,7 @@ class Counting:
         return await ScriptedModel(SeededAnswers(5)).complete(request)
 
 
-def test_a_line_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_lines_are_written_completely_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "lines"
     with FileIO(path, "ab") as file:
         append_line(file, b"x" * 999 + b"\n")
@@ -84,28 +86,28 @@ def test_a_line_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert path.read_bytes().splitlines() == [b"x" * 999, b"z"]
 
 
-def test_what_was_paid_is_kept_as_far_as_there_was_space(tmp_path: Path) -> None:
+def test_paid_calls_are_kept_while_there_is_space(tmp_path: Path) -> None:
     whole = Counting()
     folder, (job,) = created(tmp_path / "whole")
-    wanted = asyncio.run(play_job(job, "r", pack(), folder, whole, lambda: 0.0))
+    wanted = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), whole))
     folder, (job,) = created(tmp_path / "full")
     model = Counting()
     with files_of_at_most(1500):
-        row = asyncio.run(play_job(job, "r", pack(), folder, model, lambda: 0.0))
+        row = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), model))
     assert row.outcome.ended_by == "error" and "cannot be written" in str(row.error)
     lines = folder.calls(job, "robot1").read_bytes()
     kept = len(lines.splitlines())
     assert lines.endswith(b"\n") and 0 < kept == model.asked - 1
-    again = asyncio.run(play_job(job, "r", pack(), folder, model, lambda: 0.0))
+    again = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), model))
     assert again == wanted
-    assert model.asked == whole.asked + 1, "only the one that could not be kept is asked twice"
+    assert model.asked == whole.asked + 1, "only the answer that was not stored is asked for twice"
 
 
-def test_rows_are_not_torn_and_the_run_goes_on(tmp_path: Path) -> None:
+def test_rows_are_not_truncated_and_the_run_resumes(tmp_path: Path) -> None:
     folder, planned = created(tmp_path, seeds=6)
-    finished: list[EpisodeRow] = []
+    finished: list[ResultRow] = []
 
-    async def make(job: Job) -> Model:
+    async def make(job: EpisodeJob) -> Model:
         return ScriptedModel(SeededAnswers(job.seed))
 
     def go_on() -> None:
@@ -126,23 +128,24 @@ def test_rows_are_not_torn_and_the_run_goes_on(tmp_path: Path) -> None:
     assert all(row.error is None for row in folder.rows()[done:])
 
 
-def test_a_damaged_file_of_calls_ends_its_episode_and_no_other(tmp_path: Path) -> None:
+def test_damaged_journal_ends_one_episode(tmp_path: Path) -> None:
     folder, (one, other) = created(tmp_path, seeds=2)
     calls = folder.calls(one, "robot1")
     calls.parent.mkdir()
     calls.write_text("what is this?\n")
     rows = [
-        asyncio.run(play_job(job, "r", pack(), folder, Counting(), lambda: 0.0))
+        asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: 0.0), Counting()))
         for job in (one, other)
     ]
-    assert "is no call of a model" in str(rows[0].error)
+    assert "not a model call" in str(rows[0].error)
     assert rows[1].error is None
 
 
-def test_a_bot_plays_on_without_its_transcript(capsys: pytest.CaptureFixture[str]) -> None:
-    request = ModelRequest((Message("user", "x"),))
-    exchange = Exchange(request, Completion("y"), ExchangeVerdict.ACTION)
-    with _transcript(Path("/dev/full")) as told:
-        told(exchange)
-        told(exchange)
+def test_bot_continues_without_transcript(capsys: pytest.CaptureFixture[str]) -> None:
+    exchange = Exchange(
+        ModelRequest((Message("user", "x"),)), Completion("y"), ExchangeVerdict.ACTION
+    )
+    with _transcript(Path("/dev/full")) as record:
+        record(exchange)
+        record(exchange)
     assert capsys.readouterr().err.count("/dev/full: not written") == 2

@@ -1,4 +1,4 @@
-"""Paid calls are kept: nothing is asked twice, whatever happens to the file."""
+"""Journal of paid calls: no call is repeated, whatever happens to the file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def lines(path: Path) -> int:
 ANSWER = Completion("Action: wait", Usage(12, 3, 0.001), seconds=1.5, attempts=2)
 
 
-def test_what_was_answered_is_answered_again(tmp_path: Path) -> None:
+def test_recorded_answers_are_returned(tmp_path: Path) -> None:
     with CallJournal(tmp_path / "calls/a.jsonl") as journal:
         assert journal.answered(request("one")) is None
         journal.keep(request("one"), ANSWER)
@@ -33,7 +33,7 @@ def test_what_was_answered_is_answered_again(tmp_path: Path) -> None:
         assert journal.answered(request("three")) is None
 
 
-def test_another_course_drops_what_is_behind(tmp_path: Path) -> None:
+def test_different_request_drops_the_rest(tmp_path: Path) -> None:
     with CallJournal(tmp_path / "a.jsonl") as journal:
         for text in ("one", "two", "three"):
             journal.keep(request(text), ANSWER)
@@ -44,7 +44,7 @@ def test_another_course_drops_what_is_behind(tmp_path: Path) -> None:
     assert lines(tmp_path / "a.jsonl") == 2
 
 
-def test_a_torn_line_is_cut_off(tmp_path: Path) -> None:
+def test_truncated_line_is_removed(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     with CallJournal(path) as journal:
         journal.keep(request("one"), ANSWER)
@@ -81,15 +81,15 @@ def test_a_torn_line_is_cut_off(tmp_path: Path) -> None:
         '{"request": "x", "completion": {"text": "", "other": 1}}',
     ],
 )
-def test_a_file_that_is_no_journal_is_named(tmp_path: Path, line: str) -> None:
+def test_invalid_journal_is_an_error(tmp_path: Path, line: str) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text(f"{line}\n")
     with pytest.raises(FileError, match=r"a\.jsonl.*line 1"):
         CallJournal(path)
 
 
-def test_no_prompt_is_in_it(tmp_path: Path) -> None:
-    """Requests are kept as hashes: prompts are long, and the pack has them."""
+def test_prompts_are_stored_as_hashes(tmp_path: Path) -> None:
+    """Prompts are long, and the pack contains them."""
     with CallJournal(tmp_path / "a.jsonl") as journal:
         journal.keep(request("a long prompt"), ANSWER)
     assert "a long prompt" not in (tmp_path / "a.jsonl").read_text()

@@ -1,9 +1,8 @@
-"""Episodes in simulated real time: what thinking costs, to the step, and twice the same bytes."""
+"""Episodes in simulated real time: exact costs of thinking, and repeatable bytes."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,9 @@ from typing import Any
 import pytest
 
 from robotouille import World, load_task
-from robotouille.errors import WrongArgumentError
 from robotouille.planning import solve
-from robotouille.replay.export import json_lines
 from robotouille.replay.recording import read_recording
-from robotouille_evaluation.metrics import EpisodeRow, Trajectory
+from robotouille_evaluation.metrics import ResultRow, Trajectory
 from robotouille_evaluation.models import (
     ModelError,
     ModelErrorKind,
@@ -23,19 +20,21 @@ from robotouille_evaluation.models import (
     ScriptedModel,
     SeededAnswers,
 )
-from robotouille_evaluation.models.valid_actions import valid_actions
+from robotouille_evaluation.models.model import valid_actions
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime.thoughts import Thought
 from robotouille_evaluation.runs import (
     AgentSpec,
-    Job,
+    EpisodeJob,
+    JobOptions,
     RealTime,
+    RunContext,
     RunFolder,
-    jobs,
+    plan_jobs,
     play_job,
 )
 from tests.support.runs import agent, small_pack, started_run
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
 BEST = tuple(
@@ -52,26 +51,28 @@ def pack() -> Pack:
 MODEL = agent("model", strategy="react-last-reasoning-action", model="mock")
 
 
-def created(path: Path, planned: Job) -> RunFolder:
+def created(path: Path, planned: EpisodeJob) -> RunFolder:
     return started_run(path, pack(), planned)
 
 
-def job(task: str, *, by: AgentSpec = MODEL, **time: Any) -> Job:
+def job(task: str, *, by: AgentSpec = MODEL, **time: Any) -> EpisodeJob:
     (found,) = [
         each
-        for each in jobs(pack(), [by], pack().instances, real_time=RealTime(**time))
+        for each in plan_jobs(
+            pack(), [by], pack().instances, JobOptions(real_time=RealTime(**time))
+        )
         if each.instance.startswith(task)
     ]
     return found
 
 
-def play(path: Path, played: Job, answer: Callable[[ModelRequest], Any]) -> EpisodeRow:
+def play(path: Path, played: EpisodeJob, answer: Callable[[ModelRequest], Any]) -> ResultRow:
     folder = created(path, played)
     model = ScriptedModel(answer)
-    return asyncio.run(play_job(played, "r", pack(), folder, model, lambda: 0.0))
+    return asyncio.run(play_job(played, RunContext("r", pack(), folder, lambda: 0.0), model))
 
 
-def course(path: Path, row: EpisodeRow) -> Trajectory:
+def course(path: Path, row: ResultRow) -> Trajectory:
     assert row.recording is not None
     recording = read_recording(path / row.recording)
     assert recording.verify().identical
@@ -88,8 +89,8 @@ def first_valid(request: ModelRequest) -> str:
     return f"Reasoning: so.\nAction: {valid_actions(request)[0]}"
 
 
-def test_each_thought_costs_its_steps(tmp_path: Path) -> None:
-    """Eight actions at 300 ms, five steps a second: two steps are lost before each, 24 in all."""
+def test_thoughts_cost_steps(tmp_path: Path) -> None:
+    """Eight actions at 300 ms with five steps per second lose two steps each: 24 in all."""
     played = job(ALONE, charge="declared:300", slack=2)
     row = play(tmp_path, played, the_plan())
     assert row.outcome.success
@@ -105,16 +106,8 @@ def test_each_thought_costs_its_steps(tmp_path: Path) -> None:
     assert str(row.real_time) == "5 steps/s, declared:300, apply"
 
 
-def test_the_export_has_the_basis(tmp_path: Path) -> None:
-    row = play(tmp_path, job(ALONE, charge="declared:300", slack=2), the_plan())
-    assert row.recording is not None
-    lines = [json.loads(line) for line in json_lines(read_recording(tmp_path / row.recording))]
-    moves = [move for line in lines if line["kind"] == "step" for move in line["moves"]]
-    assert [move["basis"] for move in moves] == list(range(0, 24, 3))
-
-
-def test_tokens_are_charged(tmp_path: Path) -> None:
-    """An answer has 9 to 11 words, counted as tokens: 180 to 220 ms, so a step or two."""
+def test_charge_by_tokens(tmp_path: Path) -> None:
+    """An answer has 9 to 11 words as tokens: 180 to 220 ms, which is one or two steps."""
     row = play(tmp_path, job(ALONE, charge="tokens:20", slack=3), the_plan())
     words = [len(f"Reasoning: so.\nAction: {action}".split()) for action in BEST]
     found = course(tmp_path, row)
@@ -122,7 +115,7 @@ def test_tokens_are_charged(tmp_path: Path) -> None:
     assert {1, 2} == {1 + (n > 10) for n in words}
 
 
-def test_a_thought_that_costs_nothing_loses_nothing(tmp_path: Path) -> None:
+def test_free_thoughts_lose_no_steps(tmp_path: Path) -> None:
     row = play(tmp_path, job(ALONE, charge="declared:0"), the_plan())
     assert (row.outcome.success, row.outcome.steps) == (True, 8)
     assert (row.measures.staleness, row.measures.lost_to_thinking) == (0, 0)
@@ -130,8 +123,8 @@ def test_a_thought_that_costs_nothing_loses_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("late", ["apply", "revalidate", "drop"])
-@pytest.mark.parametrize("task", first_quickly([ALONE, TEAM]))
-def test_a_run_repeats_byte_for_byte(tmp_path: Path, task: str, late: str) -> None:
+@pytest.mark.parametrize("task", quick_sample([ALONE, TEAM]))
+def test_runs_repeat_byte_for_byte(tmp_path: Path, task: str, late: str) -> None:
     played = job(task, charge="tokens:15", late=late, helper="planner", digest_tokens=60)
     contents = []
     for name in ("one", "other"):
@@ -143,22 +136,22 @@ def test_a_run_repeats_byte_for_byte(tmp_path: Path, task: str, late: str) -> No
     folder.calls(played, "robot1").parent.mkdir(parents=True, exist_ok=True)
     for kept in (tmp_path / "one").glob("calls/**/*.jsonl"):
         (folder.calls(played, "robot1").parent / kept.name).write_bytes(kept.read_bytes())
-    resumed = asyncio.run(play_job(played, "r", pack(), folder, None, lambda: 0.0))
-    assert resumed == contents[0][0], "it goes on from the journal, and nobody is asked"
+    resumed = asyncio.run(play_job(played, RunContext("r", pack(), folder, lambda: 0.0), None))
+    assert resumed == contents[0][0], "the journal answers all requests"
 
 
-def test_a_helper_reaches_the_goal_while_a_model_thinks_for_ever(tmp_path: Path) -> None:
+def test_helper_reaches_the_goal_alone(tmp_path: Path) -> None:
     played = job(ALONE, charge="declared:86400000", helper="planner")
     row = play(tmp_path, played, first_valid)
     assert (row.outcome.success, row.outcome.steps) == (True, 8)
-    assert (row.counts.calls, row.measures.lost_to_thinking) == (1, 0), "it was paid for"
+    assert (row.counts.calls, row.measures.lost_to_thinking) == (1, 0), "paid for"
     found = course(tmp_path, row)
     assert found.thoughts == (Thought("robot1", 0),)
     assert [answer.basis for answer in found.answers] == [None] * 8
 
 
-def test_what_is_thought_of_when_a_model_fails_is_counted(tmp_path: Path) -> None:
-    """One thinks for ever, the other has acted and is asked again."""
+def test_pending_answers_are_counted_after_an_error(tmp_path: Path) -> None:
+    """One model never answers; the other has acted and is asked again."""
     answered: list[str] = []
 
     def answer(request: ModelRequest) -> str | ModelError:
@@ -175,14 +168,14 @@ def test_what_is_thought_of_when_a_model_fails_is_counted(tmp_path: Path) -> Non
     assert course(tmp_path, row).thoughts[0].arrived is None
 
 
-def test_without_a_helper_all_its_steps_are_lost(tmp_path: Path) -> None:
+def test_all_steps_are_lost_without_helper(tmp_path: Path) -> None:
     row = play(tmp_path, job(ALONE, charge="declared:86400000"), first_valid)
     assert (row.outcome.ended_by, row.outcome.steps) == ("step-limit", 12)
     assert (row.measures.lost_to_thinking, row.measures.staleness) == (12, None)
 
 
-def test_what_a_helper_has_done_meanwhile_makes_answers_invalid(tmp_path: Path) -> None:
-    """The model sends the cook to the cheese; the helper has been there and gone on."""
+def test_helper_makes_late_answers_invalid(tmp_path: Path) -> None:
+    """The model sends the cook to the cheese, where the helper has already been."""
     told: list[str] = []
 
     def answer(request: ModelRequest) -> str:
@@ -202,7 +195,7 @@ def test_what_a_helper_has_done_meanwhile_makes_answers_invalid(tmp_path: Path) 
     assert "* you: " in told[1]
 
 
-def test_a_dropped_answer_is_recorded_and_asked_for_anew(tmp_path: Path) -> None:
+def test_dropped_answers_are_recorded(tmp_path: Path) -> None:
     played = job(ALONE, charge="declared:400", helper="planner", late="drop")
     row = play(tmp_path, played, first_valid)
     found = course(tmp_path, row)
@@ -211,22 +204,3 @@ def test_a_dropped_answer_is_recorded_and_asked_for_anew(tmp_path: Path) -> None
     assert row.outcome.success
     assert not any(answer.wrong for answer in found.answers)
     assert (row.measures.late_answers, row.measures.held_share) == (3, 0)
-
-
-@pytest.mark.slow
-def test_planners_are_charged_nothing(tmp_path: Path) -> None:
-    played = job(TEAM, by=agent("planner"), charge="declared:1000")
-    row = play(tmp_path, played, first_valid)
-    assert row.outcome.success
-    assert (row.measures.staleness, row.measures.lost_to_thinking) == (0, None)
-
-
-def test_the_wall_clock_is_not_offered_and_turns_are_named_as_before() -> None:
-    with pytest.raises(WrongArgumentError, match="does not repeat"):
-        RealTime(charge="wall")
-    (old,) = [
-        each for each in jobs(pack(), [MODEL], pack().instances) if each.instance.startswith(ALONE)
-    ]
-    assert old.real_time is None
-    assert old.id != job(ALONE, charge="tokens:1").id
-    assert job(ALONE, charge="tokens:1").id != job(ALONE, charge="tokens:2").id

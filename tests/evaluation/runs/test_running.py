@@ -1,4 +1,4 @@
-"""Runs: every job has one row and a recording that verifies, whatever stops it meanwhile."""
+"""Runs: each job has one row and a verifiable recording, whatever stops the run."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 
 from robotouille.errors import FileError, RobotouilleError
-from robotouille.planning.policies.planner_policy import PlannerPolicy
+from robotouille.planning.policies import PlannerOptions
 from robotouille.replay.controllers import controllers
 from robotouille.replay.recording import read_recording
-from robotouille_evaluation.agents import policies
-from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.metrics.rows import PackId, ResultRow
 from robotouille_evaluation.models import (
     Completion,
     Model,
@@ -30,15 +29,18 @@ from robotouille_evaluation.models import (
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import (
     AgentSpec,
-    Job,
+    EpisodeJob,
+    JobOptions,
     RealTime,
+    RunContext,
     RunFolder,
     RunPlan,
     Workers,
-    jobs,
+    plan_jobs,
     play_job,
     run_jobs,
 )
+from robotouille_evaluation.runs import job_agents as policies
 from tests.support.runs import agent, small_pack, started_run
 
 TASKS = ("synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger")
@@ -51,29 +53,31 @@ def pack() -> Pack:
 MODEL = agent("model", strategy="react-last-reasoning-action", model="mock")
 
 
-def created(path: Path, planned: tuple[Job, ...]) -> RunFolder:
+def created(path: Path, planned: tuple[EpisodeJob, ...]) -> RunFolder:
     return started_run(path, pack(), *planned)
 
 
-def play(folder: RunFolder, job: Job, model: Model | None = None) -> EpisodeRow:
+def play(folder: RunFolder, job: EpisodeJob, model: Model | None = None) -> ResultRow:
     clock = itertools.count().__next__
-    return asyncio.run(play_job(job, "r", pack(), folder, model, lambda: float(clock())))
+    return asyncio.run(
+        play_job(job, RunContext("r", pack(), folder, lambda: float(clock())), model)
+    )
 
 
-def planned(*agents: AgentSpec, budget: str = "own") -> tuple[Job, ...]:
-    return tuple(jobs(pack(), agents, pack().instances, budget=budget))  # type: ignore[arg-type]
+def planned(*agents: AgentSpec, budget: str = "own") -> tuple[EpisodeJob, ...]:
+    return tuple(plan_jobs(pack(), agents, pack().instances, JobOptions(budget=budget)))  # type: ignore[arg-type]
 
 
-def job_of(kind: AgentSpec, task: str) -> Job:
+def job_of(kind: AgentSpec, task: str) -> EpisodeJob:
     return next(job for job in planned(kind) if job.instance.startswith(task))
 
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("kind", ["planner", "random", "scripted"])
-def test_an_episode_is_a_row_and_a_recording(
+def test_row_and_recording_of_an_episode(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, task: str
 ) -> None:
-    monkeypatch.setattr(policies, "PlannerPolicy", partial(PlannerPolicy, expansions=50))
+    monkeypatch.setattr(policies, "PlannerOptions", partial(PlannerOptions, expansions=50))
     job = job_of(agent(kind), task)
     folder = created(tmp_path, (job,))
     row = play(folder, job)
@@ -89,7 +93,7 @@ def test_an_episode_is_a_row_and_a_recording(
         assert row.outcome.steps == row.optimum.steps
 
 
-def test_a_model_plays_and_what_it_said_is_counted(tmp_path: Path) -> None:
+def test_answers_of_a_model_are_counted(tmp_path: Path) -> None:
     job = job_of(MODEL, TASKS[0])
     folder = created(tmp_path, (job,))
     row = play(folder, job, ScriptedModel(SeededAnswers(3)))
@@ -102,35 +106,11 @@ def test_a_model_plays_and_what_it_said_is_counted(tmp_path: Path) -> None:
     (seat,) = recording.outcome["seats"]
     assert (seat["invalid"], seat["malformed"]) == (row.counts.invalid, row.counts.malformed)
     assert row.counts.malformed > 0
-    assert play(folder, job, None) == row.model_copy(update={"seconds": 1.0}), "nobody is asked"
-
-
-def test_a_model_that_fails_ends_its_episode_and_no_other(tmp_path: Path) -> None:
-    planned_jobs = planned(MODEL, agent("random"))
-    folder = created(tmp_path, planned_jobs)
-    refused = ModelError(ModelErrorKind.REFUSED, "the key is wrong")
-
-    async def make(job: Job) -> Model:
-        return ScriptedModel(lambda _: refused)
-
-    asking = [job for job in planned_jobs if job.agent.kind == "model"]
-    finished: list[EpisodeRow] = []
-    running = run_jobs(folder, pack(), asking, Workers(), make, lambda _, row: finished.append(row))
-    asyncio.run(running)
-    assert [row.outcome.ended_by for row in finished] == ["error"] * len(asking)
-    assert all("the key is wrong" in str(row.error) for row in finished)
-
-
-def test_empty_answers_are_malformed_ones(tmp_path: Path) -> None:
-    job = job_of(MODEL, TASKS[0])
-    empty = ModelError(ModelErrorKind.EMPTY, "no text")
-    row = play(created(tmp_path, (job,)), job, ScriptedModel(lambda _: empty))
-    assert row.outcome.ended_by == "feedback-limit"
-    assert row.counts.malformed == row.counts.calls == 15
+    assert play(folder, job, None) == row.model_copy(update={"seconds": 1.0}), "no model is asked"
 
 
 class Stopping:
-    """A model that is killed after so many answers."""
+    """Model that stops the run after a number of answers."""
 
     name = "mock"
 
@@ -146,7 +126,7 @@ class Stopping:
         return await self._model.complete(request)
 
 
-def test_no_paid_call_is_made_twice(tmp_path: Path) -> None:
+def test_killed_run_repeats_no_paid_call(tmp_path: Path) -> None:
     job = job_of(MODEL, TASKS[0])
     whole = Stopping(1000)
     wanted = play(created(tmp_path / "whole", (job,)), job, whole)
@@ -164,7 +144,7 @@ def test_no_paid_call_is_made_twice(tmp_path: Path) -> None:
     assert row.model_copy(update={"seconds": 0.0}) == wanted.model_copy(update={"seconds": 0.0})
 
 
-def test_rows_survive_a_tear_and_another_run_is_refused(tmp_path: Path) -> None:
+def test_truncated_row_is_removed(tmp_path: Path) -> None:
     all_jobs = planned(agent("scripted"))
     folder = created(tmp_path, all_jobs)
     for job in all_jobs:
@@ -180,7 +160,7 @@ def test_rows_survive_a_tear_and_another_run_is_refused(tmp_path: Path) -> None:
 
 
 def test_reading_a_run_changes_nothing(tmp_path: Path) -> None:
-    """It may be going on: what looks torn is a row that is being written."""
+    """The run may be in progress, and a truncated row may be one being written."""
     (job, *_) = all_jobs = planned(agent("scripted"))
     folder = created(tmp_path, all_jobs)
     row = play(folder, job)
@@ -194,14 +174,14 @@ def test_reading_a_run_changes_nothing(tmp_path: Path) -> None:
     assert rows.read_bytes() == whole * 2
     rows.write_bytes(whole[:-1])
     folder.add(row)
-    assert rows.read_bytes() == whole * 2, "a row that lacks its line feed only counts"
+    assert rows.read_bytes() == whole * 2, "a row that lacks only its line feed counts"
 
 
-def test_a_run_is_played_by_one_process_at_a_time(tmp_path: Path) -> None:
+def test_one_process_at_a_time_plays_a_run(tmp_path: Path) -> None:
     all_jobs = planned(agent("scripted"))
     created(tmp_path, all_jobs)
 
-    async def nobody(job: Job) -> Model:
+    async def nobody(job: EpisodeJob) -> Model:
         raise AssertionError
 
     def go_on() -> None:
@@ -214,7 +194,7 @@ def test_a_run_is_played_by_one_process_at_a_time(tmp_path: Path) -> None:
     go_on()
 
 
-def test_a_run_that_was_moved_finds_the_pack_in_it(tmp_path: Path) -> None:
+def test_moved_run_finds_its_pack(tmp_path: Path) -> None:
     id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
     for where, moved in (("run/pack", "moved/pack"), ("packs/mine", "packs/mine")):
         folder = str(tmp_path.resolve() / where)
@@ -227,16 +207,16 @@ def test_a_run_that_was_moved_finds_the_pack_in_it(tmp_path: Path) -> None:
         (tmp_path / "moved/run.json").unlink()
 
 
-def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="there is no run"):
+def test_folder_without_run(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="has no run"):
         RunFolder(tmp_path).plan()
     (tmp_path / "run.json").write_text('{"format": "x"}')
     with pytest.raises(FileError, match=r"run\.json"):
         RunFolder(tmp_path).plan()
 
 
-def test_ours_are_told_who_they_are(tmp_path: Path) -> None:
-    """As over the network; what is published says nothing of it."""
+def test_own_strategies_read_the_player_name(tmp_path: Path) -> None:
+    """As over the network; published prompts do not contain the name."""
     heard: list[str] = []
 
     def answer(request: ModelRequest) -> str:
@@ -248,16 +228,7 @@ def test_ours_are_told_who_they_are(tmp_path: Path) -> None:
     assert {text.splitlines()[0] for text in heard} == {"You are robot1.", "You are robot2."}
 
 
-@pytest.mark.slow
-def test_planners_of_a_team_count_on_each_other(tmp_path: Path) -> None:
-    job = job_of(agent("planner"), TASKS[1])
-    row = play(created(tmp_path, (job,)), job)
-    assert row.outcome.success
-    assert row.outcome.steps <= 1.05 * (row.optimum.steps or 0)
-    assert row.counts.invalid == 0
-
-
-def test_a_plan_that_is_refused_is_recorded_and_counted(tmp_path: Path) -> None:
+def test_rejected_plan_is_recorded_and_counted(tmp_path: Path) -> None:
     job = job_of(agent("model", strategy="io", model="mock"), TASKS[0])
     folder = created(tmp_path, (job,))
     text = "Plan:\nMove robot1 from table3 to table1\nStack bread2 on cheese1 at table1 with robot1"
@@ -269,7 +240,7 @@ def test_a_plan_that_is_refused_is_recorded_and_counted(tmp_path: Path) -> None:
     assert refused["reasons"]
 
 
-def test_what_was_paid_for_is_counted_though_a_later_call_fails(tmp_path: Path) -> None:
+def test_paid_calls_are_counted_after_an_error(tmp_path: Path) -> None:
     job = job_of(MODEL, TASKS[0])
     calls = itertools.count()
 
@@ -286,15 +257,19 @@ def test_what_was_paid_for_is_counted_though_a_later_call_fails(tmp_path: Path) 
     assert (row.usage.prompt_tokens, row.usage.completion_tokens) == (27, 10)
 
 
-def test_what_could_only_break_off_is_not_begun() -> None:
-    with pytest.raises(RobotouilleError, match="begins anew after a failure, alone"):
+def test_impossible_jobs_are_refused() -> None:
+    with pytest.raises(RobotouilleError, match="so it plays alone"):
         planned(agent("model", strategy="reflexion", model="mock"))
     bare = replace(pack(), instances=tuple(replace(i, plans=()) for i in pack().instances[:1]))
     with pytest.raises(RobotouilleError, match="pack prove"):
-        tuple(jobs(bare, [agent("scripted")], bare.instances, budget="published"))
+        tuple(plan_jobs(bare, [agent("scripted")], bare.instances, JobOptions(budget="published")))
     moving = RealTime(charge="tokens:20", helper="script")
-    with pytest.raises(RobotouilleError, match="that --helper script could"):
-        tuple(jobs(bare, [MODEL], bare.instances, budget="published", real_time=moving))
+    with pytest.raises(RobotouilleError, match="--helper script needs a plan"):
+        tuple(
+            plan_jobs(
+                bare, [MODEL], bare.instances, JobOptions(budget="published", real_time=moving)
+            )
+        )
 
 
 @pytest.mark.parametrize(
@@ -307,10 +282,8 @@ def test_what_could_only_break_off_is_not_begun() -> None:
         ({"agent": {**MODEL.model_dump(), "attempts": 0}}, "jobs.0.agent.attempts"),
     ],
 )
-def test_a_plan_that_was_edited_says_what_is_wrong_with_it(
-    tmp_path: Path, change: dict[str, object], place: str
-) -> None:
-    folder = created(tmp_path, tuple(jobs(pack(), [MODEL], pack().instances[:1])))
+def test_invalid_run_plan(tmp_path: Path, change: dict[str, object], place: str) -> None:
+    folder = created(tmp_path, tuple(plan_jobs(pack(), [MODEL], pack().instances[:1])))
     plan = json.loads((tmp_path / "run.json").read_text())
     plan["jobs"][0].update(change)
     (tmp_path / "run.json").write_text(json.dumps(plan))

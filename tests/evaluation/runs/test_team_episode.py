@@ -1,4 +1,4 @@
-"""One model for all seats of a team, asked for one after the other or for all at once."""
+"""One model for all seats of a team, in turns or joint."""
 
 from __future__ import annotations
 
@@ -13,12 +13,21 @@ from robotouille import World
 from robotouille.errors import RobotouilleError
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_evaluation.agents.teams.team import Control
-from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.agents.team import Control
+from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.models import Model, ModelRequest, ScriptedModel, SeededAnswers
-from robotouille_evaluation.models.valid_actions import valid_actions
+from robotouille_evaluation.models.model import valid_actions
 from robotouille_evaluation.packs.pack import Pack
-from robotouille_evaluation.runs import AgentSpec, Job, RealTime, RunFolder, jobs, play_job
+from robotouille_evaluation.runs import (
+    AgentSpec,
+    EpisodeJob,
+    JobOptions,
+    RealTime,
+    RunContext,
+    RunFolder,
+    plan_jobs,
+    play_job,
+)
 from tests.support.runs import small_pack, started_run
 from tests.support.team_cook import NOTHING, TeamCook
 
@@ -40,28 +49,31 @@ def agent(strategy: str = "react-last-reasoning-action") -> AgentSpec:
 
 def planned(
     control: Control, *agents: AgentSpec, real_time: RealTime | None = None
-) -> tuple[Job, ...]:
-    found = jobs(
-        pack(), agents or (agent(),), pack().instances, control=control, real_time=real_time
+) -> tuple[EpisodeJob, ...]:
+    found = plan_jobs(
+        pack(),
+        agents or (agent(),),
+        pack().instances,
+        JobOptions(control=control, real_time=real_time),
     )
     return tuple(found)
 
 
-def team_job(control: Control, strategy: str = "react-last-reasoning-action") -> Job:
+def team_job(control: Control, strategy: str = "react-last-reasoning-action") -> EpisodeJob:
     return next(job for job in planned(control, agent(strategy)) if job.seats == 2)
 
 
-def play(path: Path, job: Job, model: Model | None) -> tuple[EpisodeRow, Recording]:
+def play(path: Path, job: EpisodeJob, model: Model | None) -> tuple[ResultRow, Recording]:
     folder = RunFolder(path) if (path / "run.json").exists() else started_run(path, pack(), job)
     clock = itertools.count().__next__
-    row = asyncio.run(play_job(job, "r", pack(), folder, model, lambda: float(clock())))
+    row = asyncio.run(play_job(job, RunContext("r", pack(), folder, lambda: float(clock())), model))
     assert row.recording is not None
     recording = read_recording(path / row.recording)
     assert recording.verify().identical
     return row, recording
 
 
-def test_in_turns_one_conversation_plays_all_robots(tmp_path: Path) -> None:
+def test_turns_use_one_conversation(tmp_path: Path) -> None:
     player = cook()
     row, recording = play(tmp_path, team_job("turns"), ScriptedModel(player.turns))
     assert row.outcome.success
@@ -70,16 +82,16 @@ def test_in_turns_one_conversation_plays_all_robots(tmp_path: Path) -> None:
     first, second = player.asked[:2]
     assert "You are robot1." in first and "In this step" not in first
     assert "You are robot2." in second
-    assert second.endswith("."), "what was chosen stands last"
+    assert second.endswith("."), "the chosen actions come last"
     assert "\n\nIn this step robot1 will do: Move robot1 from " in second
     calls = list(model_calls(recording))
     assert {call.player for call in calls} == {"robot1", "robot2"}
     assert len(calls) == row.counts.calls
     previous = [m["content"] for m in calls[1].messages if m["role"] == "assistant"][-1]
-    assert "Previous Action: Move robot1" in previous, "one history for all"
+    assert "Previous Action: Move robot1" in previous, "one history for all seats"
 
 
-def test_jointly_one_answer_is_for_all_robots(tmp_path: Path) -> None:
+def test_joint_answers_are_for_all_robots(tmp_path: Path) -> None:
     player = cook()
     row, recording = play(tmp_path, team_job("joint"), ScriptedModel(player.joint))
     assert row.outcome.success
@@ -92,11 +104,11 @@ def test_jointly_one_answer_is_for_all_robots(tmp_path: Path) -> None:
     assert "\nrobot1: Move robot1 from " in first and "\nrobot2: Move robot2 from " in first
     calls = list(model_calls(recording))
     assert [call.player for call in calls] == ["robot1"] * row.counts.calls
-    assert min(row.measures.contributions.values()) > 0.2, "both have worked"
+    assert min(row.measures.contributions.values()) > 0.2, "both robots worked"
 
 
 def flawed(cook: TeamCook, bad: Callable[[str], str]) -> tuple[ScriptedModel, list[str]]:
-    """Every second answer is refused; what was sent after one."""
+    """Play with every second answer rejected and return the requests after one."""
     told: list[str] = []
     count = itertools.count()
 
@@ -109,7 +121,7 @@ def flawed(cook: TeamCook, bad: Callable[[str], str]) -> tuple[ScriptedModel, li
     return ScriptedModel(answer), told
 
 
-def test_a_line_that_is_not_valid_refuses_all_and_names_its_robot(tmp_path: Path) -> None:
+def test_invalid_line_rejects_a_joint_answer(tmp_path: Path) -> None:
     fly = "Reasoning: up.\nActions:\nrobot1: Do nothing\nRobot2: Fly away"
     model, told = flawed(cook(), lambda _: fly)
     row, recording = play(tmp_path, team_job("joint"), model)
@@ -121,15 +133,7 @@ def test_a_line_that_is_not_valid_refuses_all_and_names_its_robot(tmp_path: Path
     assert row.counts.malformed == len(told) == row.outcome.steps
 
 
-def test_an_answer_without_lines_is_malformed(tmp_path: Path) -> None:
-    model, told = flawed(cook(), lambda _: "Reasoning: I think.")
-    row, _ = play(tmp_path, team_job("joint"), model)
-    assert row.outcome.success
-    assert "'<robot>: <action>'" in told[0]
-    assert row.counts.malformed == len(told)
-
-
-def test_what_two_robots_cannot_both_do_is_said_in_the_next_request(tmp_path: Path) -> None:
+def test_next_request_mentions_conflicts(tmp_path: Path) -> None:
     asked: list[str] = []
 
     def answer(request: ModelRequest) -> str:
@@ -153,16 +157,18 @@ def test_what_two_robots_cannot_both_do_is_said_in_the_next_request(tmp_path: Pa
     ("answer", "calls"),
     [("Reasoning: it is done.\nAction: Finish", {"turns": 2, "joint": 1}), ("", {"turns": 20})],
 )
-def test_a_team_ends_when_its_model_finishes_or_fails(
+def test_team_ends_when_its_model_ends(
     tmp_path: Path, control: Control, answer: str, calls: dict[str, int]
 ) -> None:
-    """Three requests with five answers each, of which none can be used, are the end of it; in turns
-    the model is asked once more for each robot that has not given up."""
+    """A model gives up after three requests with five unusable answers each.
+
+    In turns, it is asked once more for each other robot.
+    """
     row, _ = play(tmp_path, team_job(control), ScriptedModel(lambda _: answer))
     assert (row.outcome.ended_by, row.counts.calls) == ("finish", calls.get(control, 15))
 
 
-def test_a_run_that_is_gone_on_with_asks_for_nothing_again(tmp_path: Path) -> None:
+def test_resumed_team_run_repeats_no_call(tmp_path: Path) -> None:
     for control in ("turns", "joint"):
         job = team_job(control)
         row, _ = play(tmp_path / control, job, ScriptedModel(SeededAnswers(3)))
@@ -171,7 +177,7 @@ def test_a_run_that_is_gone_on_with_asks_for_nothing_again(tmp_path: Path) -> No
         assert again == row
 
 
-def test_who_plays_alone_and_what_plans_is_no_team_of_one_model() -> None:
+def test_control_is_for_teams_of_models() -> None:
     planner = AgentSpec(name="planner", kind="planner")
     controls = {(j.agent.kind, j.seats): j.control for j in planned("joint", agent(), planner)}
     assert controls == {
@@ -182,39 +188,32 @@ def test_who_plays_alone_and_what_plans_is_no_team_of_one_model() -> None:
     }
 
 
-def test_the_control_is_part_of_a_jobs_identity_and_the_usual_one_is_not() -> None:
-    each, turns, joint = (team_job(control).id for control in ("each", "turns", "joint"))
-    assert len({each, turns, joint}) == 3
-    assert team_job("each").model_dump(exclude={"control"}) is not None
-    assert each == Job.model_validate(team_job("each").model_dump(exclude={"control"})).id
-
-
 @pytest.mark.parametrize(
     ("control", "strategy", "why"),
     [
-        ("joint", "io", "cannot be asked for all robots at once; --control joint takes react-full"),
+        ("joint", "io", "all robots at once; with --control joint use react-full"),
         ("joint", "plag", "cannot be asked for all robots at once"),
-        ("turns", "reflexion", "begins anew after a failure"),
-        ("joint", "reflexion", "begins anew after a failure"),
+        ("turns", "reflexion", "starts again after a failure"),
+        ("joint", "reflexion", "starts again after a failure"),
     ],
 )
-def test_what_makes_no_sense_is_refused(control: Control, strategy: str, why: str) -> None:
+def test_impossible_controls_are_refused(control: Control, strategy: str, why: str) -> None:
     with pytest.raises(RobotouilleError, match=why):
         planned(control, agent(strategy))
 
 
-def test_one_who_plays_alone_is_no_team() -> None:
+def test_control_without_team_is_refused() -> None:
     alone = [instance for instance in pack().instances if instance.task == ALONE]
-    with pytest.raises(RobotouilleError, match="no task here is for several robots"):
-        list(jobs(pack(), [agent()], alone, control="joint"))
+    with pytest.raises(RobotouilleError, match="no task here has several robots"):
+        list(plan_jobs(pack(), [agent()], alone, JobOptions(control="joint")))
 
 
-def test_in_real_time_each_robot_has_a_model_of_its_own() -> None:
-    with pytest.raises(RobotouilleError, match="the world does not wait in real time"):
+def test_control_in_real_time_is_refused() -> None:
+    with pytest.raises(RobotouilleError, match="is not possible in real time"):
         planned("turns", real_time=RealTime(charge="tokens:20"))
 
 
-def test_plans_of_several_actions_are_carried_out_in_turns(tmp_path: Path) -> None:
+def test_plans_of_several_actions(tmp_path: Path) -> None:
     plans = {}
     for player in ("robot1", "robot2"):
         plans[player] = "\n".join(step[player] for step in cook().steps if player in step)
@@ -231,9 +230,7 @@ def test_plans_of_several_actions_are_carried_out_in_turns(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("real_time", [None, RealTime(charge="declared:0")])
-def test_models_of_a_team_talk_and_hear_each_other_as_others(
-    tmp_path: Path, real_time: RealTime | None
-) -> None:
+def test_models_of_a_team_chat(tmp_path: Path, real_time: RealTime | None) -> None:
     asked: dict[str, list[str]] = {"robot1": [], "robot2": []}
 
     def answer(request: ModelRequest) -> str:

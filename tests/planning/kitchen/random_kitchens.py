@@ -1,4 +1,4 @@
-"""Tiny kitchens at random, one for each seed: dishes of a few pieces, in any disorder."""
+"""Tiny random kitchens, one for each seed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PIECES: dict[str, list[list[str]]] = {
     "potato": [["iscut"], ["iscut", "isfried"], ["isfried"]],
     "onion": [["iscut"], ["iscut", "isfried"], []],
 }
-"""What a goal may say of a piece."""
+"""Possible goals for an item."""
 
 FACTS = {
     "lettuce": ["iscuttable"],
@@ -47,7 +47,7 @@ DELAYS = {
 
 @dataclass
 class _Draft:
-    """A kitchen in the making: kinds of things, and what is said of them."""
+    """A kitchen being built: its objects and its goal."""
 
     rng: random.Random
     stations: list[str] = field(default_factory=list)
@@ -60,7 +60,7 @@ class _Draft:
         return self.rng.random() < probability
 
     def want(self, predicate: str, *variables: tuple[str, int]) -> None:
-        """A term of the goal, over variables of a kind and a number."""
+        """Add a term of the goal over variables of a kind and a number."""
         kinds, ids = zip(*variables, strict=True)
         self.goal.append({"predicate": predicate, "args": kinds, "ids": ids})
 
@@ -69,12 +69,12 @@ class _Draft:
             self.stations.append(kind)
 
     def item(self, kind: str) -> tuple[str, int]:
-        """A new item that the goal is about."""
+        """Return a new item of the goal."""
         self.items.append(kind)
         return kind, next(self.ids)
 
     def piece(self, kind: str) -> tuple[str, int]:
-        """A new item that the goal may want cut, cooked or fried."""
+        """Return a new item that the goal may require to be cut, cooked or fried."""
         piece = self.item(kind)
         for result in self.rng.choice(PIECES[kind]):
             self.want(result, piece)
@@ -89,13 +89,13 @@ class _Draft:
 
 
 def _bread(draft: _Draft) -> tuple[tuple[str, int], str]:
-    """A base on a plain table, and the kind of its top."""
+    """Put a base on a plain table and return the kind of its top."""
     kind, top = draft.rng.choice([("bread", "bread"), ("bottombun", "topbun")])
     return draft.item(kind), top
 
 
 def _sandwich(draft: _Draft, table: int | None = None) -> None:
-    """Anything anywhere on a base; perhaps a top on which nothing is."""
+    """Add items on a base in any order, perhaps with a clear top."""
     base, kind = _bread(draft)
     plate = ("table", next(draft.ids) if table is None else table)
     draft.want("item_on", base, plate)
@@ -108,7 +108,7 @@ def _sandwich(draft: _Draft, table: int | None = None) -> None:
 
 
 def _stack(draft: _Draft) -> None:
-    """Everything in a certain order."""
+    """Add items in a fixed order."""
     below, kind = _bread(draft)
     if draft.chance(0.9):
         draft.want("item_on", below, ("table", next(draft.ids)))
@@ -122,21 +122,21 @@ def _stack(draft: _Draft) -> None:
 
 
 def _loose_pieces(draft: _Draft) -> None:
-    """Nothing that needs a place."""
+    """Add items without a place."""
     for piece in draft.pieces([1, 1, 2, 3]):
         if not draft.goal or draft.chance(0.2):
             draft.want("clear", piece)
 
 
 def _side_dish(draft: _Draft) -> None:
-    """A sandwich, and something beside it that needs no place."""
+    """Add a sandwich and an item without a place."""
     _sandwich(draft)
     draft.want("iscut", draft.item("lettuce"))
     draft.station("board", 0.1)
 
 
 def _two_plates(draft: _Draft) -> None:
-    """Two piles on two tables."""
+    """Add two piles on two tables."""
     for _ in range(2):
         base = draft.item(draft.rng.choice(["bread", "bottombun"]))
         plate = ("table", next(draft.ids))
@@ -146,7 +146,7 @@ def _two_plates(draft: _Draft) -> None:
 
 
 def _soup(draft: _Draft) -> None:
-    """Water, boiled perhaps, with things in it perhaps, served in a bowl perhaps."""
+    """Add water that is perhaps boiled, with ingredients, and served in a bowl."""
     draft.station("sink", 0.1)
     draft.station("stove", 0.1)
     draft.containers += ["pot", "bowl"]
@@ -172,7 +172,7 @@ def _soup_with_more_vessels(draft: _Draft) -> None:
 
 
 def _two_soups(draft: _Draft) -> None:
-    """Two waters, one pot, as many bowls as are served."""
+    """Add two meals, one pot, and a bowl for each served meal."""
     draft.stations += ["sink", "stove"]
     draft.containers.append("pot")
     for _ in range(2):
@@ -207,7 +207,7 @@ WEIGHTS = [5, 4, 3, 2, 2, 4, 2, 1, 1]
 
 
 def random_kitchen(seed: int, players: int = 1, dish: str | None = None) -> Task:
-    """The tiny kitchen of a seed; `dish` is one of the keys of `DISHES`."""
+    """Return the tiny kitchen of a seed. `dish` is a key of `DISHES`."""
     rng = random.Random(seed)
     while True:
         draft = _Draft(rng)
@@ -221,7 +221,7 @@ def random_kitchen(seed: int, players: int = 1, dish: str | None = None) -> Task
 
 
 def _clutter(draft: _Draft) -> None:
-    """Things and stations that are not needed."""
+    """Add unneeded objects and stations."""
     if draft.chance(0.4):
         kind = draft.rng.choice(JUNK)
         draft.items += [kind] * draft.rng.choice([1, 1, 2])
@@ -232,7 +232,7 @@ def _clutter(draft: _Draft) -> None:
 
 
 def _laid_out(draft: _Draft, players: int) -> Json | None:
-    """The problem file, with stations in a line; None if there is no room."""
+    """Return the problem file with stations in a line, or None without room."""
     rng, stations = draft.rng, draft.stations
     free = list(range(len(stations)))
     rng.shuffle(free)
@@ -263,7 +263,7 @@ def _laid_out(draft: _Draft, players: int) -> Json | None:
 
 
 def _in_piles(draft: _Draft, free: list[int]) -> list[Json] | None:
-    """Every item on a station of its own or on a pile; None if there is no station."""
+    """Return every item on a station or a pile, or None without a station."""
     heights = dict.fromkeys(free, 0)
     items = []
     for kind in draft.items:
@@ -278,7 +278,7 @@ def _in_piles(draft: _Draft, free: list[int]) -> list[Json] | None:
 
 
 def _piece(draft: _Draft, kind: str, x: int) -> Json:
-    """An item that can be what it can be, and now and then is cooked or cut already."""
+    """Return an item with its possible processes, sometimes already cooked or cut."""
     facts = list(FACTS.get(kind, []))
     if "iscookable" in facts and draft.chance(0.1):
         facts.append("iscooked")

@@ -1,20 +1,28 @@
-"""Brute force agrees: heuristics, lengths and proofs on random kitchens, from any state of theirs.
-
-`ROBOTOUILLE_ORACLE_TASKS=5000` tries as many kitchens more, larger ones and new ones each time.
-"""
+"""The heuristic: a worked example, traps, and comparison with brute force on random kitchens."""
 
 from __future__ import annotations
 
 import os
 import random
+from typing import Any
 
 import pytest
 
-from robotouille import World
-from robotouille.planners.kitchen.solver import kitchen_search
-from tests.planning.kitchen.exact import check_answer, check_heuristic, explored
+from robotouille import State, World
+from robotouille.planning.kitchen.solver import kitchen_search
+from robotouille.planning.solvers import solve
+from tests.planning.kitchen.kitchens import (
+    FACTS,
+    check_answer,
+    check_heuristic,
+    explored,
+    placed,
+    row,
+    term,
+)
 from tests.planning.kitchen.random_kitchens import random_kitchen
-from tests.support.samples import first_quickly
+from tests.support.samples import quick_sample
+from tests.world.kitchens import act, kitchen, waiting
 
 ORDERED = int(os.environ.get("ROBOTOUILLE_ORACLE_TASKS", "0"))
 SAMPLE = 14
@@ -36,7 +44,7 @@ SMALL = {
 
 
 def check_kitchen(seed: int, cap: int, sample: int) -> bool:
-    """Answers from some states; False if there are too many states."""
+    """Check some states of a kitchen. Return False if it has too many states."""
     world = World(random_kitchen(seed))
     found = explored(world, cap)
     if found is None or kitchen_search(world, world.initial) is None:
@@ -50,21 +58,20 @@ def check_kitchen(seed: int, cap: int, sample: int) -> bool:
 
 
 def small_kitchens() -> list[object]:
-    """Dishes and seeds of `SMALL`: the first of a few are quickly done, all together are not."""
+    """Return dishes and seeds of `SMALL`, few of them except in nightly runs."""
     firsts = [(dish, seeds[0]) for dish, seeds in SMALL.items()]
     others = [(dish, seed) for dish, seeds in SMALL.items() for seed in seeds[1:]]
-    return first_quickly([*firsts, *others], 4, nightly=3 * len(firsts))
+    return quick_sample([*firsts, *others], 4, nightly=3 * len(firsts))
 
 
-@pytest.mark.parametrize("block", first_quickly(range(16), 1, nightly=4))
-def test_answers(block: int) -> None:
+@pytest.mark.parametrize("block", quick_sample(range(16), 1, nightly=4))
+def test_answers_match_brute_force(block: int) -> None:
     checked = [check_kitchen(1000 * block + n, 1000, SAMPLE) for n in range(BLOCK)]
     assert sum(checked) > 2
 
 
 @pytest.mark.parametrize(("dish", "seed"), small_kitchens())
-def test_heuristics_of_all_states(dish: str, seed: int) -> None:
-    """Of every state that can be reached."""
+def test_heuristic_is_admissible_in_all_states(dish: str, seed: int) -> None:
     found = explored(World(random_kitchen(seed, dish=dish)), 1000)
     assert found is not None
     for state, distance in zip(found.states, found.distances, strict=True):
@@ -72,16 +79,148 @@ def test_heuristics_of_all_states(dish: str, seed: int) -> None:
 
 
 @pytest.mark.skipif(not ORDERED, reason="ROBOTOUILLE_ORACLE_TASKS orders no more")
-def test_many_more() -> None:
+def test_ordered_kitchens_match_brute_force() -> None:
     first = random.randrange(1 << 40)
     for seed in range(first, first + ORDERED):
         check_kitchen(seed, 20_000, 40)
 
 
-@pytest.mark.skipif(not ORDERED, reason="ROBOTOUILLE_ORACLE_TASKS orders no more")
-def test_heuristics_of_many_more_states() -> None:
-    first = random.randrange(1 << 40)
-    for seed in range(first, first + ORDERED):
-        found = explored(World(random_kitchen(seed)), 20_000)
-        for state, distance in zip(found.states, found.distances, strict=True) if found else ():
-            check_heuristic(state, distance)
+def check(state: State, steps: int | None, cap: int = 4000) -> list[str]:
+    """Compare all following states with brute force and return the plan's actions."""
+    found = explored(state.world, cap, state)
+    assert found is not None
+    assert found.distances[0] == steps
+    for later, distance in zip(found.states, found.distances, strict=True):
+        check_heuristic(later, distance)
+    every = max(1, len(found.states) // 40)
+    for later, distance in list(zip(found.states, found.distances, strict=True))[::every]:
+        check_answer(later, distance)
+    plan = solve(state.world, state).plan
+    return [action.name for joint in plan for action in joint] if plan else []
+
+
+SANDWICH = [("item_on", "bread+1 table+2"), ("item_at", "lettuce+3 table+2")]
+BURGER = [
+    ("item_on", "bottombun+1 table+2"),
+    ("item_at", "patty+3 table+2"),
+    ("item_at", "topbun+4 table+2"),
+    ("clear", "topbun+4"),
+]
+SOUP = [("in", "water+1 bowl+2"), ("isboiling", "water+1")]
+
+
+def test_cooking_continues_when_the_patty_returns() -> None:
+    world = row("stove table", ("iscooked", "patty+1"), things="patty@0", cook_time=2)
+    state = waiting(act(world.initial, "cook", "robot1", "patty1", "stove1"), 1)
+    state = act(state, "pick-up-item", "robot1", "patty1", "stove1")
+    assert check(state, 1) == ["place-item"]
+
+
+def test_water_boils_in_the_bowl_with_the_pot_on_the_stove() -> None:
+    world = row("stove table", *SOUP, things="pot@0 water@0 bowl@1", boil_time=3)
+    state = act(world.initial, "boil-water", "robot1", "water1", "pot1", "stove1")
+    state = act(state, "pick-up-container", "robot1", "pot1", "stove1")
+    state = act(state, "move", "robot1", "stove1", "table1")
+    assert check(state, 5)[:3] == ["fill-bowl", "move", "place-container"]
+
+
+def test_held_item_is_not_clear() -> None:
+    world = row("table table", ("clear", "cheese+1"), things="cheese@0")
+    state = act(world.initial, "pick-up-item", "robot1", "cheese1", "table1")
+    assert check(state, 1) == ["place-item"]
+
+
+def test_useless_item_goes_into_the_pot() -> None:
+    world = row("stove table", ("isboiling", "water+1"), things="pot@0 water@0 bread@1 cheese@1",
+                at=1, boil_time=1)  # fmt: skip
+    state = act(world.initial, "unstack", "robot1", "cheese1", "bread1", "table1")
+    check(state, 4)
+    state = act(state, "move", "robot1", "table1", "stove1")
+    assert check(state, 3) == ["add-to", "boil-water"]
+
+
+def test_initially_cut_item_needs_another_cut_before_frying() -> None:
+    world = kitchen(
+        stations=placed([("board", 0), ("fryer", 1)]),
+        items=[{"name": "onion", "x": 0, "y": 0, "predicates": [*FACTS["onion"], "iscut"]}],
+        config={"num_cuts": {"default": 2}, "fry_time": {"default": 0}},
+        goal=[term("iscut", "onion+1"), term("isfried", "onion+1")],
+    )
+    assert check(world.initial, 5) == ["cut", "pick-up-item", "move", "place-item", "fry"]
+
+
+def test_spoiled_soup_is_a_dead_end() -> None:
+    goal = [("addedto", "onion+1 water+2"), ("iscut", "onion+1")]
+    world = row("stove board", *goal, things="pot@0 water@0 onion@1", at=1)
+    state = act(world.initial, "pick-up-item", "robot1", "onion1", "board1")
+    state = act(state, "move", "robot1", "board1", "stove1")
+    state = act(state, "add-to", "robot1", "onion1", "water1", "pot1", "stove1")
+    check(state, None)
+
+
+COOKED, PILE = (
+    ("iscooked", "patty+1"),
+    [("atop", "bread+1 cheese+2"), ("item_on", "cheese+2 table+3")],
+)
+FRIED_ON_BREAD = [
+    ("iscooked", "chicken+1"), ("isfried", "chicken+1"),
+    ("item_on", "bread+2 table+3"), ("atop", "chicken+1 bread+2"),
+]  # fmt: skip
+CASES: dict[str, tuple[str, list[tuple[str, str]], dict[str, Any], int | None]] = {
+    "goal state": ("table", BURGER[:1], {"things": "bottombun@0"}, 0),
+    "no delay": ("table stove", [COOKED], {"things": "patty@0", "cook_time": 0}, 4),
+    "a delay of one step": ("table stove", [COOKED], {"things": "patty@0", "cook_time": 1}, 5),
+    "a delay of four steps": ("table stove", [COOKED], {"things": "patty@0", "cook_time": 4}, 8),
+    "boiling water is poured":
+        ("stove table", SOUP, {"things": "pot@0 water@0 bowl@1", "boil_time": 3}, 7),
+    "an item without a goal place may stay in hand":
+        ("table board", [BURGER[0], ("clear", "bottombun+1"), ("iscut", "lettuce+3")],
+         {"things": "bottombun@0 lettuce@0", "num_cuts": 1}, 4),
+    "a clear item lies below another goal item":
+        ("table stove", [COOKED, ("clear", "cheese+2")],
+         {"things": "cheese@0 patty@0", "cook_time": 1}, 5),
+    "the top starts below its support":
+        ("table table table", [BURGER[0], *BURGER[2:]], {"things": "topbun@0 bottombun@0"}, 7),
+    "the top is placed before its support":
+        ("table table table", BURGER, {"things": "bottombun@0 topbun@0 patty@1"}, 11),
+    "a placed item blocks a needed station":
+        ("table board table", [*SANDWICH, ("iscut", "lettuce+3")],
+         {"things": "bread@0 cheese@1 lettuce@2", "num_cuts": 1}, 12),
+    "cooked and fried in any order":
+        ("stove fryer table", FRIED_ON_BREAD,
+         {"things": "bread@0 chicken@1", "at": 1, "cook_time": 0, "fry_time": 0}, 13),
+    "no room to reverse a pile":
+        ("table table", PILE, {"things": "bread@0 cheese@0 lettuce@1"}, None),
+    "room to reverse a pile":
+        ("table table fryer", PILE, {"things": "bread@0 cheese@0 lettuce@1"}, 12),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("stations", "goal", "options", "steps"), CASES.values(), ids=CASES.keys())
+def test_all_states_match_brute_force(
+    stations: str, goal: list[tuple[str, str]], options: dict[str, Any], steps: int | None
+) -> None:
+    check(row(stations, *goal, **options).initial, steps)
+
+
+@pytest.mark.parametrize(
+    ("stations", "goal", "options", "actions"),
+    [
+        ("table table", [("item_on", "bread+1 table+2"), ("clear", "bread+1")],
+         {"things": "bread@1 lettuce@1"}, ["move", "unstack"]),
+        ("sink table", [("in", "water+1 bowl+2")], {"things": "pot@0 bowl@1", "fill_time": 0},
+         ["fill-pot", "pick-up-container", "move", "fill-bowl"]),
+        ("sink table", [("addedto", "onion+1 water+2")],
+         {"things": "pot@0 onion@1", "fill_time": 3},
+         ["fill-pot", "move", "pick-up-item", "move", "add-to"]),
+        ("board fryer", [("isfried", "onion+1")],
+         {"things": "onion@0", "num_cuts": 1, "fry_time": 0},
+         ["cut", "pick-up-item", "move", "place-item", "fry"]),
+    ],
+    ids=["a removed top may stay in hand", "water without delay", "return when the water is made",
+         "frying implies cutting"],
+)  # fmt: skip
+def test_plan_has_these_actions(
+    stations: str, goal: list[tuple[str, str]], options: dict[str, Any], actions: list[str]
+) -> None:
+    assert check(row(stations, *goal, **options).initial, len(actions)) == actions

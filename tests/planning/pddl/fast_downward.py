@@ -1,4 +1,4 @@
-"""Fast Downward, an independent optimal planner, if it is installed (PyPI: up-fast-downward)."""
+"""Fast Downward, an independent optimal planner, if installed (PyPI: up-fast-downward)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from robotouille.planning.pddl import Encoding
+from robotouille.planning.pddl import PddlEncoding
 
 
 def driver() -> Path | None:
@@ -26,8 +26,8 @@ needs_planner = pytest.mark.skipif(
 )
 
 
-def solve(encoding: Encoding, folder: Path) -> tuple[int, str]:
-    """The cost of an optimal plan, and the plan."""
+def solve(encoding: PddlEncoding, folder: Path) -> tuple[int, str]:
+    """Return the cost of an optimal plan, and the plan."""
     (folder / "domain.pddl").write_text(encoding.domain)
     (folder / "problem.pddl").write_text(encoding.problem)
     command = [

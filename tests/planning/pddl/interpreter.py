@@ -1,4 +1,4 @@
-"""A reader and interpreter of PDDL texts, small, slow and independent of what writes them."""
+"""Small, independent reader and interpreter of PDDL texts."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def typed(words: list[str]) -> list[tuple[str, str]]:
 
 
 class Interpreter:
-    """The state of a task, and its actions."""
+    """The state of a task and its actions."""
 
     def __init__(self, domain: str, problem: str) -> None:
         blocks = parse(domain)[0][2:] + parse(problem)[0][2:]
@@ -112,7 +112,7 @@ class Interpreter:
     def choices(
         self, names: list[tuple[str, str]], effect: list[Any], binding: Binding
     ) -> Iterator[Binding]:
-        """Values of variables; where a condition begins with an atom, those that make it true."""
+        """Yield values of variables that make a condition's leading atom true."""
         if effect[0] == "when" and effect[1][0] == "and":
             atom = effect[1][1]
             matches = [self.match(atom, fact, binding) for fact in self.facts if fact[0] == atom[0]]

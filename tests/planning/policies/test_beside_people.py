@@ -1,9 +1,7 @@
-"""Planner bots beside people in real time: they think for so long only, ask for what is needed now,
-and stand in nobody's way while they wait."""
+"""Planner bots next to people in real time: bounded work, requests, and making way."""
 
 from __future__ import annotations
 
-import json
 import random
 from collections.abc import Callable
 
@@ -11,8 +9,7 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
-from robotouille.planning.anytime import EXPANSIONS_PER_STATE, AnytimePlanner
-from robotouille.planning.beam.planner import UNSOLVED_FACTOR, BeamPlanner, Solution
+from robotouille.planning.beam.planner import BeamPlanner, Solution
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.script import Did
 from robotouille.planning.policies.standing import (
@@ -21,21 +18,19 @@ from robotouille.planning.policies.standing import (
     walk_to,
     walks_aside,
 )
-from robotouille.planning.policies.team_plan import Reliance, TeamPlanner
-from robotouille.planning.policies.team_search import EXPANSIONS, MAX_BRIEF, TeamSearch
+from robotouille.planning.policies.team_plan import (
+    MAX_BRIEF,
+)
 from robotouille.planning.policies.team_talk import INSIST
-from robotouille.planning.search.unsolvable import CutOff
-from robotouille.planning.search_result import Limits, Proof, SearchResult
-from robotouille_client.bots.partner_worker import replies
-from tests.support.samples import first_quickly
-from tests.support.team_games import Chance, Idle, play_team
+from tests.support.samples import quick_sample
+from tests.support.team_games import Idle, RandomWalker, play_team
 
 LAYER = 512
 """Expansions by which a search may go beyond its limit."""
 
 
 class Work:
-    """Counts what beam searches expand."""
+    """Counter of the expansions of beam searches."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.expansions = self.searches = 0
@@ -56,7 +51,7 @@ def work(monkeypatch: pytest.MonkeyPatch) -> Work:
 
 
 class Odd(Idle):
-    """Does what it likes for a while, deeds rather than walks, and then makes way."""
+    """Policy that acts at random for a while, then makes way."""
 
     def __init__(self, player: str, seed: int, deeds: int) -> None:
         super().__init__(player)
@@ -77,9 +72,9 @@ class Odd(Idle):
 
 @pytest.mark.parametrize(
     ("task", "seed"),
-    first_quickly([("01@2", 1), ("02@3", 2), ("07@4", 3), ("05@2", 4), ("08@3", 5)], nightly=3),
+    quick_sample([("01@2", 1), ("02@3", 2), ("07@4", 3), ("05@2", 4), ("08@3", 5)], nightly=3),
 )
-def test_whatever_a_person_does_a_decision_takes_bounded_work(
+def test_decision_work_is_bounded_next_to_a_person(
     work: Work, monkeypatch: pytest.MonkeyPatch, task: str, seed: int
 ) -> None:
     spent: list[int] = []
@@ -103,22 +98,7 @@ def test_whatever_a_person_does_a_decision_takes_bounded_work(
     assert sum(each > 0 for each in spent) <= 2 + len(game.steps) // 5
 
 
-def test_so_it_does_where_every_search_is_in_vain(
-    work: Work, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A team that is cut off, and does not know it: it finds no plan whatever it counts on."""
-    monkeypatch.setattr(CutOff, "__call__", lambda *_: False)
-    world = World("multi_agent/07@4")
-    anytime = AnytimePlanner(world)
-    planner = TeamPlanner(anytime, TeamSearch(anytime, 0, EXPANSIONS), alone=False)
-    team = world.players[1:]
-    made = planner.make(world.initial, team, hurried=True)
-    assert made.relies_on is not Reliance.TEAM
-    assert 0 < work.expansions <= MAX_BRIEF + LAYER
-
-
-def test_what_is_needed_is_asked_for_again_as_long_as_somebody_stands_there() -> None:
-    """They stand at the only place of something, long after all that can be done is done."""
+def test_request_is_repeated_while_a_place_stays_blocked() -> None:
     world = World("multi_agent/01@3")
     bot = PlannerPolicy(world, "robot2", start=world.initial)
     bot.meet({"robot1": "human", "robot2": "bot", "robot3": "bot"}, "realtime")
@@ -131,28 +111,8 @@ def test_what_is_needed_is_asked_for_again_as_long_as_somebody_stands_there() ->
     assert asked == [0, INSIST, 2 * INSIST]
 
 
-def test_greedy_search_after_them_takes_bounded_work_too(
-    work: Work, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where no plug-in knows the domain; a state takes longer than many expansions of the beam."""
-    states: list[int] = []
-
-    def in_vain(*_: object, limits: Limits, **__: object) -> SearchResult:
-        states.append(limits.states or 0)
-        return SearchResult(None, 0, Proof.NONE, "", 0)
-
-    monkeypatch.setattr(CutOff, "__call__", lambda *_: False)
-    monkeypatch.setattr("robotouille.planning.anytime.greedy_search", in_vain)
-    world = World("workshop/02")
-    anytime = AnytimePlanner(world)
-    planner = TeamPlanner(anytime, TeamSearch(anytime, 0, EXPANSIONS), alone=False)
-    planner.make(world.initial, world.players[:1], hurried=True)
-    assert 0 < work.expansions <= MAX_BRIEF + LAYER
-    assert 0 < sum(states) <= MAX_BRIEF // (UNSOLVED_FACTOR * EXPANSIONS_PER_STATE)
-
-
 class Holder(Idle):
-    """Takes something, and does with it what is asked of `then`."""
+    """Policy that takes an object and then calls `then`."""
 
     def __init__(self, item: str, then: Callable[[State], GroundAction | None]) -> None:
         super().__init__("robot2")
@@ -170,9 +130,8 @@ class Holder(Idle):
         return walk_to(state, self.player, at)
 
 
-def test_while_a_person_merely_walks_no_plan_is_sought(work: Work) -> None:
-    """They hold what is needed, and nothing comes of where they are."""
-    wander = Chance("robot2")
+def test_mere_walks_cause_no_search(work: Work) -> None:
+    wander = RandomWalker("robot2")
     holder = Holder("lettuce1", wander.act)
     game = play_team("multi_agent/01@2", {"robot2": holder}, clock=Clock.REALTIME, limit=100)
     assert game.outcome is not None
@@ -180,8 +139,7 @@ def test_while_a_person_merely_walks_no_plan_is_sought(work: Work) -> None:
     assert work.searches <= 6
 
 
-def test_a_bot_that_waits_for_a_person_makes_way() -> None:
-    """It has done its part; wherever the person wants to put what they hold, nobody stands."""
+def test_waiting_bot_makes_way() -> None:
     aside: list[bool] = []
 
     def look(state: State) -> None:
@@ -193,9 +151,7 @@ def test_a_bot_that_waits_for_a_person_makes_way() -> None:
     assert all(aside[-20:])
 
 
-def test_of_two_that_wait_for_each_others_place_one_gives_way() -> None:
-    """The person has what the bot needs, and wants to get to where it was last at work."""
-
+def test_mutual_waiting_is_resolved() -> None:
     class Rival(Holder):
         place, waited, arrived = "", 0, False
 
@@ -215,9 +171,7 @@ def test_of_two_that_wait_for_each_others_place_one_gives_way() -> None:
     assert rival.arrived
 
 
-def test_what_a_bot_asks_is_of_the_state_in_which_it_is_said() -> None:
-    """However much it has heard at once: it asks for what is in their hands, not any more once they
-    have put it down, anywhere."""
+def test_requests_fit_the_current_state() -> None:
     for puts in (False, True):
         world = World("multi_agent/01@2")
         bot = PlannerPolicy(world, "robot1", start=world.initial)
@@ -236,28 +190,3 @@ def test_what_a_bot_asks_is_of_the_state_in_which_it_is_said() -> None:
             bot.observe([("robot2", action, True)] if puts else [])
         asked = [text for text in bot.speak() if text.startswith("Can you")]
         assert asked == ([] if puts else ["Can you put down the bottom bun?"])
-
-
-def test_what_is_cut_off_is_told_again_and_again_as_it_is_told_once() -> None:
-    world = World("multi_agent/07@3")
-    again, chance, state = CutOff(world), random.Random(1), world.initial
-    told = set()
-    for _ in range(8):
-        told.add(again(state, world.players[1:]))
-        assert again(state, world.players[1:]) == CutOff(world)(state, world.players[1:])
-        for _ in range(12):
-            state = state.step([chance.choice(state.actions(world.players[0]))]).state
-    assert told == {True, False}
-
-
-def test_bots_say_nothing_before_they_have_heard_all() -> None:
-    task, words = load_task("multi_agent/01"), "{}"
-    kinds = {"robot1": "bot", "robot2": "human"}
-    requests = [
-        ("begin", json.dumps(task.to_json()), "planner", 0, ["robot1"], words),
-        ("meet", kinds, "realtime"),
-        ("observe", []),
-    ]
-    last = iter([False, True])
-    said = list(replies(iter(requests), lambda: next(last)))
-    assert [(what, player) for what, player, _ in said] == [("say", "robot1")]

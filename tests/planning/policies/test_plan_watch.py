@@ -1,33 +1,38 @@
-"""When a plan is dropped, and whom it counts on no more: a few steps of two cooks at a time."""
+"""Checks of a plan of two cooks, and reordering of blocked plans."""
 
 from __future__ import annotations
 
 import pytest
 
-from robotouille import GroundAction, State
-from robotouille.planning.plan import Plan
-from robotouille.planning.policies.past_step import PastStep
+from robotouille import GroundAction, State, World, load_task
+from robotouille.episode import Clock
+from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.plan import Limits, Plan
+from robotouille.planning.policies.deferral import defer_blocked
 from robotouille.planning.policies.plan_watch import (
     DROP,
     KEEP,
     PATIENCE,
     SLOW,
-    Company,
+    PastStep,
     PlanBase,
+    PlanVerdict,
     PlanWatch,
-    Verdict,
+    Teammates,
     facts_about,
 )
 from robotouille.planning.policies.script import Script
-from robotouille.planning.policies.team_plan import WAYS, Reliance, TeamPlan
+from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, with_others_aside
+from tests.support.samples import quick_sample
+from tests.support.team_games import Idle, play_team
 from tests.world.kitchens import kitchen
 
 RETRY = 2
 LONG = 2 * PATIENCE
 """The steps for which a team of a kitchen of two waits."""
 
-ONE = Company(("robot1",), ("robot2",))
-BOTH = Company(("robot1", "robot2"), ())
+ONE = Teammates(("robot1",), ("robot2",))
+BOTH = Teammates(("robot1", "robot2"), ())
 
 KITCHEN = kitchen(
     items=[{"name": "lettuce", "x": 1, "y": 0}],
@@ -44,28 +49,27 @@ TAKES = "pick-up-item robot2 lettuce1 table2"
 
 
 class Watched:
-    """A watch, and the state that it has been told."""
+    """A watch and the state that it has processed."""
 
     def __init__(
         self,
         plan: list[str],
-        company: Company,
-        relies_on: Reliance = Reliance.TEAM,
+        teammates: Teammates,
+        assumption: Assumption = Assumption.TEAM,
         *,
         before: str = "",
         in_vain: int = 0,
-        cut_off: bool = False,
-        aside_untried: bool = False,
         opened: bool = False,
+        **flags: bool,
     ) -> None:
-        self.company, self.step = company, 0
+        self.teammates, self.step = teammates, 0
         self.state = self._after(KITCHEN.initial, before)
         joint = Plan(tuple((_action(text),) for text in plan))
-        made = TeamPlan(joint, self.state, relies_on, cut_off=cut_off, aside_untried=aside_untried)
+        made = TeamPlan(joint, self.state, assumption, **flags)
         self.watch = PlanWatch(
             made,
             Script("robot1", joint, KITCHEN.initial),
-            PlanBase(0, self.state, facts_about(company.others, self.state)),
+            PlanBase(0, self.state, facts_about(teammates.others, self.state)),
             retry=RETRY,
             in_vain={self.state: in_vain},
             is_cut_off=lambda *_: not opened,
@@ -74,11 +78,11 @@ class Watched:
     def _after(self, state: State, text: str) -> State:
         return state.step([_action(text)]).state if text else state
 
-    def heed(self, text: str = "") -> Verdict:
-        """Let a step pass in which one thing is done, or nothing."""
+    def check(self, text: str = "") -> PlanVerdict:
+        """Let a step pass with one action or none."""
         self.step, self.state = self.step + 1, self._after(self.state, text)
         did = [(text.split()[1], _action(text), True)] if text else []
-        return self.watch.heed(PastStep(self.step, self.state, did), self.company)
+        return self.watch.check(PastStep(self.step, self.state, did), self.teammates)
 
 
 def _action(text: str) -> GroundAction:
@@ -86,70 +90,36 @@ def _action(text: str) -> GroundAction:
     return KITCHEN.action(name, *arguments)
 
 
+def without(player: str) -> PlanVerdict:
+    return PlanVerdict(keep=False, without=frozenset({player}))
+
+
+NOTHING = [""]
+HURRIED = BOTH._replace(hurried=True)
+TEAM_CASES = {
+    "as planned": (TO_LETTUCE, ONE, [TO_LETTUCE], KEEP),
+    "others walk elsewhere": (TO_LETTUCE, ONE, [OTHER_ASIDE], KEEP),
+    "nothing for a while": (TO_LETTUCE, ONE, NOTHING * LONG, KEEP),
+    "nothing for too long": (TO_LETTUCE, ONE, NOTHING * (LONG + 1), DROP),
+    "in the way for a while": (TO_LETTUCE, ONE, [OTHER_TO_LETTUCE] + NOTHING * (LONG - 1), KEEP),
+    "in the way for too long": (TO_LETTUCE, ONE, [OTHER_TO_LETTUCE] + NOTHING * LONG, DROP),
+    "one does something else": (TO_LETTUCE, BOTH, [OTHER_TO_LETTUCE, TAKES], without("robot2")),
+    "the seat does something else": (TO_LETTUCE, BOTH, [TO_BOARD], without("robot1")),
+    "it makes way, and comes back": (TO_LETTUCE, ONE, [TO_BOARD], KEEP),
+    "one is late": (OTHER_TO_LETTUCE, BOTH, NOTHING * (LONG + 1), without("robot2")),
+    "it may be thinking": (OTHER_TO_LETTUCE, HURRIED, NOTHING * (SLOW * LONG), KEEP),
+    "too long": (OTHER_TO_LETTUCE, HURRIED, NOTHING * (SLOW * LONG + 1), without("robot2")),
+}
+
+
 @pytest.mark.parametrize(
-    ("plan", "company", "told", "last"),
-    [
-        pytest.param([TO_LETTUCE], ONE, [TO_LETTUCE], KEEP, id="as planned"),
-        pytest.param([TO_LETTUCE], ONE, [OTHER_ASIDE], KEEP, id="others walk elsewhere"),
-        pytest.param([TO_LETTUCE], ONE, [""] * LONG, KEEP, id="nothing for a while"),
-        pytest.param([TO_LETTUCE], ONE, [""] * (LONG + 1), DROP, id="nothing for too long"),
-        pytest.param(
-            [TO_LETTUCE],
-            ONE,
-            [OTHER_TO_LETTUCE] + [""] * (LONG - 1),
-            KEEP,
-            id="somebody in the way for a while",
-        ),
-        pytest.param(
-            [TO_LETTUCE],
-            ONE,
-            [OTHER_TO_LETTUCE] + [""] * LONG,
-            DROP,
-            id="somebody in the way for too long",
-        ),
-        pytest.param(
-            [TO_LETTUCE],
-            BOTH,
-            [OTHER_TO_LETTUCE, TAKES],
-            Verdict(keeps=False, without=frozenset({"robot2"})),
-            id="one of the team does something else",
-        ),
-        pytest.param(
-            [TO_LETTUCE],
-            BOTH,
-            [TO_BOARD],
-            Verdict(keeps=False, without=frozenset({"robot1"})),
-            id="the seat itself does something else",
-        ),
-        pytest.param([TO_LETTUCE], ONE, [TO_BOARD], KEEP, id="it makes way, and comes back"),
-        pytest.param(
-            [OTHER_TO_LETTUCE],
-            BOTH,
-            [""] * (LONG + 1),
-            Verdict(keeps=False, without=frozenset({"robot2"})),
-            id="one of the team is late",
-        ),
-        pytest.param(
-            [OTHER_TO_LETTUCE],
-            BOTH._replace(hurried=True),
-            [""] * (SLOW * LONG),
-            KEEP,
-            id="it may be thinking",
-        ),
-        pytest.param(
-            [OTHER_TO_LETTUCE],
-            BOTH._replace(hurried=True),
-            [""] * (SLOW * LONG + 1),
-            Verdict(keeps=False, without=frozenset({"robot2"})),
-            id="it has thought for too long",
-        ),
-    ],
+    ("plan", "teammates", "told", "last"), TEAM_CASES.values(), ids=TEAM_CASES.keys()
 )
-def test_a_plan_of_the_teams_own(
-    plan: list[str], company: Company, told: list[str], last: Verdict
+def test_plan_that_relies_on_the_team(
+    plan: str, teammates: Teammates, told: list[str], last: PlanVerdict
 ) -> None:
-    watched = Watched(plan, company)
-    *before, verdict = [watched.heed(text) for text in told]
+    watched = Watched([plan], teammates)
+    *before, verdict = [watched.check(text) for text in told]
     assert set(before) <= {KEEP}
     assert verdict == last
 
@@ -160,16 +130,16 @@ def test_a_plan_of_the_teams_own(
         ([""] * 20, KEEP),
         (["", "", TAKES], DROP),
         ([TAKES], KEEP),
-        ([OTHER_AWAY], Verdict(way_is_free=True)),
+        ([OTHER_AWAY], PlanVerdict(way_is_free=True)),
     ],
     ids=["they stand there", "they did something", "they did something just now", "they walk away"],
 )
-def test_a_plan_for_when_others_have_walked(told: list[str], last: Verdict) -> None:
-    watched = Watched([TO_LETTUCE], ONE, Reliance.OTHERS_ASIDE, before=OTHER_TO_LETTUCE)
-    *before, verdict = [watched.heed(text) for text in told]
+def test_plan_that_relies_on_others_stepping_aside(told: list[str], last: PlanVerdict) -> None:
+    watched = Watched([TO_LETTUCE], ONE, Assumption.OTHERS_ASIDE, before=OTHER_TO_LETTUCE)
+    *before, verdict = [watched.check(text) for text in told]
     assert set(before) <= {KEEP}
     assert verdict == last
-    assert (watched.watch.relies_on is Reliance.TEAM) is last.way_is_free
+    assert (watched.watch.assumption is Assumption.TEAM) is last.way_is_free
 
 
 @pytest.mark.parametrize(
@@ -183,28 +153,81 @@ def test_a_plan_for_when_others_have_walked(told: list[str], last: Verdict) -> N
         (True, False, True, False, KEEP),
     ],
 )
-def test_a_plan_for_when_others_do_their_part(
-    cut_off: bool, aside_untried: bool, opened: bool, walks: bool, last: Verdict
+def test_plan_that_relies_on_everybody(
+    cut_off: bool, aside_untried: bool, opened: bool, walks: bool, last: PlanVerdict
 ) -> None:
-    """Where they walk matters if it may open a way."""
-    watched = Watched(
-        [TO_LETTUCE],
-        ONE,
-        Reliance.EVERYBODY,
-        cut_off=cut_off,
-        aside_untried=aside_untried,
-        opened=opened,
-    )
+    flags = {"cut_off": cut_off, "aside_untried": aside_untried, "opened": opened}
+    watched = Watched([TO_LETTUCE], ONE, Assumption.EVERYBODY, **flags)
     told = [OTHER_ASIDE if walks else "", ""]
-    assert [watched.heed(text) for text in told] == [KEEP, last]
+    assert [watched.check(text) for text in told] == [KEEP, last]
 
 
 @pytest.mark.parametrize("among_bots", [False, True])
 @pytest.mark.parametrize("in_vain", [0, len(WAYS)])
-def test_bots_that_wait_for_each_other_try_every_way_once(among_bots: bool, in_vain: int) -> None:
-    company = ONE._replace(among_bots=among_bots)
-    watched = Watched([TO_LETTUCE], company, Reliance.EVERYBODY, in_vain=in_vain)
-    assert {watched.heed() for _ in range(LONG)} == {KEEP}
+def test_waiting_bots_try_each_assumption_once(among_bots: bool, in_vain: int) -> None:
+    teammates = ONE._replace(among_bots=among_bots)
+    watched = Watched([TO_LETTUCE], teammates, Assumption.EVERYBODY, in_vain=in_vain)
+    assert {watched.check() for _ in range(LONG)} == {KEEP}
     assert not watched.watch.is_stuck
-    assert watched.heed() == (DROP if among_bots and not in_vain else KEEP)
+    assert watched.check() == (DROP if among_bots and not in_vain else KEEP)
     assert watched.watch.is_stuck
+
+
+def planned(task: str, person: str) -> tuple[Plan, State, State, list[str]]:
+    """Return a plan for a person who has stepped aside, its state, and the present state."""
+    world = World(task)
+    team = [player for player in world.players if player != person]
+    here = world.initial
+    aside = with_others_aside(here, [person])
+    found = next(
+        AnytimePlanner(world).search(aside, Limits(expansions=1), team=team, beam=1_000, brief=True)
+    )
+    assert found.plan is not None
+    return found.plan, aside, here, team
+
+
+def after(plan: Plan, state: State) -> State:
+    for joint in plan:
+        state = state.step(list(joint)).state
+    return state
+
+
+def possible(plan: Plan, state: State) -> int:
+    """Return the number of a player's actions before the first impossible one."""
+    deeds = 0
+    for joint in plan:
+        for action in joint:
+            if not state.world.applicable(state, action):
+                return deeds
+            deeds += action.destination is None
+        state = state.step(list(joint)).state
+    return deeds
+
+
+@pytest.mark.parametrize(
+    ("task", "person"),
+    quick_sample([("02@2", "robot1"), ("04@2", "robot1"), ("10@2", "robot1")], 2),
+)
+def test_possible_work_comes_first(task: str, person: str) -> None:
+    plan, aside, here, team = planned(f"multi_agent/{task}", person)
+    other = defer_blocked(plan, aside, here, team)
+    assert after(other, aside).goal_reached
+    assert possible(other, here) > possible(plan, here)
+    assert len(other) <= len(plan) + 6
+
+
+def test_unblocked_plan_is_unchanged() -> None:
+    plan, aside, _, team = planned("multi_agent/02@2", "robot1")
+    assert defer_blocked(plan, aside, aside, team) is plan
+
+
+def test_bot_works_elsewhere_while_the_stove_is_blocked() -> None:
+    game = play_team(
+        load_task("multi_agent/02@2", timing="people"),
+        {"robot1": Idle("robot1")},
+        clock=Clock.REALTIME,
+        limit=120,
+    )
+    done = [str(action) for did in game.steps for _, action, applied in did if applied]
+    assert "stack(robot2, lettuce1, bottombun1, table3)" in done
+    assert sum(each.startswith("cut(") for each in done) == 6

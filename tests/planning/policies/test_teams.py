@@ -1,17 +1,22 @@
-"""Planner bots in one game: they follow one plan, go around people, ask for a way and make way."""
+"""Teams of planner bots: one plan, requests, and making way."""
 
 from __future__ import annotations
 
 from math import floor
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from robotouille import GroundAction, State, World, load_certificate, load_task
 from robotouille.domain.rendering import language_of
-from robotouille.episode import Clock, Episode, Rules
-from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy, TeamPolicy
+from robotouille.episode import ActionRequest, Clock, Episode, Rules
+from robotouille.planning.policies import (
+    PlannerOptions,
+    PlannerPolicy,
+    Policy,
+    RandomPolicy,
+    TeamPolicy,
+)
 from robotouille.planning.policies.standing import standing_at, walks_aside
 from robotouille.planning.policies.team_talk import (
     VERSION,
@@ -19,17 +24,14 @@ from robotouille.planning.policies.team_talk import (
     announcement,
     appeal,
     appealed,
-    helpless,
+    no_plan_text,
     request,
     requested,
 )
-from robotouille.planning.search.unsolvable import CutOff
-from robotouille.world.people.wording import Wording
-from robotouille_client.bots.kinds import BotKind, policy_maker
-from tests.support.bot_games import finish
-from tests.support.samples import first_quickly
-from tests.support.team_games import Chance, Idle, TeamGame, play_team
-from tests.support.virtual_time import run
+from robotouille.planning.search.unsolvable import ReachabilityCheck
+from robotouille.world.presentation.wording import Wording
+from tests.support.samples import quick_sample
+from tests.support.team_games import Idle, RandomWalker, TeamGame, play_team
 
 QUICK = 500
 """Expansions that are enough where lengths do not matter."""
@@ -38,7 +40,7 @@ NEAR = [f"multi_agent/{number:02d}" for number in (1, 4, 3, 2, 5, 8, 9)]
 
 
 def steps(game: TeamGame) -> int:
-    """The steps to the goal; nothing was asked for in vain."""
+    """Return the steps to the goal and check that nothing was requested in vain."""
     assert game.outcome is not None
     assert game.outcome.success, game.said
     assert [tally.rejected for tally in game.outcome.seats] == [0] * len(game.outcome.seats)
@@ -46,40 +48,31 @@ def steps(game: TeamGame) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", first_quickly(NEAR, 3, nightly=5))
-def test_two_bots_take_as_long_as_the_certified_plan_of_a_team(name: str) -> None:
+@pytest.mark.parametrize("name", quick_sample(NEAR, 3, nightly=5))
+def test_two_bots_need_the_certified_steps(name: str) -> None:
     certified = load_certificate(load_task(name)).length or 0
     assert steps(play_team(name)) <= floor(1.05 * certified)
 
 
 @pytest.mark.slow
-def test_so_they_do_over_the_network(tmp_path: Path) -> None:
-    bots = policy_maker(BotKind.PLANNER)
-    outcome = run(finish(tmp_path, "multi_agent/01", Clock.LOCKSTEP, 2, bots))
-    assert (outcome["reason"], outcome["steps"]) == ("goal", 14)
-    assert [(seat["rejected"], seat["said"]) for seat in outcome["seats"]] == [(0, 1), (0, 1)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("clock", first_quickly([Clock.TURN, Clock.REALTIME]))
-def test_under_other_clocks_nothing_is_asked_for_in_vain(clock: Clock) -> None:
+@pytest.mark.parametrize("clock", quick_sample([Clock.TURN, Clock.REALTIME]))
+def test_no_needless_requests_under_other_clocks(clock: Clock) -> None:
     assert steps(play_team("multi_agent/01", clock=clock, expansions=QUICK)) <= 32
 
 
 @pytest.mark.parametrize(
     ("name", "idle"),
-    first_quickly([("04@3", "robot2"), ("04@3", "robot3"), ("01@2", "robot2"), ("05@2", "robot1")]),
+    quick_sample([("04@3", "robot2"), ("04@3", "robot3"), ("01@2", "robot2"), ("05@2", "robot1")]),
 )
-def test_a_person_who_stands_still_is_gone_around(name: str, idle: str) -> None:
+def test_bots_go_around_a_person_who_stands_still(name: str, idle: str) -> None:
     game = play_team(f"multi_agent/{name}", {idle: Idle(idle)}, expansions=QUICK)
     assert steps(game) <= 40
 
 
-def test_where_there_is_no_way_that_is_proven() -> None:
-    """The person stands at what the goal needs: of two places one only is."""
+def test_blocked_goal_is_proven() -> None:
     start = World("multi_agent/01@3").initial
-    assert CutOff(start.world)(start, ("robot2", "robot3"))
-    assert not CutOff(start.world)(start, start.world.players)
+    assert ReachabilityCheck(start.world)(start, ("robot2", "robot3"))
+    assert not ReachabilityCheck(start.world)(start, start.world.players)
     game = play_team("multi_agent/01@3", {"robot1": Idle("robot1")}, expansions=QUICK, limit=45)
     asked = [
         step
@@ -90,8 +83,7 @@ def test_where_there_is_no_way_that_is_proven() -> None:
 
 
 @pytest.mark.slow
-def test_where_there_is_no_way_the_bots_ask_for_one_and_take_it() -> None:
-    """Somebody stands at the only sink until asked, and walks away then."""
+def test_bots_ask_for_a_blocked_place_and_use_it() -> None:
     task = "multi_agent/07@4"
     start = World(load_task(task)).initial
     at_sink = next(p for p in start.world.players if "sink" in (standing_at(start, p) or ""))
@@ -103,7 +95,7 @@ def test_where_there_is_no_way_the_bots_ask_for_one_and_take_it() -> None:
 
 
 class Helper(Idle):
-    """Does one thing after the other, each so many steps after the last."""
+    """Policy that takes some actions, each a number of steps after the last."""
 
     def __init__(self, player: str, course: str, every: int) -> None:
         super().__init__(player)
@@ -129,8 +121,7 @@ HELP = (
 )
 
 
-def test_a_bot_does_the_rest_while_a_person_helps() -> None:
-    """Who helps slowly costs no more than the wait for what they hold."""
+def test_bot_does_the_rest_while_a_person_helps() -> None:
     helper = Helper("robot2", HELP, 6)
     task = load_task("multi_agent/01@2", timing="people")
     game = play_team(task, {"robot2": helper}, clock=Clock.REALTIME, expansions=QUICK)
@@ -139,13 +130,12 @@ def test_a_bot_does_the_rest_while_a_person_helps() -> None:
     meanwhile = {str(a) for did in game.steps[:60] for p, a, ok in did if ok and p == "robot1"}
     assert any(action.startswith("cook(robot1, patty1") for action in meanwhile)
     assert any(action.startswith("stack(robot1, patty1, bottombun1") for action in meanwhile)
-    assert not [text for _, _, text in game.said if text == helpless()]
+    assert not [text for _, _, text in game.said if text == no_plan_text()]
     last = max(step for step, did in enumerate(game.steps) if any(p == "robot2" for p, _, _ in did))
     assert game.outcome.steps <= last + 25
 
 
-def test_who_holds_what_is_needed_is_told_what_to_do() -> None:
-    """Once, when nothing goes on; the bot has done its part by then."""
+def test_holder_of_a_needed_object_is_asked_to_act() -> None:
     holder = Helper("robot2", "move table1 table6; pick-up-item lettuce1 table6", 1)
     game = play_team("multi_agent/01@2", {"robot2": holder}, expansions=QUICK, limit=60)
     told = [text for _, _, text in game.said if text.startswith("Can you ")]
@@ -155,7 +145,7 @@ def test_who_holds_what_is_needed_is_told_what_to_do() -> None:
 
 
 class Asked(Idle):
-    """Walks aside once somebody asks."""
+    """Policy that walks aside on request."""
 
     anticipating = False
     asked = ""
@@ -175,17 +165,17 @@ class Asked(Idle):
 
 
 @pytest.mark.parametrize(
-    ("seed", "travel"), first_quickly([(5, True), (5, False), (6, True), (7, False)])
+    ("seed", "travel"), quick_sample([(5, True), (5, False), (6, True), (7, False)])
 )
-def test_a_person_who_wanders_does_not_stop_them(seed: int, travel: bool) -> None:
-    person = Chance("robot2", seed, travel=travel)
+def test_wandering_person_does_not_stop_the_bots(seed: int, travel: bool) -> None:
+    person = RandomWalker("robot2", seed, travel=travel)
     game = play_team("multi_agent/01@3", {"robot2": person}, expansions=QUICK)
     assert game.outcome is not None
     assert game.outcome.success
     assert [tally.invalid for tally in game.outcome.seats] == [0, 0, 0]
 
 
-def test_people_are_told_where_a_bot_is_going() -> None:
+def test_bot_announces_its_destination() -> None:
     game = play_team("multi_agent/01", {"robot2": Idle("robot2")}, expansions=QUICK)
     told = [text for _, player, text in game.said if player == "robot1"]
     assert told[0] == announcement()
@@ -194,7 +184,7 @@ def test_people_are_told_where_a_bot_is_going() -> None:
 
 
 @pytest.mark.slow
-def test_a_bot_that_leaves_is_done_without_and_counted_on_when_it_is_back() -> None:
+def test_team_does_without_an_absent_bot() -> None:
     world = World(load_task("multi_agent/01"))
 
     def alter(step: int, policies: dict[str, Policy]) -> None:
@@ -202,7 +192,7 @@ def test_a_bot_that_leaves_is_done_without_and_counted_on_when_it_is_back() -> N
         if step == 4:
             policies["robot2"] = Idle("robot2")
         if step == 9:
-            policies["robot2"] = PlannerPolicy(world, "robot2", expansions=QUICK)
+            policies["robot2"] = PlannerPolicy(world, "robot2", PlannerOptions(expansions=QUICK))
         for policy in policies.values():
             if isinstance(policy, TeamPolicy):
                 kinds = {"robot1": "bot", "robot2": "absent" if gone else "bot"}
@@ -215,7 +205,7 @@ def test_a_bot_that_leaves_is_done_without_and_counted_on_when_it_is_back() -> N
 
 
 @pytest.mark.slow
-def test_bots_of_another_kind_or_version_are_not_counted_on() -> None:
+def test_other_kinds_and_versions_are_not_counted_on() -> None:
     for other in (RandomPolicy("robot2"), Stranger("robot2", seed=3, travel=False)):
         game = play_team("multi_agent/01", {"robot2": other}, expansions=QUICK)
         assert game.outcome is not None
@@ -223,15 +213,15 @@ def test_bots_of_another_kind_or_version_are_not_counted_on() -> None:
         assert game.outcome.seats[0].rejected == 0
 
 
-class Stranger(Chance):
-    """A planner bot of another version, which plans as it likes."""
+class Stranger(RandomWalker):
+    """Planner bot of another version."""
 
     kind = "bot"
     anticipating = False
 
     def __init__(self, player: str, seed: int, *, travel: bool) -> None:
         super().__init__(player, seed, travel=travel)
-        self._said = [f"I plan together with all who say this (team planner {VERSION + 1})"]
+        self._said = [f"I plan for all bots of my version (team planner {VERSION + 1})"]
 
     def meet(self, kinds: Any, clock: str) -> None:
         pass
@@ -244,9 +234,9 @@ class Stranger(Chance):
         return said
 
 
-def test_a_bot_makes_way_for_whoever_asks_and_comes_back() -> None:
+def test_bot_makes_way_on_request_and_returns() -> None:
     world = World(load_task("multi_agent/01"))
-    bot = PlannerPolicy(world, "robot1", start=world.initial, expansions=QUICK)
+    bot = PlannerPolicy(world, "robot1", PlannerOptions(expansions=QUICK), start=world.initial)
     bot.meet({"robot1": "bot", "robot2": "human"}, Clock.LOCKSTEP)
     station, state = "", world.initial
     for _ in range(20):
@@ -269,7 +259,7 @@ def _next(bot: PlannerPolicy, state: Any) -> Any:
     return step.state
 
 
-def test_what_is_said_is_understood() -> None:
+def test_requests_are_understood() -> None:
     world = World(load_task("multi_agent/01"))
     words, start = Wording(world, language_of(world.task)), world.initial
     sink = next(o.name for o in world.initial.objects if o.type == "station")
@@ -287,7 +277,7 @@ def test_what_is_said_is_understood() -> None:
     assert not requested("table 2, please", "table3", start, words)
 
 
-def test_whom_an_appeal_is_for() -> None:
+def test_appeal_names_its_addressee() -> None:
     world = World(load_task("multi_agent/01"))
     words, start = Wording(world, language_of(world.task)), world.initial
     deed = next(a for a in start.actions("robot2") if a.destination)
@@ -307,8 +297,7 @@ def test_whom_an_appeal_is_for() -> None:
     assert appealed(asked, "robot1", state, words) == "robot3"
 
 
-def test_an_action_may_count_on_another_in_the_same_step() -> None:
-    """robot2 takes the place that robot1 leaves, whoever sends first."""
+def test_action_may_anticipate_another_in_the_same_step() -> None:
     world = World(load_task("multi_agent/01"))
     here = {p: standing_at(world.initial, p) or "" for p in world.players}
     free = next(a for a in world.initial.actions("robot2") if a.destination).arguments[2]
@@ -318,8 +307,8 @@ def test_an_action_may_count_on_another_in_the_same_step() -> None:
         episode = Episode(world, Rules(clock=Clock.LOCKSTEP))
         for player in world.players:
             episode.join(player, player, "bot", 0.0)
-        episode.submit("robot1", 1, follow, 0.1, anticipates=True)
-        episode.submit("robot2", 1, leave if both else None, 0.2)
+        episode.submit("robot1", ActionRequest(1, follow, anticipates=True), 0.1)
+        episode.submit("robot2", ActionRequest(1, leave if both else None), 0.2)
         assert episode.step == 1
         assert episode.state.holds("loc", "robot1", here["robot2" if both else "robot1"])
         assert episode.seats["robot1"].tally.rejected == int(not both)

@@ -1,4 +1,4 @@
-"""Random tasks whose goals take some steps, and tiny kitchens cut from the shipped domain."""
+"""Random tasks whose goals take some steps, and tiny kitchens from the shipped domain."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["deep_tasks", "tiny_kitchens"]
 
 @st.composite
 def deep_tasks(draw: st.DrawFn, cap: int = 60) -> Task:
-    """A random domain with a goal that holds far from the start, if there is such a place."""
+    """Return a random domain with a goal that holds far from the start, if possible."""
     task = draw(tasks())
     return _deepened(draw, replace(task, seats=draw(st.integers(1, 2))), cap)
 
@@ -42,7 +42,7 @@ def _deepened(draw: st.DrawFn, task: Task, cap: int) -> Task:
 
 
 def _term(state: State, atom: tuple[str, ...]) -> GoalTerm:
-    """A fact said of any objects of the kinds."""
+    """Return a fact about any objects of the kinds."""
     names = [thing.name for thing in state.objects]
     kinds = tuple(state.world.thing(name).kind for name in atom[1:])
     ids = tuple(names.index(name) + 1 for name in atom[1:])
@@ -73,7 +73,7 @@ ITEMS = {
 
 @st.composite
 def tiny_kitchens(draw: st.DrawFn, players: int = 1) -> Task:
-    """Two or three stations, one or two items, perhaps a pot; a goal, not always possible."""
+    """Draw a kitchen with two or three stations and one or two items; not all are solvable."""
     kinds = draw(st.lists(st.sampled_from(STATIONS), min_size=2, max_size=3))
     stations = [{"name": kind, "x": x, "y": 0} for x, kind in enumerate(kinds)]
     free = draw(st.permutations(range(len(kinds))))

@@ -1,6 +1,6 @@
-"""Brute force agrees: lengths, proofs and bounds on many small tasks of all kinds.
+"""Comparison of lengths, proofs and bounds with brute force on many small tasks.
 
-`ROBOTOUILLE_ORACLE_TASKS=5000` tries as many tasks of each kind, new ones each time.
+`ROBOTOUILLE_ORACLE_TASKS=5000` tries that number of tasks of each kind, new ones in each run.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from robotouille import Task, World
-from robotouille.planning.search.astar import astar_search
+from robotouille.planning.plan import Limits, replay
+from robotouille.planning.search.best_first import astar_search
 from robotouille.planning.search.heuristics import BLIND, CriticalPath, Heuristic, LandmarkCut
 from robotouille.planning.search.unsolvable import unreachable_goal
-from robotouille.planning.search_result import Limits
-from robotouille.planning.validation import replay
 from tests.planning.search.small_tasks import deep_tasks, tiny_kitchens
 from tests.support.oracle import Oracle, explore
 from tests.support.thorough import thorough
@@ -34,7 +33,7 @@ KINDS = [
     ),
 ]
 FOR_THE_NIGHT = 7
-"""How many times as many examples are tried at night."""
+"""Factor of the number of examples in nightly runs."""
 
 
 def quickly(examples: int) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -46,7 +45,7 @@ def quickly(examples: int) -> Callable[[Callable[..., None]], Callable[..., None
     "factor", [1, pytest.param(FOR_THE_NIGHT, marks=[pytest.mark.slow, pytest.mark.nightly])]
 )
 @pytest.mark.parametrize(("strategy", "cap", "examples"), KINDS)
-def test_small_tasks(
+def test_small_tasks_match_brute_force(
     strategy: st.SearchStrategy[Task], cap: int, examples: int, factor: int
 ) -> None:
     @quickly(examples * factor)
@@ -63,7 +62,7 @@ def test_small_tasks(
 
 
 def check_answers(world: World, oracle: Oracle, states: int) -> None:
-    """With and without symmetry and estimates, answers are those of brute force."""
+    """Check results with and without symmetry and heuristics against brute force."""
     guides: tuple[Heuristic | None, ...] = (None, BLIND)
     for guide in guides:
         for symmetry in (True, False):
@@ -86,7 +85,7 @@ def check_answers(world: World, oracle: Oracle, states: int) -> None:
 
 
 def check_heuristics(oracle: Oracle, estimate: Heuristic) -> None:
-    """No estimate exceeds the distance, and only of a dead end is it infinite."""
+    """Check that no heuristic exceeds the distance, and that only dead ends are infinite."""
     distances = oracle.distances()
     for key, state in oracle.states.items():
         if key not in oracle.goals:
@@ -97,7 +96,7 @@ def check_heuristics(oracle: Oracle, estimate: Heuristic) -> None:
 @pytest.mark.slow
 @quickly(30)
 @given(task=tiny_kitchens())
-def test_what_is_unreachable_never_holds(task: Task) -> None:
+def test_unreachable_predicates_never_hold(task: Task) -> None:
     world = World(task)
     oracle = explore(task, world, 300)
     parts = unreachable_goal(world)

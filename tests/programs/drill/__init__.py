@@ -1,6 +1,6 @@
-"""A drill: games of bots and people's windows on a real server that is killed again and again.
+"""Drill: episodes of bots and of people's windows on a real server that is killed repeatedly.
 
-`python -m tests.programs.drill` runs it; `server` has the process that is killed, `moments` says
-when, `players` plays in processes of their own, `people` at windows, `witness` writes down what a
-client is told, and `verdict` holds the recordings against it.
+`python -m tests.programs.drill` runs it. `server` contains the process that is killed, and
+`moments` the times. `players` runs bots in separate processes, `people` runs windows. `witness`
+records what each client receives, and `verdict` compares it with the recordings.
 """

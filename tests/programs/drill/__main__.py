@@ -1,4 +1,4 @@
-"""`python -m tests.programs.drill`: SIGKILL a real server a hundred times in fifty games."""
+"""`python -m tests.programs.drill`: kill a real server a hundred times during fifty episodes."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def main() -> int:
         "--kills",
         type=int,
         default=100,
-        help="how often the server gets SIGKILL; SIGTERMs come on top",
+        help="number of SIGKILLs; SIGTERMs are sent in addition",
     )
-    parser.add_argument("--games", type=int, default=50, help="games at a time")
-    parser.add_argument("--windows", type=int, default=2, help="people's windows (under Xvfb)")
+    parser.add_argument("--games", type=int, default=50, help="simultaneous episodes")
+    parser.add_argument("--windows", type=int, default=2, help="windows of people (under Xvfb)")
     parser.add_argument("--processes", type=int, default=3, help="processes for the bots")
-    parser.add_argument("--seed", type=int, default=None, help="of games and kills")
+    parser.add_argument("--seed", type=int, default=None, help="seed of episodes and kills")
     parser.add_argument("--json", type=Path, help="write all figures to this file")
     parser.add_argument("--folder", type=Path, help="keep recordings, logs and pictures here")
     options = parser.parse_args()
     missing = [name for name in ("Xvfb", "xdotool") if not shutil.which(name)]
     if options.windows and missing:
-        parser.error(f"windows need {' and '.join(missing)}; install them or say --windows 0")
+        parser.error(f"windows need {' and '.join(missing)}; install them or use --windows 0")
     seed = options.seed if options.seed is not None else time.time_ns() % 1_000_000
     plan = replace(
         Plan(), kills=options.kills, games=options.games, windows=options.windows,

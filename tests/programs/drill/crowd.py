@@ -1,4 +1,4 @@
-"""The processes of bots as the drill sees them: who is in a game, who is connected, what failed."""
+"""The drill's view of its bot processes: active players, connections and failures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LOOK_SECONDS = 0.05
 
 @dataclass(slots=True)
 class Outage:
-    """A kill, whom it cut off, and when they were back (seconds after it)."""
+    """A kill, the clients it disconnected, and the seconds until each returned."""
 
     at: float
     missing: set[str]
@@ -31,14 +31,14 @@ class Outage:
 
     @property
     def seconds(self) -> float | None:
-        """Until the last was back; None if the next kill came first."""
+        """Return the time until the last client returned, or None if the next kill came first."""
         if self.missing or self.interrupted or not self.back:
             return None
         return max(self.back.values())
 
 
 class Crowd:
-    """All processes of bots together."""
+    """All bot processes together."""
 
     def __init__(
         self, url: str, folder: Path, seed: int, steps: tuple[int, int], faults: list[str]
@@ -60,11 +60,10 @@ class Crowd:
         self._arguments += ["--min-steps", str(steps[0]), "--max-steps", str(steps[1])]
         self._processes: list[asyncio.subprocess.Process] = []
         self._readers: list[asyncio.Task[None]] = []
-        self._reports = 0
         self._finishing = False
 
     async def start(self, slots: int, processes: int, windows: int) -> None:
-        """Begin to play in all slots, dealt to so many processes, and at windows."""
+        """Start episodes in all slots, divided among processes, and start the windows."""
         for number in range(min(processes, slots)):
             await self._begin("tests.programs.drill.players", range(number, slots, processes))
         for number in range(windows):
@@ -80,7 +79,7 @@ class Crowd:
         self._readers.append(asyncio.create_task(self._read(process)))
 
     async def all_play(self, games: int, seconds: float) -> None:
-        """Wait until so many games have been opened, or the time is up."""
+        """Wait until this many episodes have been created, or until the time is up."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 while self.opened < games:
@@ -88,19 +87,19 @@ class Crowd:
                     await self.turn_of_events.wait()
 
     async def most_are_back(self, share: float, seconds: float) -> None:
-        """Wait until such a share of the players is connected, or the time is up."""
+        """Wait until this share of the players is connected, or until the time is up."""
         deadline = time.monotonic() + seconds
         while len(self.present) < share * len(self.playing) and time.monotonic() < deadline:
             await asyncio.sleep(LOOK_SECONDS)
 
     def finish(self) -> None:
-        """Begin no more games."""
+        """Start no more episodes."""
         self._finishing = True
         for process in self._processes:
             _write(process, b"finish\n")
 
     async def finished(self, seconds: float) -> bool:
-        """Whether all games end within a time; else `situations` tells of those that do not."""
+        """Wait for all episodes to end; after a timeout, collect `situations` of the others."""
         if not self._readers:
             return True
         _, late = await asyncio.wait(self._readers, timeout=seconds)
@@ -111,14 +110,14 @@ class Crowd:
         return not late
 
     async def stop(self) -> None:
-        """End the processes, and those that they have started."""
+        """Kill the processes and their children."""
         for process in self._processes:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
         await asyncio.gather(*self._readers)
 
     def killed(self, at: float) -> None:
-        """The server has just been killed."""
+        """Record that the server has just been killed."""
         if self.outages and self.outages[-1].missing:
             self.outages[-1].interrupted = True
         self.outages.append(Outage(at, set(self.playing)))
@@ -132,7 +131,7 @@ class Crowd:
                 self._heed(json.loads(line))
         status = await process.wait()
         if status != 0:
-            self.faults.append(f"a process of bots ended with status {status}")
+            self.faults.append(f"a bot process ended with status {status}")
 
     def _heed(self, row: dict[str, Any]) -> None:
         who, at = row.get("who", ""), row["at"]

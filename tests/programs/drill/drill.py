@@ -1,4 +1,4 @@
-"""The drill itself: play, kill, start again, and in the end look whether anything was lost."""
+"""The drill itself: play, kill the server, restart it, and finally check that nothing is lost."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from tests.programs.drill.verdict import Verdict, judge
 __all__ = ["Plan", "Result", "run_drill"]
 
 LISTEN_SECONDS = 60.0
-"""After which a server that does not listen has failed."""
+"""Seconds after which a server that does not listen has failed."""
 WARM_UP_SECONDS = 60.0
-"""After which the first kill no longer waits until all games have begun."""
+"""Seconds after which the first kill no longer waits for all episodes to start."""
 MOST, BACK_SECONDS = 0.8, 8.0
-"""Of the players, who are waited for to be back before a kill while they play, and how long."""
+"""Share of players to wait for before a kill during play, and the longest wait in seconds."""
 EVENT_SECONDS = 4.0
-"""After which a kill no longer waits for a game to begin or to end."""
+"""Seconds after which a kill no longer waits for an episode to start or end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How much is played and killed. `kills` counts SIGKILLs only; SIGTERMs come on top. `steps`
-    bounds the step limits of the games, and `patience` the seconds that games have to finish
-    after the last kill."""
+    """Amount of play and kills. `kills` counts only SIGKILLs; SIGTERMs are sent in addition.
+    `steps` bounds the step limits of episodes. `patience` is the number of seconds that episodes
+    have to end after the last kill.
+    """
 
     kills: int = 100
     games: int = 50
@@ -46,7 +47,7 @@ class Plan:
 
 @dataclass(slots=True)
 class Result:
-    """What happened: times are in seconds."""
+    """Results of the drill, with times in seconds."""
 
     plan: Plan
     kills: Counter[str] = field(default_factory=Counter)
@@ -70,7 +71,7 @@ class Result:
 
 
 async def run_drill(plan: Plan, folder: Path, say: Callable[[str], None]) -> Result:
-    """Run a drill in an empty folder; `say` is told how it goes."""
+    """Run a drill in an empty folder and report progress through `say`."""
     evidence = folder / "told"
     evidence.mkdir(parents=True)
     result = Result(plan)
@@ -88,7 +89,7 @@ async def run_drill(plan: Plan, folder: Path, say: Callable[[str], None]) -> Res
         await crowd.stop()
         await server.kill(signal.SIGINT)
     result.seconds = time.monotonic() - begun
-    say("comparing recordings with what the clients were told")
+    say("comparing recordings with the messages that clients received")
     result.verdict = judge(folder / "recordings", evidence)
     _sum_up(server, crowd, result)
     return result
@@ -107,7 +108,7 @@ async def _kill_and_restart(
         result.signals[kill.signal.name] += 1
         say(
             f"kill {number:3} of {len(kills)}: {kill.signal.name} {kill.when.value:9}"
-            f" {there} of {playing} players were there,"
+            f" {there} of {playing} players were connected,"
             f" {sum(crowd.ended.values())} seats have finished"
         )
         for fault in result.faults[told:]:
@@ -117,7 +118,7 @@ async def _kill_and_restart(
 
 
 async def _moment(kill: Kill, server: ServerProcess, crowd: Crowd) -> None:
-    """Wait until it is time for a kill."""
+    """Wait until the time of a kill."""
     if kill.when is not When.STARTING:
         await _listens(server)
     if kill.when is When.PLAYING:
@@ -141,9 +142,9 @@ async def _finish(
 ) -> None:
     await _listens(server)
     crowd.finish()
-    say(f"{len(crowd.playing)} bots play their games to the end")
+    say(f"{len(crowd.playing)} bots play their episodes to the end")
     if not await crowd.finished(plan.patience):
-        result.faults.append(f"games have not ended {plan.patience:g} s after the last kill")
+        result.faults.append(f"episodes have not ended {plan.patience:g} s after the last kill")
         result.faults += [f"still playing: {situation}" for situation in crowd.situations]
 
 

@@ -1,4 +1,4 @@
-"""The games of the drill: which task, clock and absence policy, and which bots, from a seed."""
+"""The drill's episodes: task, clock, absence policy and bots, drawn from a seed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder
 from robotouille_client.bots.kinds import BotKind
 
 __all__ = ["GameSpec", "draw_game", "plan_of"]
@@ -32,17 +32,17 @@ ABSENCES = ("wait", "wait", "pause", "bot", "bot", "end")
 
 @dataclass(frozen=True, slots=True)
 class GameSpec:
-    """One game: the fields of its `create`, and a bot for each seat.
+    """One episode: the fields of its `create` message, and a bot for each seat.
 
-    `think` are the seconds a bot takes for a move, `flaky` the seats whose connections break now
-    and then by themselves.
+    `think` is a bot's time per move in seconds. `flaky` lists the seats whose connections break at
+    times by themselves.
     """
 
     task: str
     seats: int
     clock: str
     absence: str
-    stand_in: str
+    substitute: str
     step_rate: float
     max_steps: int
     bots: tuple[str, ...]
@@ -52,13 +52,13 @@ class GameSpec:
 
     @property
     def options(self) -> dict[str, Any]:
-        """The fields of the `create` message beside the task."""
-        names = ("seats", "clock", "absence", "stand_in", "step_rate", "max_steps")
+        """Return the fields of the `create` message except the task."""
+        names = ("seats", "clock", "absence", "substitute", "step_rate", "max_steps")
         return {name: value for name, value in asdict(self).items() if name in names}
 
 
 def draw_game(seed: int, slot: int, number: int, *, steps: tuple[int, int]) -> GameSpec:
-    """The `number`th game of a slot; `steps` bounds its step limit."""
+    """Draw the `number`th episode of a slot; `steps` bounds its step limit."""
     chance = random.Random(f"{seed}:{slot}:{number}")
     seats = chance.choice((1, 2, 2))
     task = chance.choice(ALONE if seats == 1 else TOGETHER)
@@ -68,7 +68,7 @@ def draw_game(seed: int, slot: int, number: int, *, steps: tuple[int, int]) -> G
         seats=seats,
         clock=CLOCKS[(slot + number) % len(CLOCKS)],
         absence=chance.choice(ABSENCES),
-        stand_in=chance.choice(("random", "planner")),
+        substitute=chance.choice(("random", "planner")),
         step_rate=chance.choice((4.0, 5.0, 8.0)),
         max_steps=chance.randint(*steps),
         bots=(kind.value,) * seats,
@@ -79,7 +79,7 @@ def draw_game(seed: int, slot: int, number: int, *, steps: tuple[int, int]) -> G
 
 
 def plan_of(spec: GameSpec) -> Path | None:
-    """The plan file that a scripted bot follows; None if there is none."""
+    """Return the plan file that a scripted bot follows, or None."""
     folder = data_folder("problems")
     for name in (f"{spec.task}@{spec.seats}.plan", f"{spec.task}.plan"):
         if (folder / name).is_file():

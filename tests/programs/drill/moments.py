@@ -1,4 +1,4 @@
-"""When the server is killed: at random, and where it hurts."""
+"""The times at which the server is killed: random ones and critical ones."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from enum import StrEnum
 __all__ = ["Kill", "When", "draw_kills"]
 
 MAX_IN_ROW = 2
-"""Kills in a row before the server listens: clients give up a request after 15 s."""
+"""Consecutive kills before the server listens; clients give up a request after 15 s."""
 
 
 class When(StrEnum):
-    """What the server is doing."""
+    """Activity of the server at a kill."""
 
     STARTING = "starting"
     RETURNING = "returning"
@@ -24,8 +24,9 @@ class When(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """`delay` seconds after the process start (`starting`), after it listens (`returning`), after
-    most players are back (`playing`), or after the next game begins or ends (`event`)."""
+    """A kill, `delay` seconds after the process started (`starting`), began to listen
+    (`returning`), had most players back (`playing`), or started or ended an episode (`event`).
+    """
 
     when: When
     delay: float
@@ -42,8 +43,9 @@ DELAYS = {
 
 
 def draw_kills(seed: int, count: int) -> list[Kill]:
-    """So many SIGKILLs, from a seed, and on top some SIGTERMs without time to drain: less than one
-    in ten of all. The last is a SIGKILL."""
+    """Draw `count` SIGKILLs from a seed, and a few SIGTERMs without time to drain, which make up
+    less than a tenth of all kills. The last kill is a SIGKILL.
+    """
     chance = random.Random(f"kills {seed}")
     kills: list[Kill] = []
     hard = 0

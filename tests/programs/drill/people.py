@@ -1,8 +1,9 @@
-"""A table with a person: a window on a screen of its own, hands at mouse and keys, and a partner.
+"""A simulated person at a window, with mouse and keyboard on a virtual screen, and a partner bot.
 
-A process like that of `players`: it plays one game after another, tells the same events, and a
-spectator's connection, the eye, sees what the person does. `pictured` is told when the window shows
-the game again after an outage, `acted` when the person's next action has taken effect.
+Like `players`, the process plays one episode after another and reports the same events. A
+spectator's connection, the eye, shows what the person does. The process reports `pictured` when the
+window shows the episode again after an outage, and `acted` when the person's next action has taken
+effect.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import pygame
 
 from robotouille.errors import RobotouilleError
 from robotouille.world.world import World
-from robotouille_client import Changed, Client, Game
+from robotouille_client import Client, Game, StateChanged
 from robotouille_client.bots import Policy
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.window.drawing.painter import Painter
@@ -41,17 +42,17 @@ ASIDE = ("mousemove", str(SIZE[0] - 5), str(SIZE[1] - 5))
 BETWEEN_CLICKS = 0.6
 LOOK_SECONDS = 0.4
 PICTURE_SECONDS = 15.0
-"""For how long the seat is taken and the game runs before the window must have shown it."""
+"""Time limit in seconds for the window to show the episode, while it runs with the seat taken."""
 CLOSE_SECONDS = 150.0
-"""For a window to learn of the end, from a server that is killed again and again, and to close."""
+"""Time limit in seconds for a window to receive the end of the episode and close."""
 MIN_STEPS = 200
-"""Of a step limit: enough to look at the window after a restart."""
+"""Smallest step limit, so that there is time to check the window after a restart."""
 CHAT_EVERY = 40
-"""Clicks between two things that a person says."""
+"""Clicks between two chat messages of the person."""
 
 
 class Window:
-    """The real `robotouille-client` as a process on a screen."""
+    """The real `robotouille-client` process on a screen."""
 
     def __init__(self, screen: Screen, url: str, code: str, name: str, folder: Path) -> None:
         self.screen = screen
@@ -77,9 +78,9 @@ class Window:
 
     @property
     def found_no_server(self) -> bool:
-        """Whether it gave up at its very start, as it may: nobody plays yet."""
+        """Return whether the window gave up at its start, which is allowed before play."""
         told = self._told.read_bytes()
-        return b"nobody answers at" in told or b"cannot connect to" in told
+        return b"no answer from" in told or b"cannot connect to" in told
 
     def close(self) -> None:
         if self.process.poll() is None:
@@ -89,7 +90,7 @@ class Window:
 
 
 class Table:
-    """One game after another with the same person."""
+    """Consecutive episodes with the same person."""
 
     def __init__(self, given: argparse.Namespace, screen: Screen) -> None:
         self._url: str = given.url
@@ -112,7 +113,7 @@ class Table:
         while not stopping.is_set():
             spec = GameSpec(
                 task=TASK, seats=2, clock="realtime", step_rate=5.0, max_steps=self._max_steps,
-                absence=("wait", "pause", "bot")[games % 3], stand_in="planner",
+                absence=("wait", "pause", "bot")[games % 3], substitute="planner",
                 bots=(BotKind.PLANNER, BotKind.PLANNER), think=0.1, flaky=(False, False),
                 seed=self._seed,
             )  # fmt: skip
@@ -142,7 +143,7 @@ class Table:
                 window.close()
 
     async def _sit_down(self, eye: Client, code: str, name: str) -> Window:
-        """Open the window, again where there was no server just then, until its seat is taken."""
+        """Open the window, repeatedly if no server answers, until its seat is taken."""
         while True:
             window = Window(self._screen, self._url, code, name, self._pictures)
             while window.process.poll() is None:
@@ -151,7 +152,7 @@ class Table:
                 await asyncio.sleep(LOOK_SECONDS)
             window.close()
             if not window.found_no_server:
-                raise RobotouilleError(f"the window died with status {window.process.returncode}")
+                raise RobotouilleError(f"the window ended with status {window.process.returncode}")
             await asyncio.sleep(LOOK_SECONDS)
 
     @asynccontextmanager
@@ -166,20 +167,20 @@ class Table:
         self._up_to_date = True
 
     def _sees(self, eye: Client) -> bool:
-        """Whether what the eye knows is of the server's present life."""
+        """Return whether the eye's state comes from the server's present life."""
         if not eye.connected.is_set():
             self._up_to_date = False
         return self._up_to_date
 
     def _seated(self, eye: Client) -> bool:
-        """Whether the window plays its seat, as far as the eye knows."""
+        """Return whether the window holds its seat, according to the eye."""
         game = eye.game
         if game is None or not self._sees(eye):
             return False
         return any(seat.player == PERSON and seat.present for seat in game.seats)
 
     async def _play(self, eye: Client, window: Window, who: str) -> None:
-        """Act through the window until the game is over; look at it after each outage."""
+        """Act through the window until the episode ends, and check the window after each outage."""
         game = eye.game
         assert game is not None
         tell("joined", who=who, episode=game.episode)
@@ -193,7 +194,7 @@ class Table:
                     await watch
                 if window.process.poll() is not None and self._sees(eye) and game.running:
                     status = window.process.returncode
-                    raise RobotouilleError(f"the window ended in the game with status {status}")
+                    raise RobotouilleError(f"the window ended during play with status {status}")
                 if self._here and game.running and self._shown:
                     await hands.move()
         finally:
@@ -201,7 +202,7 @@ class Table:
         tell("over", who=who, episode=game.episode, outcome=game.outcome or {}, clicks=hands.clicks)
 
     async def _watch(self, eye: Client, window: Window, who: str) -> None:
-        """Tell when the person's seat is lost and taken again, and when the window shows it."""
+        """Report when the person's seat is lost and taken again, and when the window shows it."""
         while True:
             here = self._seated(eye)
             if here != self._here:
@@ -230,7 +231,7 @@ class Table:
         if found.good:
             tell("pictured", who=who, tiles=found.tiles)
         elif late:
-            tell("failed", who=who, error=f"the window does not show the game: {found}")
+            tell("failed", who=who, error=f"the window does not show the episode: {found}")
 
     def _keep(self, picture: pygame.Surface, who: str, found: Likeness) -> None:
         kept = (
@@ -240,7 +241,7 @@ class Table:
 
 
 class Hands:
-    """Decide what a person would do, and do it with mouse and keys."""
+    """Decides the person's actions and performs them with mouse and keyboard."""
 
     def __init__(self, game: Game, window: Window, chance: random.Random) -> None:
         self._game = game
@@ -252,7 +253,7 @@ class Hands:
         self.clicks = 0
 
     async def move(self) -> None:
-        """One click or key, where there is something to do."""
+        """Perform one click or key press, if there is an action."""
         self._follow()
         game = self._game
         if game.state.busy_steps(PERSON):
@@ -273,9 +274,9 @@ class Hands:
             await asyncio.to_thread(self._person.do, action)
 
     def _follow(self) -> None:
-        """Tell the policy what has happened; it begins anew after a gap."""
+        """Send new events to the policy; create a new policy after a gap."""
         for event in self._game.poll():
-            if not isinstance(event, Changed):
+            if not isinstance(event, StateChanged):
                 continue
             if event.step == self._last + 1 and event.previous is not None:
                 if self._policy is not None:

@@ -1,7 +1,7 @@
-"""A process full of bots: plays one game after another in each slot until it is told to stop.
+"""A process with many bots that plays one episode after another in each slot until told to stop.
 
-What happens goes to standard output, one JSON object a line; `finish` on standard input begins no
-more games, `report` asks who still plays.
+It writes its events to standard output, one JSON object per line. On standard input, `finish` stops
+new episodes, and `report` requests the players that are still active.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from tests.programs.drill.witness import Witness
 
 LOOK_SECONDS = 0.02
 BREAK_SECONDS = 7.0
-"""Between two breaks of a flaky connection."""
+"""Seconds between two breaks of a flaky connection."""
 
 
 class Deliberate:
-    """A policy that takes its time; it is asked in a thread."""
+    """Policy with a fixed thinking time, which runs in a thread."""
 
     def __init__(self, policy: Policy, seconds: float) -> None:
         self._policy = policy
@@ -50,15 +50,15 @@ class Deliberate:
 
 
 def tell(event: str, **facts: Any) -> None:
-    """One line to whoever runs the drill."""
+    """Report an event to the drill."""
     print(json.dumps({"event": event, "at": time.monotonic(), **facts}), flush=True)
 
 
 @asynccontextmanager
-async def reachable(url: str, name: str, seed: int) -> AsyncIterator[Client]:
-    """A connection, as soon as there is a server."""
+async def reachable(url: str, name: str) -> AsyncIterator[Client]:
+    """Connect as soon as there is a server."""
     while True:
-        client = Client(url, name=name, seed=seed)
+        client = Client(url, name=name)
         try:
             await client.__aenter__()
             break
@@ -71,7 +71,7 @@ async def reachable(url: str, name: str, seed: int) -> AsyncIterator[Client]:
 
 
 class Participant:
-    """One bot at one seat, from its first connection to the end of its game."""
+    """One bot in one seat, from its first connection to the end of its episode."""
 
     def __init__(self, url: str, name: str, spec: GameSpec, number: int, folder: Path) -> None:
         self.name = name
@@ -84,8 +84,8 @@ class Participant:
         self._here = False
 
     async def open(self) -> str:
-        """Create the game; its code."""
-        async with reachable(self._url, self.name, self._spec.seed) as client:
+        """Create the episode and return its code."""
+        async with reachable(self._url, self.name) as client:
             while True:
                 try:
                     created = await client.create(self._spec.task, **self._spec.options)
@@ -99,7 +99,7 @@ class Participant:
 
     async def play(self, code: str, seat: str | None = None) -> None:
         """Take a seat and play to the end."""
-        async with reachable(self._url, self.name, self._spec.seed + self._number) as client:
+        async with reachable(self._url, self.name) as client:
             self.client = client
             self.game = game = await client.join(code, seat=seat)
             witness = Witness(game, self.name, self._folder, self._heard)
@@ -142,7 +142,7 @@ class Participant:
 
     @property
     def situation(self) -> dict[str, Any]:
-        """Where it stands, for who looks into a game that does not end."""
+        """Return the bot's status, for the diagnosis of an episode that does not end."""
         game, client = self.game, self.client
         return {
             "who": self.name,
@@ -163,10 +163,10 @@ class Participant:
 
 
 class Stopping(asyncio.Event):
-    """Set when no more games are to begin."""
+    """Event that is set when no more episodes should start."""
 
     async def obey(self, situations: Callable[[], list[dict[str, Any]]]) -> None:
-        """Heed standard input: `report` tells what there is to tell, all else stops."""
+        """Process standard input: `report` prints all situations, any other line stops."""
         reader = asyncio.StreamReader()
         loop = asyncio.get_running_loop()
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
@@ -227,7 +227,7 @@ class Slots:
 
 
 def options() -> argparse.Namespace:
-    """What the drill tells its processes."""
+    """Return the command-line options of a drill process."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--url", required=True)
     parser.add_argument("--folder", required=True)

@@ -15,12 +15,12 @@ MAX_SHOWN = 40
 
 
 def table(result: Result) -> str:
-    """The figures, and the evidence where something is wrong."""
+    """Return the figures, and the evidence of faults."""
     verdict = result.verdict
     kills = ", ".join(f"{count} {kind}" for kind, count in sorted(result.kills.items()))
     rows = [
-        ("kills", f"{result.signals['SIGKILL']} SIGKILL ({result.plan.kills} asked for), and"
-                  f" {result.signals['SIGTERM']} SIGTERM on top"),
+        ("kills", f"{result.signals['SIGKILL']} SIGKILL ({result.plan.kills} requested) and"
+                  f" {result.signals['SIGTERM']} additional SIGTERM"),
         ("when", kills or "none"),
         ("lives of the server", f"{result.lives}"),
         ("time", f"{result.seconds:.0f} s"),
@@ -30,18 +30,18 @@ def table(result: Result) -> str:
         ("kill → all clients back", _spread(result.back_seconds)),
         ("one client's absence", _spread(result.absence_seconds)),
         ("games", f"{verdict.games} ({_counts(verdict.outcomes)})"),
-        ("seats told the outcome", _counts(result.told)),
-        ("windows", f"{result.pictures} times found showing the game, at its start and after"
+        ("seats that received the outcome", _counts(result.told)),
+        ("windows", f"{result.pictures} checks that found the episode, at the start and after"
                     f" outages; {result.clicks} clicks and keys"),
         ("restarts in a game", f"at most {max(verdict.restarts, default=0)}"),
         ("other recordings", f"{verdict.others}"),
         ("recordings verified", f"{verdict.verified}"),
         ("steps recorded", f"{verdict.steps}"),
         ("controllers", _counts(verdict.controllers)),
-        ("compared", f"{verdict.states} states, {verdict.deltas} deltas, {verdict.actions} answers"
-                     f" to actions, {verdict.chat} chat messages heard"),
-        ("chat that nobody heard", f"{verdict.unheard}"),
-        ("spectators not told the end", f"{verdict.unaware}"),
+        ("compared", f"{verdict.states} states, {verdict.deltas} deltas, {verdict.actions} replies"
+                     f" to actions, {verdict.chat} received chat messages"),
+        ("chat that was not received", f"{verdict.unheard}"),
+        ("spectators that missed the end", f"{verdict.unaware}"),
         ("violations", f"{len(result.faults)}"),
     ]  # fmt: skip
     width = max(len(name) for name, _ in rows)
@@ -57,7 +57,7 @@ def _counts(counts: dict[str, int]) -> str:
 
 
 def _spread(seconds: list[float]) -> str:
-    """Median, 90th and 99th percentile, and the longest."""
+    """Format the median, the 90th and 99th percentile, and the maximum."""
     if not seconds:
         return "none"
     ordered = sorted(seconds)
@@ -70,7 +70,7 @@ def _spread(seconds: list[float]) -> str:
 
 
 def write_json(result: Result, path: Path) -> None:
-    """All figures and all faults, for programs."""
+    """Write all figures and faults as JSON."""
     path.write_text(json.dumps(_plain(result), indent=1) + "\n", encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""The real server as a process that is killed and started again on the same port and folder."""
+"""The real server process, which is killed and restarted on the same port and folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STOP_SECONDS = 30.0
 
 
 def free_port() -> int:
-    """A TCP port that nobody uses, with an unused one after it."""
+    """Return an unused TCP port that is followed by another unused one."""
     while True:
         with socket.socket() as first, socket.socket() as second:
             first.bind(("127.0.0.1", 0))
@@ -32,8 +32,7 @@ def free_port() -> int:
 
 
 class ServerProcess:
-    """One life of the server after another. `faults` are the errors in its logs, and lives that
-    ended by themselves or in a wrong way."""
+    """Consecutive lives of the server. `faults` lists errors in its logs and unexpected ends."""
 
     def __init__(self, folder: Path, port: int, faults: list[str], *flags: str) -> None:
         self.url = f"ws://127.0.0.1:{port}"
@@ -53,7 +52,7 @@ class ServerProcess:
         self._ending = False
 
     async def start(self) -> None:
-        """Begin another life; `listening` is set once it takes connections."""
+        """Start another life; `listening` is set once it accepts connections."""
         self.lives += 1
         self.listening = asyncio.Event()
         self._ending = False
@@ -68,7 +67,7 @@ class ServerProcess:
         self._reading = asyncio.create_task(self._read(self._process))
 
     async def kill(self, number: signal.Signals = signal.SIGKILL) -> None:
-        """End this life, and see that it has ended the way it should."""
+        """End this life and check how it ended."""
         process, reading = self._process, self._reading
         if process is None or reading is None:
             return
@@ -105,7 +104,7 @@ class ServerProcess:
         await process.wait()
         if others:
             last = b"".join(others[-3:]).decode(errors="replace")
-            self.faults.append(f"life {life} wrote {len(others)} lines, the last of them: {last}")
+            self.faults.append(f"life {life} wrote {len(others)} unexpected lines, last: {last}")
         if not self._ending:
             self.faults.append(f"life {life} ended by itself with status {process.returncode}")
 

@@ -1,4 +1,4 @@
-"""Holds the recordings against what the clients were told."""
+"""Comparison of the recordings with the messages that clients received."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from robotouille.replay.recording import Recording, read_recording
 
 __all__ = ["Verdict", "judge"]
 
-LOST = ("seat/lost", "episode/over")
-"""Codes of answers that say nothing of what became of an action."""
+LOST = ("seat/lost", "episode/ended")
+"""Codes of replies that do not reveal what happened to an action."""
 FINISHED = ("goal", "step_limit")
 
 Row = list[Any]
@@ -23,10 +23,10 @@ Row = list[Any]
 
 @dataclass(slots=True)
 class Verdict:
-    """What was found. `faults` is empty where all is well.
+    """Results of the comparison; `faults` is empty if everything agrees.
 
-    `unheard` counts what was said into a connection that was lost just then, `unaware` spectators
-    who came back after the end: neither has been promised anything.
+    `unheard` counts chat messages sent into a connection that was just lost. `unaware` counts
+    spectators who returned after the end. The server guarantees nothing in either case.
     """
 
     games: int = 0
@@ -46,7 +46,7 @@ class Verdict:
 
 
 def judge(recordings: Path, evidence: Path) -> Verdict:
-    """Check every recording, and every line that a client has written against it."""
+    """Check every recording, and compare it with every line that a client has written."""
     verdict = Verdict()
     told: dict[str, list[Path]] = {}
     for path in sorted(evidence.glob("*.jsonl")):
@@ -59,7 +59,7 @@ def judge(recordings: Path, evidence: Path) -> Verdict:
         _judge_game(verdict, path, told.pop(episode, []))
     for episode, paths in told.items():
         names = ", ".join(path.name for path in paths)
-        verdict.faults.append(f"episode {episode} has no recording; it was seen by {names}")
+        verdict.faults.append(f"episode {episode} has no recording; its clients: {names}")
     return verdict
 
 
@@ -93,7 +93,7 @@ def _judge_game(verdict: Verdict, path: Path, told: list[Path]) -> None:
 
 
 class _Record:
-    """A recording, laid out for comparison."""
+    """A recording, indexed for the comparison."""
 
     def __init__(self, recording: Recording) -> None:
         self.players = recording.world.players
@@ -114,7 +114,7 @@ class _Record:
         self._lay_out_actions(recording)
 
     def _lay_out_actions(self, recording: Recording) -> None:
-        """Each action by the name of who held the seat, the seat, and its sequence number."""
+        """Index each action by the seat's participant, the seat, and the sequence number."""
         holder = dict.fromkeys(self.players, "")
         for frame in recording.frames:
             if frame["kind"] == "notes":
@@ -129,10 +129,10 @@ class _Record:
                     self.acted.setdefault(key, []).append(row)
 
     def doubles(self) -> Iterable[str]:
-        """Actions that were taken into more than one step, and chat that came twice."""
+        """Yield actions that were applied in more than one step, and duplicate chat messages."""
         for (name, player, seq), rows in self.acted.items():
             if seq > 0 and len(rows) > 1:
-                yield f"action {seq} of {name} at {player} was taken {len(rows)} times: {rows}"
+                yield f"action {seq} of {name} at {player} was applied {len(rows)} times: {rows}"
         texts = Counter(note["text"] for note in self.said)
         for text, count in texts.items():
             if count > 1:
@@ -140,7 +140,7 @@ class _Record:
 
 
 class _Trial:
-    """One client's evidence against a recording."""
+    """Comparison of one client's evidence with a recording."""
 
     def __init__(self, record: _Record, rows: list[Row], verdict: Verdict) -> None:
         self._record = record
@@ -151,7 +151,7 @@ class _Trial:
         self._heard: set[str] = set()
 
     def faults(self) -> Iterable[str]:
-        """Whatever the client was told and the recording does not have so."""
+        """Yield each message that the recording does not confirm."""
         checks = {
             "state": self._state, "delta": self._delta, "said": self._said, "act": self._act,
             "over": self._over, "game": lambda _: "", "says": lambda _: "",
@@ -181,7 +181,7 @@ class _Trial:
             for move in self._record.moves[step]
         ]
         if recorded != did:
-            return f"step {step} did {did}, recorded {recorded}"
+            return f"step {step} contains {did}, recorded {recorded}"
         if [move["seq"] for move in self._record.moves[step]] != seqs:
             return f"step {step} has other sequence numbers than {seqs}"
         if self._record.unmet[step] != unmet:
@@ -194,10 +194,10 @@ class _Trial:
         self._heard.add(text)
         said = self._record.said
         if not 1 <= number <= len(said):
-            return f"chat {number} ({text!r}) is lost: {len(said)} are recorded"
+            return f"chat message {number} ({text!r}) is lost: {len(said)} are recorded"
         note = said[number - 1]
         if (note["name"], note["player"], note["text"]) != (name, seat, text):
-            return f"chat {number} was {text!r} of {name}, recorded {note['text']!r}"
+            return f"chat message {number} was {text!r} from {name}, recorded {note['text']!r}"
         return ""
 
     def _act(self, row: Row) -> str:
@@ -205,12 +205,12 @@ class _Trial:
         self._verdict.actions += 1
         found = self._record.acted.get((self._name, self._seat, seq), [])
         if action is None:
-            return f"action {seq} was nothing, recorded {found}" if found else ""
+            return f"action {seq} was null, recorded {found}" if found else ""
         if applied:
             if [(at, what) for at, what, ok in found if ok] != [(step, action)]:
                 return f"action {seq} {action} applied in step {step}, recorded {found}"
         elif code not in LOST and any(ok for _, _, ok in found):
-            return f"action {seq} {action} was refused ({code}), recorded {found}"
+            return f"action {seq} {action} was rejected ({code}), recorded {found}"
         return ""
 
     def _over(self, row: Row) -> str:

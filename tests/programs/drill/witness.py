@@ -1,4 +1,4 @@
-"""What one client was told, written down as it comes: the evidence against a server."""
+"""Record of the messages that one client received, as evidence against the server."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from robotouille_client import ActResult, Game
 __all__ = ["Witness"]
 
 CHAT_EVERY = 11
-"""Steps between two things that a bot says."""
+"""Steps between two chat messages of a bot."""
 
 
 class Witness:
-    """Stands between a connection and its `Game`, and writes one JSON line for each message.
+    """Observer between a connection and its `Game` that writes one JSON line per message.
 
-    `heard` is called with every message; the bot itself notices nothing.
+    `heard` is called with every message. The bot does not notice the observer.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Witness:
         game.submit = self.submit  # type: ignore[method-assign]
 
     def receive(self, message: messages.ServerMessage, now: float) -> None:
-        """Take a message down as the server sent it, then what the client made of it."""
+        """Record a message as the server sent it, then the client's resulting state."""
         if self._heard is not None:
             self._heard()
         before = self.game.step
@@ -68,9 +68,11 @@ class Witness:
             self._write("says", text)
             self.game.say(text)
 
-    def submit(self, action: Any, **options: Any) -> asyncio.Future[ActResult]:
-        """Note what becomes of an action."""
-        future = self._submit(action, **options)
+    def submit(
+        self, action: Any, seat: str | None = None, **details: Any
+    ) -> asyncio.Future[ActResult]:
+        """Submit an action and record its result."""
+        future = self._submit(action, seat, **details)
         named = [action.name, *action.arguments] if isinstance(action, GroundAction) else None
         future.add_done_callback(partial(self._answered, self.game._sent.seq, named))
         return future
@@ -83,10 +85,10 @@ class Witness:
             self._write("act", seq, action, result.applied, result.step, result.code)
 
     async def close(self) -> None:
-        """Write how it ended for this client."""
+        """Record how the episode ended for this client."""
         await asyncio.sleep(0)
         outcome = self.game.outcome
-        why = f"the client was told no outcome: {self._farewell or 'no reason'}"
+        why = f"the client received no outcome: {self._farewell or 'no reason'}"
         self._write("over", outcome, "" if outcome else why)
         self._file.close()
 

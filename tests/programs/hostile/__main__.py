@@ -1,8 +1,8 @@
-"""A million hostile messages and files: `python -m tests.programs.hostile --count 1000000`.
+"""Send a million hostile messages and files: `python -m tests.programs.hostile --count 1000000`.
 
-Starts a real server, attacks it over real sockets from several processes, and feeds the decoders
-and the readers of recordings and other files. Exit status 0 says: nothing crashed or hung, every
-answer had a documented code, and the server's memory stayed flat.
+The program starts a real server, attacks it over real sockets from several processes, and feeds the
+decoders and file readers. The exit status is 0 if nothing crashed or hung, every reply had a
+documented code, and the server's memory stayed flat.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ SERVER_FLAGS = (
     "--hello-seconds", "3", "--task", "synchronous/01", "--log-level", "error",
 )  # fmt: skip
 WARM_UP = 0.3
-"""The part of the run after which memory has to be flat."""
+"""Share of the run after which memory must be flat."""
 MAX_GROWTH = 16 * 1024 * 1024
 MARKS = 10
 
 
 @dataclass(slots=True)
 class Verdict:
-    """The result of a run; it is passed if there are no faults."""
+    """The result of a run, which passes if there are no faults."""
 
     done: int = 0
     outcomes: Counter[str] = field(default_factory=Counter)
@@ -52,13 +52,13 @@ class Verdict:
 
     @property
     def growth(self) -> int:
-        """Bytes that the server has gained since the warm-up."""
+        """Return the growth of the server's memory since the warm-up, in bytes."""
         warm = [size for part, size in self.memory if part >= WARM_UP]
         return warm[-1] - warm[0] if warm else 0
 
 
 def run(count: int, jobs: int, seed: int, keep: Path | None = None) -> Verdict:
-    """Attack with so many messages and files; inputs that bring faults about go to `keep`."""
+    """Send `count` messages and files; store inputs that cause faults in `keep`."""
     with tempfile.TemporaryDirectory(prefix="robotouille-hostile-") as folder:
         with server_process(Path(folder), *SERVER_FLAGS) as server:
             verdict = _attack(server, count, jobs, seed, keep)
@@ -80,7 +80,7 @@ def _attack(server: ServerProcess, count: int, jobs: int, seed: int, keep: Path 
     while left > 0:
         report = _next(reports, workers)
         if report is None:
-            verdict.faults["a process of the attack hung or died; its traceback is above"] += 1
+            verdict.faults["an attacking process hung or died; see its traceback above"] += 1
             break
         verdict.take(report)
         left -= report.last
@@ -96,7 +96,7 @@ def _attack(server: ServerProcess, count: int, jobs: int, seed: int, keep: Path 
 
 
 def _next(reports: Any, workers: list[Any]) -> Report | None:
-    """The next report; None if a process that still owes one does not give it."""
+    """Return the next report, or None if a process failed to send one."""
     try:
         report: Report = reports.get(timeout=HANG + 60)
     except queue.Empty:
@@ -110,7 +110,7 @@ def _mark(server: ServerProcess, verdict: Verdict, count: int, began: float) -> 
     part, seconds = verdict.done / count, time.monotonic() - began
     verdict.memory.append((part, _memory(server)))
     if asyncio.run(ask_honestly(server.port)) != "episodes":
-        verdict.faults["an honest client was not answered"] += 1
+        verdict.faults["an honest client received no reply"] += 1
     print(
         f"{part:4.0%}  {verdict.done:>9,}  {verdict.done / seconds:6,.0f}/s  "
         f"server {verdict.memory[-1][1] / 2**20:6.1f} MiB  {sum(verdict.faults.values())} faults",
@@ -136,7 +136,7 @@ def _keep(report: Report, folder: Path | None) -> None:
 
 
 def judge(verdict: Verdict, server_log: Path) -> None:
-    """Add the faults that show only in the end: growing memory, and errors in the server's log."""
+    """Add the faults that only show at the end: growing memory and errors in the log."""
     if verdict.growth > MAX_GROWTH:
         verdict.faults[f"the server's memory grew by {verdict.growth / 2**20:.1f} MiB"] += 1
     log = server_log.read_text(encoding="utf-8", errors="replace")
@@ -145,15 +145,15 @@ def judge(verdict: Verdict, server_log: Path) -> None:
 
 
 def main() -> int:
-    """Run it from the command line; 1 if anything is wrong."""
+    """Run the command; return 1 if there are faults."""
     parser = argparse.ArgumentParser(prog="python -m tests.programs.hostile", description=__doc__)
     parser.add_argument("--count", type=int, default=1_000_000, help="hostile messages and files")
     parser.add_argument("--jobs", type=int, default=2, help="attacking processes")
-    parser.add_argument("--seed", type=int, default=0, help="another seed, another attack")
-    parser.add_argument("--keep", type=Path, help="folder for inputs that bring faults about")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the attack")
+    parser.add_argument("--keep", type=Path, help="folder for inputs that cause faults")
     given = parser.parse_args()
     verdict = run(given.count, given.jobs, given.seed, given.keep)
-    print(f"\n{verdict.done:,} hostile messages and files; what became of them:")
+    print(f"\n{verdict.done:,} hostile messages and files; results:")
     for word, number in sorted(verdict.outcomes.items()):
         print(f"  {number:>9,}  {word}")
     memory = ", ".join(f"{size / 2**20:.1f}" for _, size in verdict.memory)

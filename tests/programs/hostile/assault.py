@@ -1,4 +1,4 @@
-"""One process of the hostile run: a share of all messages and files, and reports on the way."""
+"""One process of the hostile run, with its share of all messages and files."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from pathlib import Path
 from typing import Protocol
 
 from tests.programs.hostile.siege import Siege
-from tests.support.fuzzing.hostility import Adversary
-from tests.support.fuzzing.offerings import OFFERINGS
+from tests.support.fuzzing.adversary import Adversary
+from tests.support.fuzzing.hostile_inputs import HOSTILE_INPUTS
 from tests.support.fuzzing.specimens import FILE_KINDS, MESSAGE_KINDS
 from tests.support.fuzzing.targets import Target, file_targets, message_targets
 
 __all__ = ["HANG", "MIX", "Report", "Share", "assault"]
 
 MIX = {"socket": 70, "decoder": 20, "recording": 5, "file": 5}
-"""How many of a hundred hostile things go where."""
+"""Percentage of hostile inputs for each destination."""
 CHUNK = 1000
-"""Things between two reports."""
+"""Inputs between two reports."""
 LANES = 4
-"""Connections of a process at a time."""
+"""Simultaneous connections per process."""
 HANG = 120.0
-"""Seconds without progress after which a process gives up and says where it was."""
+"""Seconds without progress after which a process gives up and reports its position."""
 
 
 class Reports(Protocol):
@@ -36,7 +36,7 @@ class Reports(Protocol):
 
 @dataclass(slots=True)
 class Report:
-    """What a process did since its last report; `kept` are inputs that brought a fault about."""
+    """A process's results since its last report; `kept` contains inputs that caused faults."""
 
     worker: int
     done: int
@@ -48,7 +48,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """What one process has to do."""
+    """The share of one process."""
 
     worker: int
     count: int
@@ -57,7 +57,7 @@ class Share:
 
 
 def assault(share: Share, reports: Reports) -> None:
-    """Do a share, reporting as it goes."""
+    """Process a share and report progress."""
     asyncio.run(_assault(share, reports))
 
 
@@ -102,7 +102,7 @@ async def _chunk(
     for name, of_kind in kinds.items():
         for _ in range(parts[name]):
             kind = adversary.random.choice(of_kind)
-            _read(report, kind, readers[kind], OFFERINGS[kind], adversary)
+            _read(report, kind, readers[kind], HOSTILE_INPUTS[kind], adversary)
 
 
 def _read(

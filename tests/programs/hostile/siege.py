@@ -1,4 +1,4 @@
-"""Hostile connections to a real server: what was sent, and what it answered."""
+"""Hostile connections to a real server, with their messages and the server's replies."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from tests.programs.simulation.stranger import FLOODS
+from tests.support.fuzzing.adversary import Adversary
 from tests.support.fuzzing.codes import documented_codes
-from tests.support.fuzzing.hostility import Adversary
 from tests.support.fuzzing.specimens import client_messages
 from tests.support.fuzzing.wire import (
     BINARY,
@@ -24,18 +24,18 @@ from tests.support.fuzzing.wire import (
 __all__ = ["Siege", "ask_honestly"]
 
 BATCH = 50
-"""Messages sent before waiting until they are dealt with."""
+"""Messages sent before waiting for the server to process them."""
 PATIENCE = 60.0
-"""Seconds after which an answer that did not come is a hang."""
+"""Seconds after which a missing reply counts as a hang."""
 CLOSE_CODES = frozenset({None, 1000, 1001, 1002, 1003, 1007, 1008, 1009, 1012})
-"""With what a server may close; 1011 would be an error of its own."""
+"""Allowed close codes of the server; 1011 would be an internal error."""
 MAX_SILENT = 40
-"""Connections that are kept open without a word, or with half of one."""
+"""Largest number of silent or incomplete connections that stay open."""
 
 
 @dataclass(slots=True)
 class Siege:
-    """A seeded attacker of the server on a port; `outcomes` and `faults` tell how it went."""
+    """Seeded attacker of the server on a port, with its `outcomes` and `faults`."""
 
     port: int
     adversary: Adversary
@@ -46,21 +46,21 @@ class Siege:
     _episodes: list[str] = field(default_factory=list)
 
     async def attack(self, messages: int) -> None:
-        """Send so many messages over many connections, one after the other."""
+        """Send this many messages over consecutive connections."""
         goal = self.sent + messages
         while self.sent < goal:
             try:
                 async with asyncio.timeout(PATIENCE):
                     await self._one_connection(goal - self.sent)
             except TimeoutError:
-                self.faults.append(f"no answer within {PATIENCE:g} s after {self.sent} messages")
+                self.faults.append(f"no reply within {PATIENCE:g} s after {self.sent} messages")
                 return
             except ConnectionRefusedError:
                 self.faults.append(f"the server was gone after {self.sent} messages")
                 return
 
     def withdraw(self) -> None:
-        """Cut the connections that were left hanging."""
+        """Cut the connections that are still open."""
         while self._silent:
             self._silent.pop().cut()
 
@@ -75,10 +75,10 @@ class Siege:
         else:
             await self._talk(most)
 
-    # At the door
+    # Before the handshake
 
     async def _knock(self) -> None:
-        """Something that is no handshake, or half of one."""
+        """Send an invalid or incomplete handshake."""
         self.sent += 1
         wire = await Wire.open(self.port)
         try:
@@ -95,7 +95,7 @@ class Siege:
             wire.cut()
 
     async def _stay_silent(self) -> None:
-        """Begin a handshake or a frame and leave it at that; the server has to give it up."""
+        """Send half a handshake or frame and stop, so that the server must time out."""
         self.sent += 1
         wire = await Wire.open(self.port)
         with suppress(Closed):
@@ -109,7 +109,7 @@ class Siege:
             self._silent.pop(0).cut()
 
     async def _flood(self) -> None:
-        """Far more of one thing than anybody may send."""
+        """Send far more of one kind of message than the limits allow."""
         self.sent += 1
         wire = await Wire.open(self.port)
         try:
@@ -119,7 +119,7 @@ class Siege:
                 async for answer in wire.messages():
                     self._count(answer)
         except TimeoutError:
-            self.outcomes["flood, not over yet"] += 1
+            self.outcomes["flood, still open"] += 1
         except Closed as closed:
             self.outcomes[f"flood, closed {closed.code}"] += 1
             if closed.code not in CLOSE_CODES:
@@ -127,7 +127,7 @@ class Siege:
         finally:
             wire.cut()
 
-    # Inside
+    # After the handshake
 
     async def _talk(self, most: int) -> None:
         random = self.adversary.random
@@ -152,7 +152,7 @@ class Siege:
             wire.cut()
 
     async def _enter(self, wire: Wire) -> None:
-        """Say hello, and mostly sit down in a kitchen of one's own."""
+        """Send `hello`, and mostly create and join an episode."""
         random = self.adversary.random
         await wire.ask({"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}, 1)
         if random.random() < 0.5 or not self._episodes:
@@ -166,11 +166,11 @@ class Siege:
             join = {"type": "join", "episode": episode, "view": view, "role": role}
             answer = await wire.ask(join, 3)
             self._count(answer)
-            if answer.get("code") in ("episode/over", "episode/unknown"):
+            if answer.get("code") in ("episode/ended", "episode/unknown"):
                 self._episodes.remove(episode)
 
     async def _batch(self, wire: Wire, size: int) -> int:
-        """Hostile messages, then wait until the last of them is dealt with."""
+        """Send hostile messages and wait until the server has processed the last one."""
         parts = [self._message(wire) for _ in range(size)]
         ref = self.adversary.random.randrange(1000, 2**31)
         parts.append(wire.encode({"type": "join", "episode": "none", "ref": ref}))
@@ -207,7 +207,7 @@ class Siege:
         return frame(adversary.packed(message), BINARY)
 
     async def _break(self, wire: Wire) -> None:
-        """Frames against the rules; the server closes, or waits for the rest of one."""
+        """Send invalid frames; the server closes, or waits for the rest of a frame."""
         payload = self.adversary.json_text({"type": "list"}).encode()
         self.sent += 1
         await wire.write(hostile_frames(self.adversary, payload, TEXT))
@@ -218,7 +218,7 @@ class Siege:
 
 
 async def ask_honestly(port: int) -> str:
-    """What an honest client that comes now is answered to `hello` and `list`; "" in vain."""
+    """Connect an honest client and return the type of its reply to `list`, or "" on failure."""
     try:
         async with asyncio.timeout(PATIENCE):
             wire = await Wire.open(port)

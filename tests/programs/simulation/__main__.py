@@ -34,15 +34,15 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--trace", action="store_true", help="with --seed: print every event")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     parser.add_argument(
-        "--hours", type=float, help="go on with further seeds for so many hours (nightly)"
+        "--hours", type=float, help="run further seeds for this many hours (nightly)"
     )
     parser.add_argument(
         "--day", action="store_true", help="one long-lived server instead of many short runs"
     )
     parser.add_argument(
-        "--simulated-hours", type=float, default=24.0, help="with --day: how long the day is"
+        "--simulated-hours", type=float, default=24.0, help="with --day: length of the day"
     )
-    parser.add_argument("--rooms", type=int, default=4, help="with --day: games at a time")
+    parser.add_argument("--rooms", type=int, default=4, help="with --day: simultaneous episodes")
     return parser.parse_args()
 
 

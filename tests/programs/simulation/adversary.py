@@ -1,4 +1,4 @@
-"""Breaks things, at times and in ways that the seed decides; and mends them in the end."""
+"""Source of faults, with times and kinds that the seed determines. It repairs them at the end."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ PORT = 8765
 
 
 class LossyLink:
-    """Drops, repeats and delays whole messages (TCP would not); so a connection that has one is
-    cut before long, like one whose last messages are lost with it."""
+    """Link that drops, repeats and delays whole messages, unlike TCP. Its connection is cut soon
+    afterwards, like one that lost its last messages.
+    """
 
     def __init__(self, chance: random.Random, rate: float, span: float) -> None:
         self._random = chance
@@ -42,7 +43,7 @@ class LossyLink:
 
 
 class Adversary:
-    """Lets things go wrong for a while."""
+    """Causes faults for a limited time."""
 
     def __init__(self, sim: Simulation, scenario: Scenario, chance: random.Random) -> None:
         self.sim = sim
@@ -57,7 +58,7 @@ class Adversary:
         sim.network.on_connect = self._connected
 
     async def trouble(self) -> None:
-        """Faults, one after another, then none any more."""
+        """Cause one fault after another, then repair everything."""
         end = self.sim.loop.time() + self.scenario.trouble
         kinds = sorted(self.scenario.faults)
         weights = [self.scenario.faults[kind] for kind in kinds]
@@ -74,7 +75,7 @@ class Adversary:
         self.heal()
 
     def heal(self) -> None:
-        """From now on everything works."""
+        """Repair everything and stop causing faults."""
         self.sim.trace("fault", "heal", "")
         sim = self.sim
         sim.network.on_connect = None
@@ -108,7 +109,7 @@ class Adversary:
         self._timers.append(self.sim.loop.call_later(delay, act, *values))
 
     def _seconds(self) -> float:
-        """How long something lasts: mostly short, now and then longer than any patience."""
+        """Draw a duration, which is mostly short but sometimes exceeds every timeout."""
         return float(10 ** self._random.uniform(-1.5, 1.7))
 
     # The network
@@ -168,7 +169,7 @@ class Adversary:
         return f"{self.sim.network.refusing} {seconds:.3f}"
 
     def flood(self) -> str:
-        """A stranger sends far more than anybody may; no game notices."""
+        """Let a stranger send far more than the limits allow; no episode may notice."""
         name = f"stranger-{len(self.strangers)}"
         code = self._random.choice([plan.code for plan in self.sim.plans] or [None])
         stranger = Stranger(name, self.sim.loop, self._random, code)
@@ -209,7 +210,7 @@ class Adversary:
         participant.process.kill()
         if self._random.random() < 0.15 and participant.plan.begun:
             participant.done = True
-            return f"{participant.name} for good"
+            return f"{participant.name} permanently"
         self._later(min(20.0, self._seconds()), self._return, participant, token)
         return participant.name
 
@@ -217,7 +218,7 @@ class Adversary:
         participant.start(token)
 
     def take_over(self) -> str:
-        """The same participant, from another machine, while the first is still there."""
+        """Connect the same participant from another machine while the first one is connected."""
         participant = self._participant()
         if participant is None or participant.token is None:
             return ""
@@ -236,7 +237,7 @@ class Adversary:
         return f"{seconds:.3f}"
 
     def crash(self) -> str:
-        """`kill -9` after so many more callbacks: at any await."""
+        """Kill the server like `kill -9` after a number of callbacks, so at any await."""
         process = self.sim.server.process
         if process is None or process.dead or process.dies_at is not None:
             return ""
@@ -245,7 +246,7 @@ class Adversary:
         return f"{process.name} after {callbacks}"
 
     def crash_in_write(self) -> str:
-        """Killed in the middle of an append or of the closing of a file."""
+        """Kill the server during an append or while it closes a file."""
         writes = int(10 ** self._random.uniform(0, 1.2))
         self.sim.disk.dies_after = writes
         return str(writes)
@@ -262,6 +263,6 @@ class Adversary:
         self.sim.disk.full = False
 
     def hand_over(self) -> str:
-        """A new process takes over while the old one drains."""
+        """Start a new process that takes over while the old one drains."""
         seconds = self._random.choice((0.0, 1.0, 10.0))
         return f"{seconds}" if self.sim.server.hand_over(seconds) else ""

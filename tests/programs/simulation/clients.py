@@ -1,4 +1,4 @@
-"""Players and spectators: the real client library and bots, watched at every message."""
+"""Players and spectators: the real client library and bots, with every message checked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robotouille.protocol.participant_names import likeness
 from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.errors import ConnectionFailedError
-from robotouille_server.rooms.broadcast.broadcaster import KEPT_SAID
+from robotouille_server.rooms.broadcaster import KEPT_SAID
 from tests.programs.simulation.loop import Process, current_process
 
 if TYPE_CHECKING:
@@ -36,11 +36,11 @@ COME_AGAIN = {
     "server/handover",
     "server/draining",
 }
-NO_MORE = {"episode/over"}
+NO_MORE = {"episode/ended"}
 
 
 class WatchedClient(Client):
-    """The client as it is; each message and each answer is held against the recordings."""
+    """The unchanged client; each message and reply is compared with the recordings."""
 
     def __init__(self, participant: Participant, incarnation: str, **options: Any) -> None:
         super().__init__(**options)
@@ -72,7 +72,7 @@ class WatchedClient(Client):
         self._check_state(game, message)
 
     def come_back_with(self, resume: str) -> None:
-        """Begin with the resume token of another machine."""
+        """Start with the resume token of another machine."""
         plan, participant = self.participant.plan, self.participant
         self.came_back, self.protocol.resume = True, resume
         if plan.code is not None:
@@ -84,16 +84,16 @@ class WatchedClient(Client):
             )
 
     def _watch(self, game: Game) -> None:
-        """A new game: hear of each action and its answer, too."""
+        """Watch a new game, including its actions and their results."""
         self._watched, self._last, self._chat = game, -1, None
         self.participant.plan.entered(self.incarnation, game.episode)
         submit = game.submit
 
-        def watched(action: Any, **options: Any) -> asyncio.Future[ActResult]:
-            future = submit(action, **options)
-            answered = partial(
-                self._act_answered, game, options.get("seat") or game.seat, game._sent.seq, action
-            )
+        def watched(
+            action: Any, seat: str | None = None, **options: Any
+        ) -> asyncio.Future[ActResult]:
+            future = submit(action, seat, **options)
+            answered = partial(self._act_answered, game, seat or game.seat, game._sent.seq, action)
             future.add_done_callback(answered)
             return future
 
@@ -121,10 +121,10 @@ class WatchedClient(Client):
             )
 
     def _check_said(self, game: Game, message: messages.Said, heard: int) -> None:
-        """What is said is recorded, and nothing is missed (but by newcomers)."""
+        """Check that a chat message is recorded and that none is missing, except for newcomers."""
         self.sim.oracle.check_said(self.incarnation, game.episode, message.text)
         if not self.participant.plan.owns(message.text):
-            self.sim.fail(f"{self.incarnation}: heard {message.text!r} of another episode")
+            self.sim.fail(f"{self.incarnation}: received {message.text!r} of another episode")
         if message.number <= heard:
             return
         before, self._chat = self._chat, message.number
@@ -132,24 +132,24 @@ class WatchedClient(Client):
         if before is None or message.number == before + 1 or lossy:
             return
         if self.sim.oracle.said_since(game.episode, before) <= KEPT_SAID:
-            self.sim.fail(f"{self.incarnation}: after chat {before} came {message.number}")
+            self.sim.fail(f"{self.incarnation}: chat message {message.number} followed {before}")
 
     def _check_company(self, seats: list[messages.SeatInfo]) -> None:
         names = Counter(likeness(seat.name) for seat in seats if seat.name)
         if any(count > self.participant.plan.seats_of(name) for name, count in names.items()):
-            self.sim.fail(f"{self.incarnation}: two are called the same: {names}")
+            self.sim.fail(f"{self.incarnation}: two participants have the same name: {names}")
         strangers = [s.name for s in seats if s.name and not self.participant.plan.knows(s.name)]
         if strangers:
-            self.sim.fail(f"{self.incarnation}: sits with {strangers} of another episode")
+            self.sim.fail(f"{self.incarnation}: sees {strangers} of another episode")
 
     def _check_outcome(self, game: Game, message: messages.Ended) -> None:
         truth = self.sim.oracle.find(game.episode)
         if truth is None or truth.outcome != message.outcome:
-            self.sim.fail(f"{self.incarnation}: told the outcome {message.outcome}, not recorded")
+            self.sim.fail(f"{self.incarnation}: unrecorded outcome {message.outcome}")
 
 
 class Participant:
-    """Somebody who plays or watches one episode, through reconnects, crashes and new machines."""
+    """Participant of one episode, across reconnects, crashes and new machines."""
 
     def __init__(self, sim: Simulation, plan: EpisodePlan, enlisted: Enlisted) -> None:
         self.sim = sim
@@ -171,7 +171,7 @@ class Participant:
         self._chance = random.Random(f"{sim.seed}/{self.name}")
 
     def start(self, resume: str | None = None) -> None:
-        """Begin, or go on in a new process, with the resume token of the old one if given."""
+        """Start, or continue in a new process, with the old resume token if given."""
         self.lives += 1
         incarnation = f"{self.name}.{self.lives}"
         process = self.process = Process(incarnation, self.sim.loop)
@@ -183,20 +183,20 @@ class Participant:
         living.add_done_callback(partial(self._ended, process))
 
     def _ended(self, process: Process, task: asyncio.Task[None]) -> None:
-        """No error of the library may reach a bot's code but those it is told of."""
+        """Report errors of the library that a bot's code does not expect."""
         self._trying.remove(process)
         if not task.cancelled() and (error := task.exception()) is not None:
             trace = "".join(traceback.format_exception(error, limit=-3))
             self.sim.fail(f"{self.name}: the client library raised {trace}")
 
     def gone(self) -> None:
-        """Switch all machines off."""
+        """Switch off all machines."""
         for process in self._processes:
             process.kill()
 
     @property
     def token(self) -> str | None:
-        """The resume token of the present connection."""
+        """Return the resume token of the present connection."""
         return self.client.resume if self.client is not None else None
 
     async def _live(self, mine: Process, incarnation: str, resume: str | None) -> None:
@@ -209,7 +209,6 @@ class Participant:
                 url=f"ws://127.0.0.1:{PORT}",
                 name=self.name,
                 codec=JSON if self.encoding == "json" else MSGPACK,
-                seed=self._chance.getrandbits(32),
             )
             if resume is not None:
                 client.come_back_with(resume)
@@ -235,16 +234,16 @@ class Participant:
                 await asyncio.sleep(min(5.0, tries * self._chance.uniform(0.2, 1.0)))
 
     def _others_try(self, mine: Process) -> bool:
-        """Whether another of the participant's machines goes on; somebody has to."""
+        """Return whether another machine of the participant continues; at least one must."""
         return any(process is not mine for process in self.tries)
 
     @property
     def tries(self) -> list[Process]:
-        """The machines that are on and try to take part, the newest last."""
+        """Return the running machines that try to take part, newest last."""
         return [process for process in self._trying if not process.dead]
 
     async def _take_part(self, client: WatchedClient) -> bool:
-        """Create or join and play; whether the game is over."""
+        """Create or join an episode and play; return whether the episode has ended."""
         game = await self._enter(client)
         chat = asyncio.create_task(self._chat(client, game)) if self.talks else None
         try:
@@ -260,7 +259,7 @@ class Participant:
         finally:
             if chat is not None:
                 chat.cancel()
-        return game.over
+        return game.finished
 
     async def _enter(self, client: WatchedClient) -> Game:
         if client.came_back and (game := await self._game_again(client)) is not None:
@@ -275,11 +274,11 @@ class Participant:
 
     @property
     def wanted(self) -> Literal["all"] | list[str]:
-        """The seats to ask for; none for any that is free."""
+        """Return the seats to request; an empty list requests any free seat."""
         return "all" if self.seats == "all" else list(self.seats)
 
     async def _game_again(self, client: WatchedClient) -> Game | None:
-        """The game of a resumed session comes by itself, if it still has one."""
+        """Wait for the game of a resumed session, which arrives by itself if it still exists."""
         for _ in range(50):
             game = client.game
             if game is not None and (game.has_state or game.observation is not None):
@@ -288,7 +287,10 @@ class Participant:
         return None
 
     def _refused(self, error: ProtocolError) -> bool:
-        """What a refusal means: over, or come again; anything else is a fault of the server."""
+        """Interpret a refusal: return True if the episode has ended, False to try again later.
+
+        Any other refusal is a fault of the server.
+        """
         if error.code in NO_MORE:
             return True
         if error.code == "episode/unknown":
@@ -312,7 +314,7 @@ class Participant:
                 await game.next_event()
 
     async def _play_several(self, game: Game) -> None:
-        """All of one's seats, at the same time; what is refused is thought of again."""
+        """Play all seats at the same time; choose again after a rejection."""
         decided = dict.fromkeys(game.own_seats, -1)
 
         def answered(seat: str, done: asyncio.Future[ActResult]) -> None:
@@ -330,7 +332,7 @@ class Participant:
             await game.next_event()
 
     def _actions_of(self, game: Game, seat: str) -> Sequence[GroundAction | str] | None:
-        """What a seat may do in the present step; None while that is not known."""
+        """Return a seat's valid actions in the present step, or None if they are unknown."""
         if game.has_state:
             return game.state.actions(seat)
         seen = game.observations.get(seat)

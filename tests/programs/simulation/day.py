@@ -1,4 +1,4 @@
-"""A long day: one server, games made again and again, faults now and then, memory watched."""
+"""A long day: one server, many episodes, occasional faults, and a check of the memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from functools import partial
 from robotouille.world.grounding.goal import Goal
 from robotouille.world.grounding.successors import SuccessorTree
 from robotouille.world.timers import TimerTable
-from robotouille_server.rooms.substitutes.bots import BotWorld
+from robotouille_server.rooms.bots import BotWorld
 from tests.programs.simulation.scenario import (
     FAULTS,
     DrawPlan,
@@ -33,14 +33,14 @@ GAME_PATIENCE = 2 * HOUR
 REAL_TIME_ROOMS = 2
 LOOKS = 24
 WARM_HOURS = 4.0
-"""A shorter day says nothing of memory: new tasks and new code still take their place in it."""
+"""Length below which memory is not checked, because new tasks and code still need space."""
 GROWTH = 1.1
 MARGIN = 20_000
-"""Allocated blocks by which quiet moments may differ: what games in progress hold."""
+"""Allocated blocks by which measurements may differ, because of episodes in progress."""
 
 
 class Day(Simulation):
-    """`rooms` games at a time, two of them in real time with five steps a second."""
+    """`rooms` simultaneous episodes, two of them in real time with five steps a second."""
 
     def __init__(self, seed: int, hours: float, report: Callable[[str], None], rooms: int) -> None:
         self.hours = hours
@@ -72,7 +72,7 @@ class Day(Simulation):
         await self.shut_down()
 
     async def _room(self, number: int, end: float) -> None:
-        """One game after another."""
+        """Play one episode after another."""
         chance = random.Random(f"{self.seed}/room/{number}")
         while self.loop.time() < end and not self.faults:
             self.games += 1
@@ -98,11 +98,11 @@ class Day(Simulation):
             if plan.over and all(person.process is None or person.done for person in people):
                 return
             if self.loop.time() > deadline:
-                self.fail(f"{plan.tag} is not over after {GAME_PATIENCE} s; {self._where()}")
+                self.fail(f"{plan.tag} has not ended after {GAME_PATIENCE} s; {self._where()}")
             await asyncio.sleep(1)
 
     def _forget(self, plan: EpisodePlan) -> None:
-        """Check the recording; keep nothing of a game that is over."""
+        """Check the recording, and discard all data of an ended episode."""
         for participant in [p for p in self.participants if p.plan is plan]:
             participant.gone()
             self.participants.remove(participant)
@@ -117,7 +117,7 @@ class Day(Simulation):
                 self.disk.files.pop(truth.name.removesuffix(".part"), None)
 
     async def _watch(self, end: float) -> None:
-        """Every hour of a day: do all agree? And does memory grow?"""
+        """Compare the server with the recordings and measure its memory at regular intervals."""
         period = self.hours * HOUR / LOOKS
         while self.loop.time() < end and not self.faults:
             await asyncio.sleep(period)
@@ -133,21 +133,23 @@ class Day(Simulation):
         self._check_memory()
 
     def _check_memory(self) -> None:
-        """The least of the last quarter is not more than that of the second: by then all tasks
-        have been played, all code has run."""
+        """Check that the minimum of the last quarter does not exceed that of the second quarter.
+
+        By the second quarter, all tasks have been played and all code has run.
+        """
         if self.hours < WARM_HOURS:
             return
         quarter = len(self.blocks) // 4
         early, late = self.blocks[quarter : 2 * quarter], self.blocks[-quarter:]
         if quarter and min(late) > GROWTH * min(early) + MARGIN:
-            self.fail(f"memory grows: {self.blocks} allocated blocks, look by look")
+            self.fail(f"memory grows: {self.blocks} allocated blocks in successive measurements")
 
     def _tidy(self) -> None:
-        """The simulation itself must not grow, either.
+        """Keep the simulation itself from growing.
 
-        What worlds and stand-ins remember of play has bounds (tests/world/test_memory.py,
-        tests/server/test_bots.py) that a day does not reach; without it, anything else
-        that grows is seen.
+        The caches of worlds and substitutes have bounds (tests/world/test_memory.py,
+        tests/server/test_bots.py) that a day does not reach. Without the caches, any other growth
+        is visible.
         """
         for memory in gc.get_objects():
             if type(memory) in (TimerTable, SuccessorTree, Goal, BotWorld):
@@ -162,7 +164,7 @@ class Day(Simulation):
 def simulate_day(
     seed: int, hours: float, report: Callable[[str], None], *, rooms: int = 4
 ) -> Report:
-    """A day of `hours`; `report` gets a line each simulated hour."""
+    """Simulate `hours` of play; `report` receives a line per simulated hour."""
     collecting = gc.isenabled()
     gc.disable()
     try:

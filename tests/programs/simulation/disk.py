@@ -1,7 +1,7 @@
-"""A folder of recordings in memory that can fill up and lose the end of an append.
+"""In-memory folder of recordings that can fill up and lose the end of an append.
 
-It outlives the processes that write it. What was appended is there after a crash; the append in
-which the process was killed may be torn at any byte. Locks end with the process that holds them.
+It outlives the processes that write to it. Completed appends survive a crash. The append in
+progress when a process is killed may be torn at any byte. Locks end with their process.
 """
 
 from __future__ import annotations
@@ -10,20 +10,18 @@ import errno
 import random
 from collections.abc import Callable
 
-from robotouille_server.rooms.recordings.storage import FileCondition
+from robotouille_server.rooms.storage import FileCondition
 from tests.programs.simulation.loop import Killed, Process, current_process
 
 __all__ = ["Disk", "OpenFile"]
 
 
 class Disk:
-    """Implements the server's `Storage`."""
+    """Implementation of the server's `Storage`."""
 
     def __init__(self, chance: random.Random) -> None:
         self.files: dict[str, bytearray] = {}
         self.full = False
-        self.appends = 0
-        self.appends_failed = 0
         self.on_append: Callable[[str, int, bytes], None] | None = None
         self.on_cut: Callable[[str, int], None] | None = None
         self.on_closed: Callable[[str, bytes], None] | None = None
@@ -32,7 +30,7 @@ class Disk:
         self._random = chance
         self._locks: dict[str, OpenFile] = {}
 
-    # What the server calls
+    # Called by the server
 
     def names(self) -> list[str]:
         self._alive()
@@ -71,14 +69,12 @@ class Disk:
         if self.on_removed is not None:
             self.on_removed(name)
 
-    # What open files call
+    # Called by open files
 
     def append(self, file: OpenFile, data: bytes) -> None:
         self._alive()
-        self.appends += 1
         content = self._content(file.name)
         if self.full:
-            self.appends_failed += 1
             raise OSError(errno.ENOSPC, "No space left on device", file.name)
         if self._dies():
             torn = data[: self._random.randint(0, len(data))]
@@ -120,7 +116,7 @@ class Disk:
             raise OSError(errno.ENOSPC, "No space left on device")
 
     def _alive(self) -> None:
-        """Nothing that a dead process does in its `finally` blocks reaches the disk."""
+        """Stop `finally` blocks of a dead process from reaching the disk."""
         process = current_process()
         if process is not None and process.dead:
             raise Killed
@@ -142,7 +138,7 @@ class Disk:
 
 
 class OpenFile:
-    """A file that is open for appending, and locked."""
+    """File that is open for appending, and locked."""
 
     def __init__(self, disk: Disk, name: str, process: Process | None) -> None:
         self.name = name

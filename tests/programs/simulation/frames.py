@@ -1,4 +1,4 @@
-"""WebSocket frames in a stream of bytes, so that a link can treat messages one by one."""
+"""WebSocket frames in a byte stream, so that a link can treat messages separately."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ UPGRADED = b"HTTP/1.1 101"
 
 
 class UnitKind(Enum):
-    """What a piece of the stream is."""
+    """Kind of a piece of the stream."""
 
     HANDSHAKE = "handshake"
     MESSAGE = "message"
@@ -27,7 +27,7 @@ class Unit(NamedTuple):
 
 
 class FrameSplitter:
-    """Cuts one direction of a connection into units."""
+    """Splitter of one direction of a connection into units."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -35,7 +35,7 @@ class FrameSplitter:
         self._http_only = False
 
     def feed(self, data: bytes) -> list[Unit]:
-        """The units that are whole now."""
+        """Return the units that are complete now."""
         if self._http_only:
             return [Unit(UnitKind.HANDSHAKE, data)]
         self._rest += data
@@ -60,7 +60,7 @@ class FrameSplitter:
 
 
 def _frame_size(data: bytes) -> int | None:
-    """The bytes of the frame that begins here; None while its head is not whole."""
+    """Return the size of the frame that starts here, or None while its head is incomplete."""
     if len(data) < 2:
         return None
     length, head = data[1] & 0x7F, 2
@@ -76,7 +76,7 @@ def _frame_size(data: bytes) -> int | None:
 
 
 def payload_of(frame: bytes) -> bytes:
-    """A frame's payload, unmasked."""
+    """Return a frame's payload, unmasked."""
     length, start = frame[1] & 0x7F, 2
     if length == 126:
         start = 4

@@ -1,4 +1,4 @@
-"""What happened when, as a running digest and, if asked, as lines to read."""
+"""Log of all events, as a running digest and optionally as text lines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Journal"]
 
 
 class Journal:
-    """Notes each event with its virtual time; equal digests mean equal courses."""
+    """Log of events with their virtual times; equal digests mean equal courses."""
 
     def __init__(self, now: Callable[[], float], *, show: bool = False) -> None:
         self._now = now

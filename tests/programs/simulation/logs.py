@@ -1,4 +1,4 @@
-"""Errors that the server logs instead of raising: a simulation counts them as faults."""
+"""Errors that the server logs instead of raising, which a simulation counts as faults."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ EXPECTED = (
     "recording not deleted",
     "episode not restored yet",
 )
-"""What a server has to say where the disk is full."""
+"""Messages that a server must log when the disk is full."""
 LIBRARY_FAULTS = ("connection handler failed", "process_request failed", "unexpected internal")
 
 _report: list[Callable[[str], None]] = []
 
 
 def watch_logs(report: Callable[[str], None]) -> None:
-    """From now on errors go to `report`, and nothing is printed."""
+    """Send logged errors to `report` instead of printing them."""
     _report[:] = [report]
     structlog.configure(
         processors=[structlog.processors.add_log_level, _take],

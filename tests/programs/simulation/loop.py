@@ -1,8 +1,8 @@
-"""An event loop without sockets, threads or real time, and the processes that live on it.
+"""Event loop without sockets, threads or real time, and the processes that run on it.
 
-Time stands still while anything is ready to run, and then jumps to the next timer. Each callback
+Time stands still while any callback is ready, and then jumps to the next timer. Each callback
 belongs to the process in whose context it was scheduled. A process can be suspended (its callbacks
-wait, as after SIGSTOP) and killed (they never run, and nothing of it has an effect any more).
+wait, as after SIGSTOP) and killed (its callbacks never run, and it has no further effect).
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ __all__ = ["EPOCH", "Killed", "Process", "SimulatedLoop", "current_process"]
 T = TypeVar("T")
 
 EPOCH = 1000.0
-"""What the clock shows at the beginning."""
+"""Start value of the clock."""
 MAX_FINALLY = 20
 
 
 class Killed(BaseException):
-    """Unwinds the callback in the midst of which its process was killed."""
+    """Unwinds a callback during which its process was killed."""
 
 
 class Process:
-    """A simulated operating system process: what runs in it lives and dies together."""
+    """Simulated operating system process, whose tasks and callbacks end with it."""
 
     def __init__(self, name: str, loop: SimulatedLoop, host: str = "127.0.0.1") -> None:
         self.name = name
@@ -49,26 +49,26 @@ class Process:
         return f"<Process {self.name}{' (dead)' if self.dead else ''}>"
 
     def start(self, coroutine: Coroutine[Any, Any, T], name: str = "main") -> asyncio.Task[T]:
-        """A task of this process."""
+        """Create a task of this process."""
         return self.loop.create_task(
             coroutine, name=f"{self.name}/{name}", context=self.context.copy()
         )
 
     def call(self, function: Callable[..., T], *args: Any) -> T:
-        """Call something as a part of this process."""
+        """Call a function as part of this process."""
         return self.context.copy().run(function, *args)
 
     def suspend(self) -> None:
         self.suspended = True
 
     def wake(self) -> None:
-        """Go on; what came due meanwhile runs now, in order."""
+        """Continue, and run all callbacks that became due while suspended, in order."""
         self.suspended = False
         parked, self._parked = self._parked, []
         self.loop.requeue(parked)
 
     def kill(self) -> None:
-        """`kill -9`: from now on nothing of this process runs or has an effect."""
+        """Kill the process like `kill -9`: it neither runs nor has any effect from now on."""
         if self.dead:
             return
         self._grave = self.tasks()
@@ -78,11 +78,11 @@ class Process:
             mourn()
 
     def tasks(self) -> list[SimulatedTask]:
-        """The tasks that are not done, oldest first."""
+        """Return the unfinished tasks, oldest first."""
         return [task for task in self.loop.living_tasks() if task.process is self]
 
     def bury(self) -> None:
-        """Free what a dead process held; its `finally` blocks run, but reach nothing."""
+        """Free the resources of a dead process; its `finally` blocks run, but without effect."""
         self.on_death.clear()
         with self.loop.muted():
             for task in self._grave:
@@ -90,7 +90,7 @@ class Process:
             self._grave.clear()
 
     def admit(self, handle: events.Handle) -> bool:
-        """Whether a callback may run now; it waits while the process is suspended."""
+        """Return whether a callback may run now; park it while the process is suspended."""
         if self.dead:
             return False
         if self.suspended:
@@ -107,12 +107,12 @@ _process: ContextVar[Process | None] = ContextVar("process", default=None)
 
 
 def current_process() -> Process | None:
-    """The process in which the caller runs; None in the world around them."""
+    """Return the caller's process, or None outside of all processes."""
     return _process.get()
 
 
 class SimulatedTask(asyncio.Task):  # type: ignore[type-arg]
-    """A task that knows its process, and whose hash is the same in every run."""
+    """Task with its process and a hash that is the same in every run."""
 
     def __init__(
         self,
@@ -133,7 +133,7 @@ class SimulatedTask(asyncio.Task):  # type: ignore[type-arg]
         return self is other
 
     def abandon(self, context: Context) -> None:
-        """Drop a task that will never run again; a `finally` may wait several times."""
+        """Discard a task that will never run again; its `finally` blocks may await repeatedly."""
         self._log_destroy_pending = False
         coroutine: Any = self.get_coro()
         for _ in range(MAX_FINALLY):
@@ -145,7 +145,7 @@ class SimulatedTask(asyncio.Task):  # type: ignore[type-arg]
 
 
 class SimulatedFuture(asyncio.Future):  # type: ignore[type-arg]
-    """A future whose hash is the same in every run."""
+    """Future with a hash that is the same in every run."""
 
     serial: int = 0
 
@@ -157,7 +157,7 @@ class SimulatedFuture(asyncio.Future):  # type: ignore[type-arg]
 
 
 class SimulatedLoop(asyncio.BaseEventLoop):
-    """Virtual time, in seconds from `EPOCH` on; `network` makes its connections."""
+    """Event loop with virtual time in seconds from `EPOCH`; `network` makes its connections."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -235,7 +235,7 @@ class SimulatedLoop(asyncio.BaseEventLoop):
         return task
 
     def living_tasks(self) -> list[SimulatedTask]:
-        """The tasks that can still run, oldest first."""
+        """Return the tasks that can still run, oldest first."""
         self._tasks = [
             task
             for task in self._tasks
@@ -244,7 +244,7 @@ class SimulatedLoop(asyncio.BaseEventLoop):
         return list(self._tasks)
 
     def pending(self, process: Process) -> list[events.TimerHandle]:
-        """The timers that a process waits for."""
+        """Return the timers that a process waits for."""
         return [
             handle
             for _, _, handle in sorted(self._timers)
@@ -256,7 +256,7 @@ class SimulatedLoop(asyncio.BaseEventLoop):
 
     @contextlib.contextmanager
     def muted(self) -> Iterator[None]:
-        """Nothing that is scheduled meanwhile ever runs."""
+        """Discard everything that is scheduled within the context."""
         before, self._muted = self._muted, True
         running = events._get_running_loop()
         events._set_running_loop(self)
@@ -282,13 +282,13 @@ class SimulatedLoop(asyncio.BaseEventLoop):
             handle._run()
 
     def _advance(self) -> None:
-        """Jump to the next timer, and make all that are due then ready."""
+        """Jump to the next timer and make all due timers ready."""
         timers = self._timers
         while timers and timers[0][2]._cancelled:
             heapq.heappop(timers)
         if not timers:
             if not self._stopping:
-                raise RuntimeError("deadlock: nothing is scheduled, nothing will ever happen")
+                raise RuntimeError("deadlock: nothing is scheduled")
             return
         self._now = max(self._now, timers[0][0])
         while timers and timers[0][0] <= self._now:
@@ -306,18 +306,18 @@ class SimulatedLoop(asyncio.BaseEventLoop):
         pass
 
     def _note_fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """What asyncio would log: an exception that nobody took."""
+        """Record an unhandled exception that asyncio would log."""
         error = context.get("exception")
         if isinstance(error, Killed):
             return
         self.faults.append(f"{context.get('message')}: {error!r}")
 
-    # What libraries ask of a loop
+    # Called by libraries
 
     def run_in_executor(  # type: ignore[override]
         self, executor: Any, function: Callable[..., T], *args: Any
     ) -> asyncio.Future[T]:
-        """Run it as a callback of its own: a process can be killed before or after it."""
+        """Run a function as a separate callback, before or after which a process can be killed."""
         future: asyncio.Future[T] = self.create_future()
         self.call_soon(_work, future, function, args)
         return future

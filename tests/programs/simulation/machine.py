@@ -1,4 +1,4 @@
-"""Where the server runs: processes that come and go on one disk and one port."""
+"""The server's machine: processes that start and end on one disk and one port."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robotouille_server import Server, ServerSettings, serve
-from robotouille_server.app import CannotListenError
-from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
-from robotouille_server.rooms.substitutes.bots import Bots, BotWorld
+from robotouille_server.app import CannotListenError, Surroundings
+from robotouille_server.rooms.bot_worker import ThreadBotWorker
+from robotouille_server.rooms.bots import Bots, BotWorld
 from tests.programs.simulation.clients import PORT
 from tests.programs.simulation.loop import Process
 from tests.support.executors import ImmediateExecutor
@@ -22,14 +22,15 @@ if TYPE_CHECKING:
 __all__ = ["ServerMachine"]
 
 KITCHENS: OrderedDict[str, BotWorld] = OrderedDict()
-"""What stand-ins have learnt, for all servers and seeds: it changes no answer."""
+"""Knowledge of substitutes, shared by all servers and seeds; it does not change their replies."""
 
 KEYS = "simulated:" + "A" * 43
 
 
 class ServerMachine:
-    """Where the server runs: process after process on one disk and one port, watched over by
-    something that starts it anew when it dies."""
+    """The server's machine: consecutive processes on one disk and one port, with a supervisor that
+    restarts a process that dies.
+    """
 
     def __init__(self, sim: Simulation, settings: dict[str, Any]) -> None:
         self.sim = sim
@@ -44,7 +45,7 @@ class ServerMachine:
         self._main: asyncio.Task[None] | None = None
 
     def boot(self) -> None:
-        """Start a process; it serves until it is stopped or killed."""
+        """Start a process that serves until it is stopped or killed."""
         self.starts += 1
         process = self.process = Process(f"server.{self.starts}", self.sim.loop)
         self.server = None
@@ -71,7 +72,7 @@ class ServerMachine:
         }
         while True:
             try:
-                async with serve(self.settings, **options) as server:
+                async with serve(self.settings, Surroundings(**options)) as server:
                     if process is self.process:
                         self.server = server
                     drain = await retire
@@ -93,7 +94,7 @@ class ServerMachine:
         return True
 
     async def stop(self) -> None:
-        """Stop it as an operator would, and wait until it is gone."""
+        """Stop the server like an operator, and wait until it has ended."""
         while self.server is None:
             await asyncio.sleep(1.0)
         self.sim.ending = True

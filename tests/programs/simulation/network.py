@@ -1,4 +1,4 @@
-"""The network: who listens where, who is connected with whom, and how good the lines are."""
+"""The network: listeners, connections, and the quality of the connections."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class _Socket:
 
 
 class Listener:
-    """What `create_server` gives: it accepts connections until it is closed."""
+    """Result of `create_server`, which accepts connections until it is closed."""
 
     def __init__(self, network: Network, factory: Callable[[], Any], port: int) -> None:
         self.network = network
@@ -69,7 +69,7 @@ class Listener:
         self.transport_gone()
 
     async def wait_closed(self) -> None:
-        """From Python 3.12.1 on this waits for the connections; before, it did not."""
+        """Wait for the connections, like Python 3.12.1 and later; earlier versions did not."""
         if self.network.patient_close and self.network.accepted(self):
             waiter = self.network.loop.create_future()
             self._waiters.append(waiter)
@@ -122,7 +122,7 @@ class Network:
             listeners.remove(listener)
 
     def accepted(self, listener: Listener) -> list[Transport]:
-        """The open connections that a listener has accepted."""
+        """Return the open connections that a listener has accepted."""
         return [t for t, accepted_by in self._transports.items() if accepted_by is listener]
 
     # Connections
@@ -130,7 +130,7 @@ class Network:
     async def connect(
         self, factory: Callable[[], Any], host: str, port: int
     ) -> tuple[Transport, Any]:
-        """A connection from the present process; OSError where nobody listens."""
+        """Connect from the present process; raise `OSError` if there is no listener."""
         client = current_process()
         await asyncio.sleep(self._latency())
         if self.refusing == "silent":
@@ -173,7 +173,7 @@ class Network:
         return self.conditions.latency + self.random.random() * self.conditions.jitter
 
     def connections(self) -> list[Connection]:
-        """Those that are open for at least one end, oldest first."""
+        """Return the connections that are open for at least one end, oldest first."""
         seen: dict[int, Connection] = {}
         for transport in self._transports:
             connection = transport._out.connection
@@ -191,11 +191,11 @@ class Network:
             listener.transport_gone()
 
     def never_opened(self, transport: Transport) -> None:
-        """Nobody will ever accept this end."""
+        """Record that this end will never be accepted."""
         self._opening.pop(transport, None)
 
     def close_all(self, process: Process, *, silently: bool = False) -> None:
-        """A process is dead: its kernel ends its connections, or its machine is gone, too."""
+        """End the connections of a dead process, or of a whole machine if `silently`."""
         for transport in self.transports(process):
             if silently:
                 transport.vanish()

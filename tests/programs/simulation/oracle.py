@@ -1,8 +1,7 @@
-"""What the recordings say, read as they are written: the truth that clients are compared with.
+"""The recordings, read while they are written, as the reference for all clients.
 
-Each byte that reaches the disk is decoded at once and re-simulated in a world of its own. So a
-client can be checked in the moment in which it is told something: whatever it is told must have
-been recorded before.
+The oracle decodes each byte that reaches the disk and simulates the episode again in its own world.
+It can therefore check a client at any moment: whatever a client receives must already be recorded.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ Fail = Callable[[str], None]
 
 
 class RecordedMove(NamedTuple):
-    """A move of a step, and the tenure (the participant's stay in the seat) it was made in."""
+    """A move of a step, and its tenure (the participant's stay in the seat)."""
 
     player: str
     action: tuple[str, ...]
@@ -34,7 +33,7 @@ class RecordedMove(NamedTuple):
 
 
 class EpisodeTruth:
-    """One episode as its recording has it so far."""
+    """One episode according to its recording so far."""
 
     def __init__(self, name: str, fail: Fail, worlds: MutableMapping[str, World]) -> None:
         self.name = name
@@ -62,7 +61,7 @@ class EpisodeTruth:
 
     @property
     def over(self) -> bool:
-        """Whether the episode has an end, or nobody ever took part."""
+        """Return whether the episode has ended or was discarded without participants."""
         return self.outcome is not None or self.discarded
 
     @property
@@ -71,23 +70,23 @@ class EpisodeTruth:
 
     @property
     def step(self) -> int:
-        """The last recorded step."""
+        """Return the last recorded step."""
         return len(self.states) - 1
 
     def digest(self, step: int) -> str:
-        """The hash of the state at a step."""
+        """Return the hash of the state at a step."""
         if step not in self._digests:
             self._digests[step] = self.states[step].digest
         return self._digests[step]
 
     def append(self, at: int, data: bytes) -> None:
         if at != len(self.content):
-            self._fail(f"{self.name}: written at byte {at}, the file has {len(self.content)}")
+            self._fail(f"{self.name}: write at byte {at}, but the file has {len(self.content)}")
         self.content += data
         self._parse()
 
     def cut(self, size: int) -> None:
-        """The end was cut off by a server that goes on with the file; only torn frames may go."""
+        """Cut off the end, as a restarted server does; only torn frames may be lost."""
         if size < self._parsed:
             lost = self._parsed - size
             self._fail(
@@ -107,7 +106,7 @@ class EpisodeTruth:
 
     def _frame(self, frame: dict[str, Any]) -> None:
         if self.outcome is not None:
-            self._fail(f"{self.name}: a frame after the end: {frame['kind']}")
+            self._fail(f"{self.name}: frame after the end: {frame['kind']}")
         match frame["kind"]:
             case "header":
                 self._begin(frame)
@@ -156,19 +155,19 @@ class EpisodeTruth:
             self._fail(f"{self.name}: step {self.step} is recorded with another hash")
 
     def _check_once(self, move: RecordedMove) -> None:
-        """No action acts twice; stand-ins number theirs 0."""
+        """Check that no action applies twice; substitutes use the number 0."""
         key = (move.player, move.tenure, move.seq)
         if move.seq and key in self._acted:
             self._fail(f"{self.name}: {move.player} acted twice with number {move.seq}")
         self._acted.add(key)
 
     def tenure(self, player: str) -> str:
-        """Who sits in a seat, and for the how manieth time somebody has taken it."""
+        """Return the seat's participant, with a count of the stays in the seat."""
         who, count = self._tenures.get(player, ("", 0))
         return f"{who}#{count}"
 
     def check_end(self) -> None:
-        """The recording is whole and verifies."""
+        """Check that the recording is complete and verifies."""
         if self.discarded:
             return
         if self.outcome is None:
@@ -176,7 +175,7 @@ class EpisodeTruth:
             return
         verification = Recording(bytes(self.content), self.name).verify()
         if not (verification.ok and verification.complete):
-            self._fail(f"{self.name}: does not verify: {verification}")
+            self._fail(f"{self.name}: verification failed: {verification}")
 
     def _note(self, note: dict[str, Any]) -> None:
         self.notes.append({"step": self.step, **note})
@@ -200,7 +199,7 @@ class Oracle:
         self._fail = fail
         self._worlds: WeakValueDictionary[str, World] = WeakValueDictionary()
 
-    # What the disk reports
+    # Reports of the disk
 
     def appended(self, name: str, at: int, data: bytes) -> None:
         truth = self.files.get(name)
@@ -214,29 +213,29 @@ class Oracle:
             truth.cut(size)
 
     def replaced(self, name: str, content: bytes) -> None:
-        """A recording got its final form: it must be what was appended."""
+        """Check that a closed recording contains exactly what was appended."""
         truth = self.files.get(f"{name}.part")
         if truth is None:
             return
         truth.closed = True
         if unwrap(content) != bytes(truth.content):
-            self._fail(f"{name}: the closed file is not what was appended")
+            self._fail(f"{name}: the closed file differs from the appended content")
         if truth.outcome is None:
             self._fail(f"{name}: closed without an outcome")
 
     def removed(self, name: str) -> None:
-        """A file is gone: its closed form is there, or nobody ever took part."""
+        """Check that a removed file has a closed form or never had participants."""
         truth = self.files.get(name)
         if truth is None or truth.closed:
             return
         truth.discarded = True
         if truth.seen >= 0 or any(note["note"] == "roster" for note in truth.notes):
-            self._fail(f"{name}: deleted, although somebody took part")
+            self._fail(f"{name}: deleted, although the episode had participants")
 
-    # What is asked
+    # Queries and checks
 
     def of_code(self, code: str | None) -> EpisodeTruth | None:
-        """The episode that one joins with a code."""
+        """Return the episode with this code."""
         return next((t for t in self.files.values() if t.header.get("code") == code), None)
 
     def find(self, episode: str) -> EpisodeTruth | None:
@@ -248,43 +247,43 @@ class Oracle:
         return truth
 
     def forget(self, truth: EpisodeTruth) -> None:
-        """An episode that is over and checked."""
+        """Discard an episode that has ended and was checked."""
         self.files.pop(truth.name, None)
         self._by_id.pop(truth.episode, None)
 
     def check_state(self, who: str, episode: str, step: int, digest: str) -> None:
-        """A client shows this state at this step."""
+        """Check the state that a client has at a step."""
         self.counts["states"] += 1
         truth = self.find(episode)
         if truth is None:
-            self._fail(f"{who}: sees episode {episode}, of which nothing is recorded")
+            self._fail(f"{who}: sees episode {episode}, which is not recorded")
         elif step > truth.step:
             self._fail(f"{who}: sees step {step} of {episode}, recorded are {truth.step}")
         elif truth.digest(step) != digest:
-            self._fail(f"{who}: step {step} of {episode} is another state than the recorded one")
+            self._fail(f"{who}: step {step} of {episode} differs from the recorded state")
         else:
             truth.seen = max(truth.seen, step)
 
     def said_since(self, episode: str, number: int) -> int:
-        """How many chat messages there are after one."""
+        """Return the number of chat messages after `number`."""
         truth = self.find(episode)
         return len(truth.said) - number if truth is not None else 0
 
     def check_said(self, who: str, episode: str, text: str) -> None:
-        """A client has heard this."""
+        """Check a chat message that a client received."""
         self.counts["heard"] += 1
         truth = self.find(episode)
         recorded = [note["text"] for note in truth.said] if truth else []
         if recorded.count(text) != 1:
-            self._fail(f"{who}: heard {text!r}, recorded {recorded.count(text)} times")
+            self._fail(f"{who}: received {text!r}, recorded {recorded.count(text)} times")
 
     def check_applied(
         self, who: str, game: Game, seat: str, seq: int, step: int, action: Any, *, exactly: bool
     ) -> None:
-        """A client was told that an action of a seat was applied in a step (None: it did nothing).
+        """Check a reply that an action of a seat was applied in a step (None for no action).
 
-        One that has only words may learn it later: of a step before, where it was away. The
-        numbers begin anew with each tenure of a seat.
+        A client that only receives text may learn it later, about a step during its absence.
+        Sequence numbers restart with each tenure of a seat.
         """
         self.counts["applied"] += 1
         truth = self.find(game.episode)
@@ -297,6 +296,6 @@ class Oracle:
         found = any((m.player, m.seq, m.tenure) == (seat, seq, tenure) for m in applied)
         if found != (action is not None):
             self._fail(
-                f"{who}: action {seq} ({action}) is said to have applied in step {step} of "
+                f"{who}: action {seq} ({action}) was reported for step {step} of "
                 f"{game.episode}, recorded are {truth.moves[step]}"
             )

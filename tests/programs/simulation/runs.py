@@ -1,4 +1,4 @@
-"""Many seeds, in several processes: progress, failures and the commands that reproduce them."""
+"""Many seeds in several processes, with progress, failures and commands that reproduce them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SHOWN_FAULTS = 6
 
 
 def run_block(first: int, last: int) -> list[Report]:
-    """The reports of some seeds."""
+    """Run a range of seeds and return their reports."""
     return [run_seed(seed) for seed in range(first, last)]
 
 
 def run_many(first: int, end: int | None, jobs: int, seconds: float | None) -> Progress:
-    """Run seeds from `first` to before `end`, or for so many seconds of real time."""
+    """Run seeds from `first` to before `end`, or for `seconds` of real time."""
     deadline = None if seconds is None else time.monotonic() + seconds
     progress = Progress()
     with ProcessPoolExecutor(jobs, max_tasks_per_child=BLOCKS_A_PROCESS) as pool:
@@ -47,7 +47,7 @@ def _blocks(first: int, end: int | None) -> Iterator[tuple[int, int]]:
 
 
 class Progress:
-    """What the runs so far were like."""
+    """Summary of the runs so far."""
 
     def __init__(self) -> None:
         self.seeds = 0

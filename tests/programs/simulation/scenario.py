@@ -1,4 +1,4 @@
-"""What a seed stands for: who plays what on which lines, and what goes wrong."""
+"""The scenario of a seed: participants, episodes, connections and faults."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ FAULTS = (
     "mangle",
     "flood",
 )
-"""Kinds of faults; each seed draws some of them."""
+"""Kinds of faults; each seed uses some of them."""
 
 
 @dataclass(frozen=True)
 class Enlisted:
-    """Who takes part in an episode, and how."""
+    """A participant of an episode."""
 
     name: str
     role: Literal["player", "spectator"]
@@ -67,14 +67,14 @@ class Enlisted:
     view: View
     encoding: str
     talks: float
-    """Chat messages a second."""
+    """Chat messages per second."""
     seats: Literal["all"] | tuple[str, ...] = ()
-    """Those to play, over one connection; any one that is free if there are none."""
+    """Seats to play over one connection; any free seat if empty."""
 
 
 @dataclass
 class EpisodePlan:
-    """An episode that is to be played, and what is known of it so far."""
+    """An episode to play, and what is known about it so far."""
 
     sim: Simulation
     tag: str
@@ -85,12 +85,12 @@ class EpisodePlan:
 
     @property
     def truth(self) -> EpisodeTruth | None:
-        """The episode's recording."""
+        """Return the episode's recording."""
         return self.sim.oracle.of_code(self.code) if self.code else None
 
     @property
     def over(self) -> bool:
-        """Whether the episode has a recorded end."""
+        """Return whether the recording contains the episode's end."""
         truth = self.truth
         return truth is not None and truth.over
 
@@ -100,13 +100,13 @@ class EpisodePlan:
         return truth is not None and truth.begun
 
     def entered(self, who: str, episode: str) -> None:
-        """Somebody is in an episode; it must be one of this plan's."""
+        """Record that a participant is in an episode, which must belong to this plan."""
         owner = self.sim.owners.setdefault(episode, self)
         if owner is not self:
             self.sim.fail(f"{who}: is in {episode}, an episode of {owner.tag}, not {self.tag}")
 
     def vanished(self) -> bool:
-        """The server does not know the episode: then it is over."""
+        """Handle a server that does not know the episode, which must have ended."""
         if self.over:
             return True
         if self.code is not None:
@@ -114,17 +114,19 @@ class EpisodePlan:
         return False
 
     def owns(self, text: str) -> bool:
-        """Whether somebody in this episode said it."""
+        """Return whether a chat message was sent in this episode."""
         return text.startswith(f"{self.tag}/")
 
     def knows(self, name: str) -> bool:
-        """Whether somebody here is called so; with a number, who came anew while the old seat was
-        kept."""
+        """Return whether a participant here has this name, possibly with a number.
+
+        A participant who joins again while the old seat is kept gets a number.
+        """
         plain = re.sub(r" [0-9]+$", "", name)
         return any(person.name == plain for person in self.people)
 
     def seats_of(self, name: str) -> int:
-        """How many seats whoever is called so may have."""
+        """Return the largest number of seats for the participant with this name."""
         plain = re.sub(r" [0-9]+$", "", name)
         seats = next((person.seats for person in self.people if person.name == plain), ())
         return 16 if seats == "all" else max(1, len(seats))
@@ -135,11 +137,11 @@ DrawPlan = Callable[["Simulation", random.Random], EpisodePlan]
 
 @dataclass
 class Scenario:
-    """What is drawn before a run begins.
+    """Everything that is drawn before a run starts.
 
-    `settings` are the server's, `faults` the weights of the kinds of faults; one comes every
-    `pause` seconds on average, for `trouble` seconds. `patient_close` is how asyncio's servers
-    close from Python 3.12 on.
+    `settings` are those of the server. `faults` holds the weights of the kinds of faults. A fault
+    occurs every `pause` seconds on average, for `trouble` seconds. `patient_close` selects the
+    closing behaviour of asyncio servers in Python 3.12 and later.
     """
 
     conditions: Conditions
@@ -152,7 +154,7 @@ class Scenario:
 
 
 def draw(chance: random.Random) -> Scenario:
-    """The scenario of a seed."""
+    """Draw the scenario of a seed."""
     kinds = chance.sample(FAULTS, chance.randint(1, len(FAULTS)))
     return Scenario(
         conditions=draw_conditions(chance),
@@ -186,14 +188,14 @@ def draw_settings(chance: random.Random) -> dict[str, Any]:
 def draw_plan(
     tag: str, sim: Simulation, chance: random.Random, max_steps: int | None = None
 ) -> EpisodePlan:
-    """An episode: its task, its rules, and who takes part."""
+    """Draw an episode: its task, its rules and its participants."""
     task, seats = chance.choice(TASKS)
     options: dict[str, Any] = {
         "clock": chance.choice(("turn", "lockstep", "realtime")),
         "max_steps": max_steps or int(10 ** chance.uniform(0.7, 1.6)),
         "seed": chance.randrange(3),
         "absence": chance.choice(("wait", "wait", "pause", "bot", "end")),
-        "stand_in": chance.choice(("random", "random", "random", "planner")),
+        "substitute": chance.choice(("random", "random", "random", "planner")),
         "grace": chance.choice((2.0, 10.0, 30.0)),
     }
     if options["clock"] == "realtime":
@@ -209,7 +211,7 @@ def draw_plan(
 
 
 def _shares(chance: random.Random, seats: int) -> list[Literal["all"] | tuple[str, ...]]:
-    """Who plays which seats: everybody one that is free, or somebody several."""
+    """Draw the seats of each participant: one free seat each, or several for one participant."""
     if seats == 1 or chance.random() < 0.6:
         return [()] * seats
     if chance.random() < 0.4:

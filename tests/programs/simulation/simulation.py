@@ -1,4 +1,4 @@
-"""One run: a seed, a scenario, and everything that was wrong in it."""
+"""One run of a seed's scenario, with all broken invariants."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from contextvars import copy_context
 from dataclasses import dataclass, field
 
 from robotouille_server.conversation import Conversation
+from robotouille_server.rooms.episode_driver import EpisodeDriver
 from robotouille_server.rooms.lobby import Lobby
-from robotouille_server.rooms.room import Room
 from tests.programs.simulation.adversary import Adversary
 from tests.programs.simulation.clients import Participant
 from tests.programs.simulation.disk import Disk
@@ -27,26 +27,26 @@ from tests.programs.simulation.scenario import EpisodePlan, Scenario, draw
 __all__ = ["Report", "Simulation", "run_seed"]
 
 PATIENCE = 900.0
-"""Seconds (virtual) in which all games must be over once nothing goes wrong any more."""
+"""Virtual seconds in which all episodes must end once the faults have stopped."""
 FORGOTTEN = 800.0
-"""Seconds after which a server must have forgotten games that are over and sessions of nobody."""
+"""Seconds after which a server must have discarded ended episodes and abandoned sessions."""
 IN_FLIGHT = "Pipe."
-"""What is on its way through the network is not the server's."""
+"""Messages in transit belong to the network, not to the server."""
 
 PASSING = (
     "Timeout.",
     "_set_result_unless_cancelled",
     Conversation._hello_timeout.__qualname__,
     Lobby._forget.__qualname__,
-    Room._write_again.__qualname__,
+    EpisodeDriver._write_again.__qualname__,
 )
-"""Timers that a server may leave while connections to clients that do not answer still close."""
+"""Timers that a server may leave while connections to unresponsive clients still close."""
 MAX_FAULTS = 20
 
 
 @dataclass
 class Report:
-    """What a run was like; `faults` are the invariants that were broken."""
+    """Result of a run; `faults` lists the broken invariants."""
 
     seed: int
     faults: list[str]
@@ -61,7 +61,7 @@ class Report:
 
 
 class Simulation:
-    """A world made from a seed: loop, network, disk, server, participants, adversary."""
+    """A simulated world made from a seed: loop, network, disk, server, participants, adversary."""
 
     def __init__(
         self,
@@ -106,25 +106,25 @@ class Simulation:
         disk.on_removed = self.oracle.removed
         return disk
 
-    # What the parts report
+    # Called by the parts
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the run began."""
+        """Return the seconds since the run started."""
         return self.loop.time() - EPOCH
 
     def fail(self, fault: str) -> None:
-        """An invariant is broken."""
+        """Report a broken invariant."""
         if len(self.faults) < MAX_FAULTS:
             self.faults.append(f"at {self.elapsed:.3f} s: {fault}")
             self.trace("BROKEN", fault)
 
     def suspect(self, what: str) -> None:
-        """Something odd that may explain a fault."""
+        """Report an anomaly that may explain a fault."""
         if len(self.suspicions) < MAX_FAULTS:
             self.suspicions.append(f"at {self.elapsed:.3f} s: {what}")
 
-    # The course of a run
+    # Course of a run
 
     def run(self) -> Report:
         try:
@@ -150,7 +150,7 @@ class Simulation:
         return report
 
     async def course(self) -> None:
-        """Play while things go wrong, then until all is over, and look at what is left."""
+        """Play with faults, then without them until all episodes end, and check for leftovers."""
         self.server.boot()
         for draw_plan in self.scenario.plans:
             self.open(draw_plan(self, self.chance))
@@ -160,7 +160,7 @@ class Simulation:
         await self.shut_down()
 
     def open(self, plan: EpisodePlan) -> None:
-        """Let people play an episode."""
+        """Start the participants of an episode."""
         self.plans.append(plan)
         for enlisted in plan.people:
             participant = Participant(self, plan, enlisted)
@@ -168,12 +168,12 @@ class Simulation:
             participant.start()
 
     async def all_over(self) -> None:
-        """Once everything works, all games come to their end."""
+        """Wait until all episodes have ended, after the faults have stopped."""
         deadline = self.loop.time() + PATIENCE
         while not self.faults and any(not p.done for p in self.participants):
             if self.loop.time() > deadline:
                 waiting = [p.name for p in self.participants if not p.done]
-                self.fail(f"not over: {', '.join(waiting)}; {self._where()}")
+                self.fail(f"not ended: {', '.join(waiting)}; {self._where()}")
                 return
             self.compare_server()
             await asyncio.sleep(0.5)
@@ -181,7 +181,7 @@ class Simulation:
             participant.gone()
 
     def compare_server(self) -> None:
-        """The server's states are those of the recordings."""
+        """Check that the server's states match the recordings."""
         server = self.server.server
         for room in list(server.lobby.rooms.values()) if server is not None else ():
             truth = self.oracle.find(room.id)
@@ -206,11 +206,11 @@ class Simulation:
         )
 
     async def nothing_kept(self) -> None:
-        """Some time after the end nothing is kept of the games and of those who played."""
+        """Check that the server discards the episodes and their participants some time later."""
         deadline = self.loop.time() + FORGOTTEN
         while not self.faults and (kept := self._kept()):
             if self.loop.time() > deadline:
-                self.fail(f"kept: {kept}; {self._where()}")
+                self.fail(f"still kept: {kept}; {self._where()}")
                 return
             await asyncio.sleep(5)
 
@@ -225,28 +225,28 @@ class Simulation:
         return ", ".join(kept)
 
     async def shut_down(self) -> None:
-        """The server stops and leaves nothing behind; every recording verifies."""
+        """Stop the server and check that nothing is left and that every recording verifies."""
         if self.faults:
             return
         await self.server.stop()
         for connection in self.network.connections():
-            self.fail(f"a connection is left: {connection}")
+            self.fail(f"open connection: {connection}")
         for truth in self.oracle.files.values():
             truth.check_end()
 
     def check_leaks(self, process: Process) -> None:
-        """What a server has left behind that has stopped."""
+        """Report tasks and timers that a stopped server has left behind."""
         bad_network = not self.ending
         for task in process.tasks():
             code = task.get_coro().cr_code  # type: ignore[union-attr]
             closing = bad_network and "websockets" in code.co_filename
             if task is not asyncio.current_task() and not closing:
-                self.fail(f"{process.name}: a task is left: {code.co_qualname}")
+                self.fail(f"{process.name}: unfinished task: {code.co_qualname}")
         for timer in self.loop.pending(process):
             what = getattr(timer._callback, "__qualname__", "?")
             passing = bad_network and what.startswith(PASSING)
             if not (passing or what.startswith(IN_FLIGHT)):
-                self.fail(f"{process.name}: a timer is left: {what}")
+                self.fail(f"{process.name}: pending timer: {what}")
 
     def _bury(self) -> None:
         self.ending = True
@@ -261,12 +261,13 @@ class Simulation:
 
 
 def run_seed(seed: int, *, trace: bool = False) -> Report:
-    """Simulate a seed. The same seed gives the same course, whatever has run before.
+    """Simulate a seed. The same seed gives the same course in every process.
 
-    The garbage collector is off meanwhile: it would run finalizers at other moments each time.
+    The garbage collector is off during the run, because it would run finalizers at varying times.
     """
     collecting = gc.isenabled()
     gc.disable()
+    random.seed(seed)  # The client's delays between connection attempts are random.
     try:
         return Simulation(seed, trace=trace).run()
     finally:

@@ -1,4 +1,4 @@
-"""Somebody who plays nothing, and sends far more than anybody may."""
+"""A client that plays nothing and sends far more than the limits allow."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["FLOODS", "Stranger"]
 
 HELLO = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
 CODE = "AAAAA-AAAAA"
-"""Where an episode's code is to stand."""
+"""Placeholder for an episode's code."""
 WATCH = {"type": "join", "episode": CODE, "role": "spectator"}
 STAYS = 8.0
-"""Seconds after which a stranger goes, if the server has not ended it."""
+"""Seconds after which a stranger leaves if the server has not disconnected it."""
 
 
 def _message(message: dict[str, object]) -> bytes:
@@ -38,12 +38,13 @@ FLOODS = {
     "long": _message(HELLO) + frame(b" " * 60_000, TEXT) * 60,
     "silence": b"",
 }
-"""What comes behind the handshake."""
+"""Bytes that follow the handshake."""
 
 
 class Stranger(asyncio.Protocol):
-    """One connection, from a machine of its own; `code` is that of an episode it can watch.
-    `cut_off` says whether the server ended it."""
+    """One connection from its own machine. `code` belongs to an episode that it can watch.
+    `cut_off` is true if the server disconnected it.
+    """
 
     def __init__(
         self, name: str, loop: SimulatedLoop, chance: random.Random, code: str | None
@@ -58,7 +59,7 @@ class Stranger(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
 
     def start(self, port: int) -> None:
-        """Come, flood, and be gone."""
+        """Connect, send the flood, and leave."""
         self.process.start(self._attack(port))
 
     async def _attack(self, port: int) -> None:

@@ -1,7 +1,7 @@
 """TCP connections in memory: two transports, and links that delay, stall, lose and mangle.
 
-Inside a connection bytes arrive in order, as TCP has it, unless a `Mangler` is on the link: that
-one drops, repeats and delays whole WebSocket messages.
+Bytes arrive in order within a connection, as with TCP, unless the link has a `Mangler`, which
+drops, repeats and delays whole WebSocket messages.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ __all__ = ["Conditions", "Connection", "Mangler", "Transport"]
 
 
 class Mangler(Protocol):
-    """What becomes of a message on a bad link."""
+    """Rule for the messages on a bad link."""
 
     def treat(self, unit: Unit) -> list[float]:
-        """The extra delays with which it arrives: none if it is lost, two if it is doubled.
+        """Return the extra delays of a message: none if it is lost, two if it is doubled.
 
-        A message with an extra delay can be overtaken by later ones.
+        Later messages can overtake a message with an extra delay.
         """
 
 
 class Conditions:
-    """How good the lines are: seconds of latency and jitter, bytes that lines and kernels hold."""
+    """Quality of the connections: latency and jitter in seconds, and buffer sizes in bytes."""
 
     def __init__(self, latency: float = 0.01, jitter: float = 0.0, window: int = 65536) -> None:
         self.latency = latency
@@ -41,7 +41,7 @@ class Conditions:
 
 
 SOONEST = 1e-9
-"""Seconds between two units: timers of the same time come in no order."""
+"""Seconds between two units, because timers of the same time have no order."""
 
 
 class Pipe:
@@ -63,11 +63,11 @@ class Pipe:
 
     @property
     def unsent(self) -> int:
-        """Bytes that the network has not taken yet."""
+        """Return the number of bytes that the network has not taken yet."""
         return max(0, self.unread - self.connection.network.conditions.window)
 
     def open(self, accept: Callable[..., None], *values: Any) -> None:
-        """The first packet: the receiver accepts the connection."""
+        """Send the first packet, with which the receiver accepts the connection."""
         self._send(accept, *values)
 
     def push(self, data: bytes) -> None:
@@ -84,22 +84,22 @@ class Pipe:
                 self._send(self._data, unit, extra=extra)
 
     def finish(self) -> None:
-        """No more bytes will come."""
+        """Send the end of the stream."""
         self._send(self._end)
 
     def reset(self) -> None:
-        """The connection breaks for the receiver; what is on its way is lost."""
+        """Break the connection for the receiver and discard everything in transit."""
         if not self._cut:
             self._cut = True
             self._waiting.clear()
             self._send(self._break)
 
     def stall(self) -> None:
-        """Nothing arrives until `flow`."""
+        """Deliver nothing until `flow`."""
         self.stalled = True
 
     def flow(self) -> None:
-        """Go on, unless an end of the line is gone."""
+        """Continue to deliver, unless an end of the connection is gone."""
         if self.gone:
             return
         self.stalled = False
@@ -145,7 +145,7 @@ class Pipe:
         self.receiver.feed(unit.data)
 
     def taken(self, size: int) -> None:
-        """The receiver's process has read some bytes."""
+        """Record that the receiver's process has read some bytes."""
         self.unread -= size
         self.sender.has_room()
 
@@ -180,16 +180,16 @@ class Connection:
 
     @property
     def ends(self) -> tuple[Transport, Transport]:
-        """The client's and the server's."""
+        """Return the client's and the server's transport."""
         return self.up.sender, self.down.sender
 
     def cut(self) -> None:
-        """Both ends learn that the connection is broken."""
+        """Break the connection for both ends."""
         for pipe in self.pipes:
             pipe.reset()
 
     def cut_for(self, client: bool) -> None:
-        """Only one end learns it; the other does when it sends something."""
+        """Break the connection for one end; the other notices when it sends something."""
         (self.down if client else self.up).reset()
 
     @property
@@ -198,7 +198,7 @@ class Connection:
 
 
 class Transport(asyncio.Transport):
-    """One end of a connection, as asyncio's protocols know it."""
+    """One end of a connection, as asyncio protocols use it."""
 
     def __init__(self, process: Process | None, out: Pipe, into: Pipe, names: Any) -> None:
         super().__init__()
@@ -220,7 +220,7 @@ class Transport(asyncio.Transport):
         into.receiver = self
         self._loop = out.connection.network.loop
 
-    # What protocols call
+    # Called by protocols
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
         return self._names.get(name, default)
@@ -295,20 +295,21 @@ class Transport(asyncio.Transport):
         self._out.reset()
         self._loop.call_soon(self._lose, None, context=self.context)
 
-    # What the network calls
+    # Called by the network
 
     @property
     def _dead(self) -> bool:
         return self.process is not None and self.process.dead
 
     def answer_reset(self) -> None:
-        """Bytes have come for a connection that is no more."""
+        """Reset the other end, because bytes arrived for a closed connection."""
         if self.lost:
             self._out.reset()
 
     def feed(self, data: bytes | None) -> None:
-        """Bytes, or the end of the stream, have come; nobody has them who did not accept the
-        connection before its end."""
+        """Receive bytes, or the end of the stream; discard them if the connection ended before it
+        was accepted.
+        """
         if self._protocol is None:
             return
         if self._closing or self.lost:
@@ -335,7 +336,7 @@ class Transport(asyncio.Transport):
         self._protocol.data_received(data)
 
     def has_room(self) -> None:
-        """The other end has read something."""
+        """Continue to write, because the other end has read something."""
         if self.lost:
             return
         if self._full and self._out.unsent <= self._low:
@@ -350,7 +351,7 @@ class Transport(asyncio.Transport):
             self._protocol.resume_writing()
 
     def lose(self, error: Exception) -> None:
-        """The connection broke."""
+        """Handle a broken connection."""
         self._closing = True
         self._lose(error)
 
@@ -364,7 +365,7 @@ class Transport(asyncio.Transport):
             self._protocol.connection_lost(error)
 
     def die(self, politely: bool) -> None:
-        """The process is gone; its kernel closes the connection for it."""
+        """Let the kernel close the connection of a dead process."""
         if self.lost:
             return
         self.lost = self._closing = True
@@ -376,7 +377,7 @@ class Transport(asyncio.Transport):
             self._out.reset()
 
     def vanish(self) -> None:
-        """The machine is gone: the other end hears nothing at all."""
+        """Remove the machine without a packet to the other end."""
         self.lost = self._closing = True
         self._inbox.clear()
         for pipe in (self._out, self._into):

@@ -1,4 +1,4 @@
-"""Recordings that are framed as they should be, with right checksums, and say anything at all."""
+"""Forged recordings with correct frames and checksums around hostile content."""
 
 from __future__ import annotations
 
@@ -8,24 +8,22 @@ from typing import Any
 
 import msgpack
 
-from robotouille.replay.container import compress, magic, read_frames, unwrap
-from tests.support.fuzzing.hostility import Adversary
+from robotouille.replay.container import MAGIC, compress, read_frames, unwrap
+from tests.support.fuzzing.adversary import Adversary
 from tests.support.fuzzing.specimens import recordings
 
 __all__ = ["forged", "framed", "recording_bytes"]
 
 
-def framed(payload: bytes, version: int = 2) -> bytes:
-    """A frame around any bytes, with their length and right checksums."""
+def framed(payload: bytes) -> bytes:
+    """Return a frame around any bytes, with their length and correct checksums."""
     head = len(payload).to_bytes(4, "little") + zlib.crc32(payload).to_bytes(4, "little")
-    if version > 1:
-        head += zlib.crc32(head).to_bytes(4, "little")
-    return head + payload
+    return head + zlib.crc32(head).to_bytes(4, "little") + payload
 
 
 @cache
 def _frames(index: int) -> tuple[bytes, ...]:
-    """The payloads of a specimen's frames."""
+    """Return the payloads of a specimen's frames."""
     return tuple(msgpack.packb(frame) for frame in read_frames(unwrap(recordings()[index])))
 
 
@@ -34,12 +32,11 @@ def _game(adversary: Adversary) -> list[bytes]:
 
 
 def forged(adversary: Adversary) -> bytes:
-    """A specimen with frames changed inside, left out, doubled, moved, or from another game."""
+    """Return a specimen with frames changed, dropped, duplicated, moved or replaced."""
     frames = _game(adversary)
     for _ in range(adversary.random.choice((1, 1, 1, 2, 3))):
         _change(adversary, frames)
-    version = adversary.random.choice((1, 2, 2))
-    stream = magic(version) + b"".join(framed(payload, version) for payload in frames)
+    stream = MAGIC + b"".join(map(framed, frames))
     return compress(stream) if adversary.random.random() < 0.05 else stream
 
 
@@ -74,7 +71,7 @@ def _spoilt(adversary: Adversary, payload: bytes) -> bytes:
 
 
 def recording_bytes(adversary: Adversary) -> bytes:
-    """A hostile recording: a specimen with damaged bytes, or a forged one."""
+    """Return a hostile recording: a damaged specimen or a forged one."""
     if adversary.random.random() < 0.4:
         whole = adversary.random.choice(recordings())
         return adversary.damaged(whole, adversary.random.choice(recordings()))

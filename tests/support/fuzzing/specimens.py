@@ -1,18 +1,18 @@
-"""Valid messages, recordings and files, for the damage to begin with."""
+"""Valid messages, recordings and files that fuzzing starts from."""
 
 from __future__ import annotations
 
-import json
 import sys
 from functools import cache
 from typing import Any
 
+from tools.message_examples import EXAMPLES
+
 from robotouille.episode import Clock
+from robotouille.installation import data_folder
 from robotouille.protocol import messages
 from robotouille.replay.container import compress
-from robotouille.resources import data_folder
 from tests.support.games import recorded_game
-from tests.support.pages import DOCS
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -49,40 +49,32 @@ MORE: tuple[dict[str, Any], ...] = (
 )
 
 
-@cache
-def _examples() -> dict[str, dict[str, Any]]:
-    page = json.loads((DOCS / "messages.json").read_text(encoding="utf-8"))
-    return {name: row["example"] for name, row in page["messages"].items()}
-
-
 def _of(models: tuple[type[messages.Message], ...]) -> list[dict[str, Any]]:
-    return [_examples()[str(model.model_fields["type"].default)] for model in models]
+    return [EXAMPLES[str(model.model_fields["type"].default)] for model in models]
 
 
 @cache
 def client_messages() -> tuple[dict[str, Any], ...]:
-    """One of each type that a client sends, and variants."""
+    """Return one message of each type that a client sends, with variants."""
     return (*_of(messages.CLIENT_MESSAGES), *MORE)
 
 
 @cache
 def server_messages() -> tuple[dict[str, Any], ...]:
-    """One of each type that the server sends."""
+    """Return one message of each type that the server sends."""
     return tuple(_of(messages.SERVER_MESSAGES))
 
 
 @cache
 def recordings() -> tuple[bytes, ...]:
-    """Recordings of short games: while they were written, and closed; of both versions."""
+    """Return recordings of short episodes open and closed."""
     games = (
         recorded_game("synchronous/01", seed=1, clock=Clock.TURN, steps=12),
         recorded_game("workshop/02", seed=2, clock=Clock.LOCKSTEP, steps=110),
         recorded_game("multi_agent/10@3", seed=3, clock=Clock.LOCKSTEP, steps=25),
         recorded_game("asynchronous/06", seed=4, clock=Clock.REALTIME, steps=20, timing="people"),
     )
-    first = recorded_game("synchronous/01", seed=1, clock=Clock.TURN, steps=12, version=1)
-    other = recorded_game("workshop/02", seed=5, clock=Clock.LOCKSTEP, steps=30, version=1)
-    return (*games, compress(games[0]), first, other, compress(first), zstd.compress(first))
+    return (*games, compress(games[0]), zstd.compress(games[0]))
 
 
 FOLDERS = {
@@ -104,6 +96,6 @@ FOLDERS = {
 
 @cache
 def files(kind: str) -> tuple[bytes, ...]:
-    """Shipped files of a kind: domain, input, problem, rendering, plan or certificate."""
+    """Return shipped files of a kind: domain, input, problem, rendering, plan or certificate."""
     folder, names = FOLDERS[kind]
     return tuple((data_folder(folder) / name).read_bytes() for name in names)

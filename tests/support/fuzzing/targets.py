@@ -1,7 +1,7 @@
-"""Everything that reads what strangers wrote, as functions of bytes.
+"""All readers of untrusted input, as functions of bytes.
 
-Each gives a word for what became of the bytes: "read", or the project's own error that refused
-them. Any other exception is a fault of the project and passes through.
+Each function returns "read", or the name of the project's error that refused the bytes. Any other
+exception is a bug and propagates.
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.domain.task import Task, build_task
 from robotouille.errors import FileError, ProtocolError, RecordingError, RobotouilleError
-from robotouille.planning.plan import read_plan
-from robotouille.planning.validation import replay
+from robotouille.planning.plan import read_plan, replay
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.states import StateReader
 from robotouille.replay.container import pack_frame
-from robotouille.replay.export import json_lines
+from robotouille.replay.controllers import json_lines
 from robotouille.replay.recording import read_recording
 from robotouille.world.lint import lint_task
 from tests.support.fuzzing.codes import documented_codes
@@ -40,7 +39,7 @@ READ = "read"
 
 
 def message_targets() -> dict[str, Target]:
-    """The decoders of both subprotocols, of the server's side and of the client's."""
+    """Return the decoders of both subprotocols for the server and for the client."""
     return {
         "client-json": lambda data: _client_message(JSON, _text(data)),
         "client-msgpack": lambda data: _client_message(MSGPACK, data),
@@ -50,12 +49,12 @@ def message_targets() -> dict[str, Target]:
 
 
 def _text(data: bytes) -> str:
-    """Text as it comes in a text frame: always UTF-8, without lone surrogates."""
+    """Return text like that of a text frame: UTF-8 without lone surrogates."""
     return data.decode(errors="replace")
 
 
 def _client_message(codec: Codec, payload: bytes | str) -> str:
-    """Decode as the server does, and encode what it would answer, tell others, and record."""
+    """Decode like the server, and encode what it would reply, forward and record."""
     try:
         message = codec.decode_client(payload)
     except ProtocolError as error:
@@ -67,13 +66,13 @@ def _client_message(codec: Codec, payload: bytes | str) -> str:
 
 
 def _answered(codec: Codec, error: ProtocolError) -> str:
-    assert error.code in documented_codes(), f"no documented code: {error.code}"
-    assert error.message, f"{error.code} without words"
+    assert error.code in documented_codes(), f"undocumented code: {error.code}"
+    assert error.message, f"{error.code} has no message"
     answer = messages.Error(
         ref=error.ref, code=error.code, message=error.message, field=error.field
     )
     size = _on_the_wire(codec, answer)
-    assert size < 16 * 1024, f"an error of {size} bytes"
+    assert size < 16 * 1024, f"error message of {size} bytes"
     return error.code
 
 
@@ -83,14 +82,14 @@ def _on_the_wire(codec: Codec, message: messages.Message) -> int:
 
 
 def _server_message(codec: Codec, payload: bytes | str) -> str:
-    """Decode as a client does, and read the state of a snapshot."""
+    """Decode like a client, and read the state of a snapshot."""
     try:
         message = codec.decode_server(payload)
         if isinstance(message, messages.Snapshot) and message.task is not None:
             plain = message.model_dump()
             StateReader(World(Task.from_json(message.task)), plain, plain)
     except ProtocolError as error:
-        assert error.code in documented_codes(), f"no documented code: {error.code}"
+        assert error.code in documented_codes(), f"undocumented code: {error.code}"
         return error.code
     except FileError as error:
         return _refused(error)
@@ -101,7 +100,7 @@ def _server_message(codec: Codec, payload: bytes | str) -> str:
 
 
 def file_targets(folder: Path) -> dict[str, Target]:
-    """The readers of recordings and of all files; `folder` holds the file that is read."""
+    """Return the readers of recordings and files; `folder` holds the file to read."""
     return {
         "recording": lambda data: _recording(_file(folder, "any.rbt", data)),
         "domain": lambda data: _domain(_file(folder, "any.domain.json", data)),
@@ -120,15 +119,15 @@ def _file(folder: Path, name: str, data: bytes) -> Path:
 
 
 def _refused(error: RobotouilleError) -> str:
-    """The word for an error, which must say something, and in one screen."""
-    assert str(error).strip(), f"{type(error).__name__} without words"
+    """Check that an error has a message that fits on a screen, and return its name."""
+    assert str(error).strip(), f"{type(error).__name__} has no message"
     if isinstance(error, FileError):
-        assert error.faults, "a FileError without faults"
+        assert error.faults, "FileError without faults"
     return type(error).__name__
 
 
 def _recording(path: Path) -> str:
-    """All that one can ask of a recording."""
+    """Use every part of a recording."""
     try:
         recording = read_recording(path)
     except RecordingError as error:

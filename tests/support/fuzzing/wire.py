@@ -1,7 +1,7 @@
-"""WebSocket by hand: handshakes and frames, right ones and wrong ones.
+"""WebSocket client by hand, with valid and invalid handshakes and frames.
 
-Nothing of the project's or of its WebSocket library is used, so that whatever can be said on a
-TCP connection can be said here.
+It uses neither the project's code nor its WebSocket library, so that tests can send any bytes over
+a TCP connection.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import msgpack
 
-from tests.support.fuzzing.hostility import Adversary
+from tests.support.fuzzing.adversary import Adversary
 
 __all__ = [
     "BINARY",
@@ -46,7 +46,7 @@ def frame(
     reserved: int = 0,
     claimed: int | None = None,
 ) -> bytes:
-    """One client's frame; `claimed` is the length it says it has, if not its own."""
+    """Return a client's frame; `claimed` is a false length."""
     size = len(payload) if claimed is None else claimed
     first = (0x80 if fin else 0) | reserved << 4 | opcode
     mark = 0x80 if masked else 0
@@ -56,12 +56,12 @@ def frame(
         head = bytes([first, mark | 126]) + struct.pack(">H", size)
     else:
         head = bytes([first, mark | 127]) + struct.pack(">Q", size)
-    # A mask of zeros is a mask: the payload stands there as it is.
+    # A mask of zeros is valid and leaves the payload unchanged.
     return head + (b"\0\0\0\0" if masked else b"") + payload
 
 
 def request(subprotocol: str | None = None, *, path: str = "/", more: str = "") -> bytes:
-    """A right WebSocket handshake."""
+    """Return a valid WebSocket handshake."""
     key = base64.b64encode(os.urandom(16)).decode()
     offered = f"Sec-WebSocket-Protocol: {subprotocol}\r\n" if subprotocol else ""
     return (
@@ -98,7 +98,7 @@ SPOILT_HEADERS = (
 
 
 def hostile_request(adversary: Adversary) -> bytes:
-    """What is no WebSocket handshake, or one with something wrong in it."""
+    """Return an invalid WebSocket handshake, or another HTTP request."""
     pick = adversary.random.random()
     if pick < 0.4:
         return adversary.random.choice(WRONG_REQUESTS)
@@ -110,7 +110,7 @@ def hostile_request(adversary: Adversary) -> bytes:
 
 
 def hostile_frames(adversary: Adversary, payload: bytes, opcode: int) -> bytes:
-    """A message in frames that break the rules of WebSocket, mostly."""
+    """Return a message in frames that mostly violate the WebSocket protocol."""
     choose = adversary.random.choice
     half = len(payload) // 2
     return choose(
@@ -137,7 +137,7 @@ def hostile_frames(adversary: Adversary, payload: bytes, opcode: int) -> bytes:
 
 
 class Closed(Exception):
-    """The server has closed the connection; `code` is the close frame's, if there was one."""
+    """The server closed the connection; `code` comes from its close frame, if there was one."""
 
     def __init__(self, code: int | None = None) -> None:
         self.code = code
@@ -145,7 +145,7 @@ class Closed(Exception):
 
 
 class Wire:
-    """A TCP connection to a server, on which anything may be said."""
+    """TCP connection to a server that can send any bytes."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
@@ -158,20 +158,20 @@ class Wire:
         return cls(reader, writer)
 
     async def upgrade(self, *, text: bool, named: bool = True) -> int:
-        """A right handshake; the HTTP status of the answer."""
+        """Send a valid handshake and return the HTTP status of the response."""
         self.text = text
         await self.write(request(PROTOCOLS[text] if named or not text else None))
         return int((await self.response()).split()[1])
 
     async def response(self) -> bytes:
-        """The head of an HTTP response; Closed if the server closes instead."""
+        """Return the head of an HTTP response; raise `Closed` if the server closes instead."""
         try:
             return await self._reader.readuntil(b"\r\n\r\n")
         except (asyncio.IncompleteReadError, ConnectionError):
             raise Closed from None
 
     async def write(self, data: bytes) -> None:
-        """Send bytes; Closed if nobody takes them any more."""
+        """Send bytes; raise `Closed` if the connection is closed."""
         try:
             self._writer.write(data)
             await self._writer.drain()
@@ -179,13 +179,13 @@ class Wire:
             raise Closed from None
 
     def encode(self, message: Any) -> bytes:
-        """A message as a frame of this connection's subprotocol."""
+        """Return a message as a frame of this connection's subprotocol."""
         if self.text:
             return frame(json.dumps(message).encode(), TEXT)
         return frame(msgpack.packb(message), BINARY)
 
     async def ask(self, message: dict[str, Any], ref: int) -> dict[str, Any]:
-        """The answer with a reference; what comes before it is passed over."""
+        """Send a message and return its reply, skipping other messages."""
         await self.write(self.encode({**message, "ref": ref}))
         async for answer in self.messages():
             if answer.get("ref") == ref:
@@ -193,7 +193,7 @@ class Wire:
         raise Closed
 
     async def messages(self) -> AsyncIterator[dict[str, Any]]:
-        """What the server says; Closed when it says goodbye."""
+        """Yield the server's messages; raise `Closed` when it closes."""
         while True:
             opcode, payload = await self._frame()
             if opcode == CLOSE:
@@ -204,7 +204,7 @@ class Wire:
     async def _frame(self) -> tuple[int, bytes]:
         try:
             first, size = await self._reader.readexactly(2)
-            assert not size & 0x80, "the server must not mask"
+            assert not size & 0x80, "servers must not mask frames"
             if size == 126:
                 (size,) = struct.unpack(">H", await self._reader.readexactly(2))
             elif size == 127:
@@ -214,11 +214,11 @@ class Wire:
             raise Closed from None
 
     def cut(self) -> None:
-        """End the connection without a word."""
+        """Abort the connection without a close frame."""
         self._writer.transport.abort()
 
     async def close(self) -> None:
-        """End the connection with a FIN."""
+        """Close the connection with a FIN."""
         self._writer.close()
         try:
             await self._writer.wait_closed()

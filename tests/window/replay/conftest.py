@@ -1,4 +1,4 @@
-"""A recording with something of everything in it, and a viewer without a screen."""
+"""Recording with every kind of event, and viewers without a screen."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 from tests.support.viewer_pictures import eventful
-from tests.support.window_play import Timer
+from tests.support.window_play import Timer, headless_window
 
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_client.window.replay.viewer import Viewer
-from robotouille_client.window.window import Window
+from robotouille_client.window.replay.viewer import RecordingViewer
 
 
 @pytest.fixture(scope="session")
@@ -34,15 +33,15 @@ def path(stream: bytes, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def opened() -> Iterator[Callable[..., Viewer]]:
-    """Opens viewers of files, whose `timer` is a clock that stands still."""
-    viewers: list[Viewer] = []
+def opened() -> Iterator[Callable[..., RecordingViewer]]:
+    """Open viewers, each with a `timer` that stands still."""
+    viewers: list[RecordingViewer] = []
 
-    def open_viewer(*paths: Path, size: tuple[int, int] = (1280, 720)) -> Viewer:
+    def open_viewer(*paths: Path, size: tuple[int, int] = (1280, 720)) -> RecordingViewer:
         timer = Timer()
         recordings = [(path, read_recording(path, damaged=True)) for path in paths]
-        make = partial(Window, size, headless=True)
-        viewer = Viewer(recordings, now=timer, make_window=make)
+        make = partial(headless_window, size)
+        viewer = RecordingViewer(recordings, now=timer, make_window=make)
         viewer.timer = timer
         viewers.append(viewer)
         viewer.window.frame(viewer)

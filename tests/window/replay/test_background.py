@@ -1,4 +1,4 @@
-"""What is worked out beside the window: the steps to go, and videos of spans."""
+"""Background jobs of the viewer: the steps to go, and videos of clips."""
 
 from __future__ import annotations
 
@@ -6,29 +6,28 @@ import json
 import resource
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 
 import pygame
 import pytest
 from tests.support.games import recorded_game
-from tests.support.window_play import Timer
+from tests.support.window_play import Timer, post
 from typer.testing import CliRunner
 
 from robotouille.certification.certificate import Deadline
 from robotouille.planning import Limits, StepsToGo
-from robotouille.replay.analysis.distances import coarse_first, estimates
 from robotouille.replay.container import compress
+from robotouille.replay.distances import coarse_first, estimates
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.cli.main import app
-from robotouille_client.window.replay.background.line_process import LineProcess
-from robotouille_client.window.replay.background.span_export import SpanExport
-from robotouille_client.window.replay.background.steps_search import PROGRAM, StepsSearch
-from robotouille_client.window.replay.background.steps_worker import main
-from robotouille_client.window.replay.history.recorded import RecordedHistory
-from robotouille_client.window.replay.timeline.steps_curve import StepsCurve, StepsKnown
-from robotouille_client.window.replay.viewer import Viewer
+from robotouille_client.window.replay.background import WORKERS, LineProcess
+from robotouille_client.window.replay.film import RecordingExport
+from robotouille_client.window.replay.recorded_history import RecordedHistory
+from robotouille_client.window.replay.steps_to_go import StepsCurve, StepsKnown, StepsSearch
+from robotouille_client.window.replay.viewer import RecordingViewer
 from robotouille_client.window.replay.viewer_state import ViewerState
+from robotouille_client.window.replay.workers import main
 
 SHORT = "synchronous/01"
 
@@ -42,7 +41,7 @@ def short(tmp_path: Path) -> Path:
 
 @contextmanager
 def only_small_files() -> Iterator[None]:
-    """No file may become larger than a kilobyte, here and in programs that are started."""
+    """Limit files to a kilobyte, also in child processes."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
     try:
@@ -51,8 +50,7 @@ def only_small_files() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_estimates_are_true() -> None:
-    """The fewest steps, as a search finds them, are within every range that is told."""
+def test_estimates_contain_the_fewest_steps() -> None:
     recording = Recording(recorded_game(SHORT, steps=12))
     search, states = StepsToGo(recording.world), dict(recording.states())
     found = list(estimates(recording, 500, Deadline(600)))
@@ -71,18 +69,18 @@ def test_the_ends_come_first_then_the_middles() -> None:
         assert sorted(coarse_first(count)) == list(range(count))
 
 
-def test_nothing_is_told_after_the_deadline() -> None:
+def test_no_estimates_after_the_deadline() -> None:
     recording = Recording(recorded_game(SHORT, steps=12))
     assert list(estimates(recording, 500, Deadline(-1.0))) == []
 
 
-def test_the_worker_tells_a_line_a_finding(
+def test_the_worker_prints_one_line_for_each_finding(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(str(short), "200", "600") == 0
+    assert main("steps", str(short), "200", "600") == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {step for step, *_ in rows} == set(range(13))
-    assert main(str(tmp_path / "none.rbt"), "200", "600") == 1
+    assert main("steps", str(tmp_path / "none.rbt"), "200", "600") == 1
     assert "cannot be read" in capsys.readouterr().err
 
 
@@ -101,11 +99,11 @@ def searching(path: Path) -> tuple[StepsSearch, StepsCurve, ViewerState, Timer]:
 
 
 @pytest.mark.process
-def test_the_curve_fills_beside_the_window(short: Path) -> None:
+def test_the_curve_fills_in_the_background(short: Path) -> None:
     search, curve, state, _ = searching(short)
     search.start()
     assert curve.begun
-    assert curve.known[0] == StepsKnown(8, 8), "the certificate is there at once"
+    assert curve.known[0] == StepsKnown(8, 8), "the certificate is used at once"
     [job] = state.jobs.values()
     assert "of 13" in job.words
     assert search.wait(120)
@@ -114,25 +112,25 @@ def test_the_curve_fills_beside_the_window(short: Path) -> None:
     assert "every step" in state.message
     assert not state.jobs
     search.start()
-    assert not curve.begun, "it is hidden"
+    assert not curve.begun, "a complete curve is hidden"
     search.close()
 
 
 @pytest.mark.process
-def test_no_file_of_the_folder_takes_the_place_of_a_library(
+def test_files_of_the_folder_do_not_replace_libraries(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "struct.py").write_text("print('not this one')")
     monkeypatch.chdir(tmp_path)
-    heard: list[str] = []
-    process = LineProcess(PROGRAM, "none.rbt", "1", "1", heard=heard.append)
+    lines: list[str] = []
+    process = LineProcess(WORKERS, "steps", "none.rbt", "1", "1", on_line=lines.append)
     assert process.ended(60)
     assert process.fault.startswith("none.rbt: ")
-    assert not heard
+    assert not lines
 
 
 @pytest.mark.process
-def test_a_search_is_stopped_by_its_owner_and_by_the_time(short: Path) -> None:
+def test_a_search_stops_on_request_or_at_its_deadline(short: Path) -> None:
     for late in (False, True):
         search, _, state, timer = searching(short)
         search.start()
@@ -144,16 +142,21 @@ def test_a_search_is_stopped_by_its_owner_and_by_the_time(short: Path) -> None:
             job.stop()
         assert not search.running
         assert not state.jobs
-        assert "known at" in state.message
+        assert "known for" in state.message
         search.close()
 
 
-@pytest.mark.process
-def test_a_span_is_written_beside_the_recording(short: Path) -> None:
+def exporting(path: Path) -> tuple[RecordingExport, ViewerState]:
+    """Return an export of a recording's video, and the state of its viewer."""
     pytest.importorskip("av")
-    history, state = RecordedHistory(read_recording(short)), ViewerState(lambda: 0.0)
+    history, state = RecordedHistory(read_recording(path)), ViewerState(lambda: 0.0)
+    return RecordingExport(path, history, state, 24.0), state
+
+
+@pytest.mark.process
+def test_a_clip_is_saved_next_to_the_recording(short: Path) -> None:
+    export, state = exporting(short)
     state.first, state.last = 3, 5
-    export = SpanExport(short, history, state, 24.0)
     export.start()
     assert "short-3-5.mp4" in state.jobs["video"].words
     export.start()
@@ -166,57 +169,49 @@ def test_a_span_is_written_beside_the_recording(short: Path) -> None:
 
 
 @pytest.mark.process
-def test_a_video_that_is_given_up_leaves_nothing(short: Path) -> None:
-    pytest.importorskip("av")
-    history, state = RecordedHistory(read_recording(short)), ViewerState(lambda: 0.0)
-    export = SpanExport(short, history, state, 1.0)
+def test_a_stopped_video_leaves_nothing(short: Path) -> None:
+    export, state = exporting(short)
     export.start()
     state.jobs["video"].stop()
     assert not export.running
-    assert "given up" in state.message
+    assert "stopped" in state.message
     assert [path.name for path in short.parent.iterdir()] == [short.name]
 
 
 @pytest.mark.process
-def test_a_video_that_cannot_be_written_is_told_in_words(short: Path) -> None:
-    pytest.importorskip("av")
-    history, state = RecordedHistory(read_recording(short)), ViewerState(lambda: 0.0)
-    export = SpanExport(short, history, state, 24.0)
+def test_a_full_disk_is_reported(short: Path) -> None:
+    export, state = exporting(short)
     with only_small_files():
         export.start()
         assert export.wait(120)
     export.poll()
-    assert state.message.startswith("No video: ")
+    assert state.message.startswith("The video cannot be saved: ")
     assert "File too large" in state.message
     assert not (short.parent / "short-0-12.mp4").exists()
 
 
-def test_without_the_extra_it_says_what_to_install(
-    short: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_extra_is_named(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    export, state = exporting(short)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    history, state = RecordedHistory(read_recording(short)), ViewerState(lambda: 0.0)
-    SpanExport(short, history, state, 24.0).start()
+    export.start()
     assert "pip install" in state.message
     assert "video" in state.message
 
 
-def test_g_and_v_begin_and_closing_stops_them(
-    short: Path, opened: Callable[..., Viewer], monkeypatch: pytest.MonkeyPatch
+def test_g_and_v_start_jobs(
+    short: Path, opened: Callable[..., RecordingViewer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    began: list[str] = []
-    monkeypatch.setattr(StepsSearch, "start", lambda self: began.append("steps"))
-    monkeypatch.setattr(SpanExport, "start", lambda self: began.append("video"))
+    started: list[str] = []
+    monkeypatch.setattr(StepsSearch, "start", lambda self: started.append("steps"))
+    monkeypatch.setattr(RecordingExport, "start", lambda self: started.append("video"))
     viewer = opened(short)
-    keys = pygame.K_i, pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_o, pygame.K_g, pygame.K_v
-    for key in keys:
-        pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))
+    post(pygame.K_i, pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_o, pygame.K_g, pygame.K_v)
     viewer.window.frame(viewer)
     assert viewer.state.span(12) == (0, 2)
-    assert "steps" in began
+    assert "steps" in started
 
 
-def test_a_span_from_the_command_line(short: Path) -> None:
+def test_a_clip_from_the_command_line(short: Path) -> None:
     av = pytest.importorskip("av")
     film = short.with_name("film.mp4")
     words = ["replay", "video", str(short), str(film), "--size", "320x240", "--speed", "24"]
@@ -226,7 +221,7 @@ def test_a_span_from_the_command_line(short: Path) -> None:
         assert sum(1 for _ in container.decode(video=0)) == 5 + 48
     refused = CliRunner().invoke(app, [*words, "--from", "6", "--to", "99"])
     assert refused.exit_code == 1
-    assert "no span from step 6 to 99" in refused.output
+    assert "steps 6 to 99 are not in the recording" in refused.output
 
 
 def test_a_picture_from_the_command_line(short: Path) -> None:
@@ -241,11 +236,11 @@ def test_a_picture_from_the_command_line(short: Path) -> None:
     ("name", "why"),
     [
         ("nowhere/picture.png", "cannot be written"),
-        ("picture.xyz", "a picture's name ends in .png"),
+        ("picture.xyz", "the name of a picture must end in .png"),
         ("full.png", "cannot be written"),
     ],
 )
-def test_a_picture_that_cannot_be_written(short: Path, name: str, why: str) -> None:
+def test_an_unwritable_picture(short: Path, name: str, why: str) -> None:
     (short.parent / "full.png").symlink_to("/dev/full")
     picture = short.parent / name
     done = CliRunner().invoke(app, ["replay", "play", str(short), "--screenshot", str(picture)])
@@ -254,26 +249,8 @@ def test_a_picture_that_cannot_be_written(short: Path, name: str, why: str) -> N
     assert name.rpartition("/")[2] in done.output.replace("\n", "")
 
 
-@pytest.mark.parametrize(
-    ("name", "why"),
-    [
-        ("nowhere/film.mp4", "No such file"),
-        ("film.avi", "'film.avi'"),
-        ("large.mp4", "File too large"),
-    ],
-)
-def test_a_video_that_cannot_be_written(short: Path, name: str, why: str) -> None:
-    pytest.importorskip("av")
-    words = ["replay", "video", str(short), str(short.parent / name), "--size", "160x120"]
-    with only_small_files() if why == "File too large" else nullcontext():
-        done = CliRunner().invoke(app, words)
-    assert done.exit_code == 1
-    assert isinstance(done.exception, SystemExit)
-    assert why in done.output
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_video_that_is_interrupted_leaves_nothing(
+def test_an_interrupted_video_leaves_nothing(
     short: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     def writing(draft: Path, *_: object) -> Iterator[int]:
@@ -282,7 +259,7 @@ def test_a_video_that_is_interrupted_leaves_nothing(
         signal.raise_signal(number)
         yield 2
 
-    monkeypatch.setattr("robotouille_client.window.replay.film.writing_video", writing)
+    monkeypatch.setattr("robotouille_client.window.replay.film.write_video", writing)
     before = signal.getsignal(signal.SIGTERM)
     files = sorted(short.parent.iterdir())
     done = CliRunner().invoke(app, ["replay", "video", str(short), str(short.parent / "x.mp4")])

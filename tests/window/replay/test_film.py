@@ -1,4 +1,4 @@
-"""A history as a video: it is there when it is whole, and what was stopped leaves nothing."""
+"""Videos of histories: complete files only, and nothing left of stopped ones."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import pytest
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
 from robotouille_client.window.replay.film import draft_of, filming
-from robotouille_client.window.replay.history.recorded import RecordedHistory
+from robotouille_client.window.replay.recorded_history import RecordedHistory
 
 av = pytest.importorskip("av")
 
 
-def test_it_says_how_far_it_is(recording: Recording, tmp_path: Path) -> None:
+def test_progress_ends_with_the_complete_file(recording: Recording, tmp_path: Path) -> None:
     output = tmp_path / "film.mp4"
     written = list(filming(RecordedHistory(recording), output, 24, "160x120", (0, 3)))
     counts = [done for done, _ in written]
     assert counts == sorted(counts)
     assert [total for _, total in written] == [4 + 48] * len(written)
     assert written[-1] == (52, 52)
-    assert written[-2] == (51, 52), "it is done when the file is whole"
+    assert written[-2] == (51, 52), "the last frame counts when the file is complete"
     with av.open(str(output)) as film:
         assert sum(1 for _ in film.decode(video=0)) == 52
     assert list(tmp_path.iterdir()) == [output]
 
 
 @pytest.mark.parametrize("before", [b"", b"another film"])
-def test_what_is_stopped_leaves_what_was_there(
+def test_stopping_leaves_earlier_files_alone(
     recording: Recording, tmp_path: Path, before: bytes
 ) -> None:
     output = tmp_path / "film.mp4"
@@ -49,17 +49,17 @@ def test_a_gif_has_fewer_frames(recording: Recording, tmp_path: Path, ending: st
     written.close()
 
 
-def test_what_cannot_be_written_is_told(recording: Recording, tmp_path: Path) -> None:
+def test_unwritable_videos_are_refused(recording: Recording, tmp_path: Path) -> None:
     history = RecordedHistory(recording)
     with pytest.raises(RobotouilleError, match=r"film\.mp4: cannot be written: No such file"):
         list(filming(history, tmp_path / "none" / "film.mp4", 5, "160x120"))
-    with pytest.raises(RobotouilleError, match="no span from step 3 to 400"):
+    with pytest.raises(RobotouilleError, match="steps 3 to 400 are not in the recording"):
         list(filming(history, tmp_path / "film.mp4", 5, "160x120", (3, 400)))
     with pytest.raises(RobotouilleError, match="cannot be written: File name too long"):
         list(filming(history, tmp_path / f"{'a' * 250}.mp4", 5, "160x120"))
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 def test_a_pipe_is_replaced(recording: Recording, tmp_path: Path) -> None:
     output = tmp_path / "film.mp4"
     for path in (output, draft_of(output)):

@@ -1,4 +1,4 @@
-"""The picture of the lanes is the one of the activities; scales go there and back."""
+"""Lanes: colours and heights of activities, marks and the scale."""
 
 from __future__ import annotations
 
@@ -8,22 +8,11 @@ from tests.support.colours import colour_distance
 
 from robotouille.episode.tallies import Activity
 from robotouille.replay.recording import Recording
-from robotouille_client.window.pictures.colour_vision import (
-    DICHROMACIES,
-    contrast,
-    simulated,
-)
-from robotouille_client.window.pictures.theme import Colour
-from robotouille_client.window.replay.history.history import MARKED, EntryKind
-from robotouille_client.window.replay.history.recorded import RecordedHistory
-from robotouille_client.window.replay.timeline.lanes import Lanes
-from robotouille_client.window.replay.timeline.legend import (
-    ACTIVITY_LOOKS,
-    MARK_COLOURS,
-    MARK_WORDS,
-    TRACK,
-)
-from robotouille_client.window.replay.timeline.scale import Scale
+from robotouille_client.window.pictures.theme import DICHROMACIES, Colour, contrast, simulated
+from robotouille_client.window.replay.history import MARKED, EntryKind
+from robotouille_client.window.replay.lanes import Lanes, Scale
+from robotouille_client.window.replay.legend import ACTIVITY_LOOKS, MARK_COLOURS, MARK_WORDS, TRACK
+from robotouille_client.window.replay.recorded_history import RecordedHistory
 
 ROWS, HEAD, WIDTH = 40, 20, 800
 
@@ -42,21 +31,20 @@ def drawn(history: RecordedHistory, width: int, followed: int | None = None) -> 
 
 
 def height(surface: pygame.Surface, x: int, bottom: int, colours: set[Colour]) -> int:
-    """How high the block of some colours is that stands on a pixel."""
+    """Return the height of the block in some colours above a pixel."""
     high = 0
     while tuple(surface.get_at((x, bottom - high))[:3]) in colours:
         high += 1
     return high
 
 
-def test_each_step_has_the_colour_and_the_height_of_its_activity(history: RecordedHistory) -> None:
+def test_each_step_has_the_look_of_its_activity(history: RecordedHistory) -> None:
     surface = drawn(history, WIDTH)
     lane = ROWS - ROWS * 2 // 5 - 2
     for place, player in enumerate(history.world.players):
         bottom = HEAD + (place + 1) * ROWS - 3
         for step in range(1, history.length + 1):
             activity = history.activity(player, step)
-            assert activity is not None
             look = ACTIVITY_LOOKS[activity]
             x = round((step - 0.5) / history.length * WIDTH)
             colours = {look.colour, look.darker}
@@ -64,8 +52,7 @@ def test_each_step_has_the_colour_and_the_height_of_its_activity(history: Record
             assert found == pytest.approx(max(2, lane * look.height), abs=1)
 
 
-def test_activities_are_told_apart_without_colours() -> None:
-    """Every two differ in height or in pattern."""
+def test_activities_differ_in_height_or_pattern() -> None:
     looks = list(ACTIVITY_LOOKS.values())
     for one, look in enumerate(looks):
         for other in looks[:one]:
@@ -73,8 +60,8 @@ def test_activities_are_told_apart_without_colours() -> None:
 
 
 @pytest.mark.parametrize("kind", [None, *DICHROMACIES])
-def test_the_colours_of_activities_differ_for_everybody(kind: str | None) -> None:
-    """Every two are far apart as others see them (CIE 1976), and each from the ground."""
+def test_activity_colours_differ_for_colour_blind_people(kind: str | None) -> None:
+    """Check the distance of all pairs (CIE 1976), and the contrast with the ground."""
     colours = [TRACK, *(look.colour for look in ACTIVITY_LOOKS.values())]
     seen = [colour if kind is None else simulated(colour, kind) for colour in colours]
     for one, colour in enumerate(seen):
@@ -84,7 +71,7 @@ def test_the_colours_of_activities_differ_for_everybody(kind: str | None) -> Non
     assert all(contrast(colour, seen[0]) > 1.2 for colour in seen[1:])
 
 
-def test_every_kind_has_words_and_a_look() -> None:
+def test_every_kind_has_a_word_and_a_colour() -> None:
     assert set(ACTIVITY_LOOKS) == set(Activity)
     assert set(MARK_WORDS) == set(MARK_COLOURS) == MARKED
     words = [*MARK_WORDS.values(), *(look.words for look in ACTIVITY_LOOKS.values())]
@@ -92,7 +79,6 @@ def test_every_kind_has_words_and_a_look() -> None:
 
 
 def test_several_steps_a_pixel_share_the_height(history: RecordedHistory) -> None:
-    """The pixels of an activity are as many, by its height, as it has steps."""
     surface = drawn(history, 20)
     bottom = HEAD + ROWS - 3
     found = {
@@ -100,7 +86,6 @@ def test_several_steps_a_pixel_share_the_height(history: RecordedHistory) -> Non
     }
     for step in range(1, history.length + 1):
         activity = history.activity("robot1", step)
-        assert activity is not None
         assert ACTIVITY_LOOKS[activity].colour in found
     assert found - {TRACK}
 
@@ -120,14 +105,14 @@ def test_marks_are_above_their_lane(history: RecordedHistory) -> None:
         assert MARK_COLOURS[mark.kind] in around, mark
 
 
-def test_the_lane_of_somebody_else_is_faded(history: RecordedHistory) -> None:
+def test_other_lanes_are_faded_while_following(history: RecordedHistory) -> None:
     whole, followed = drawn(history, WIDTH), drawn(history, WIDTH, followed=1)
     first, second = HEAD + ROWS - 3, HEAD + 2 * ROWS - 3
     assert whole.get_at((10, first)) != followed.get_at((10, first))
     assert whole.get_at((10, second)) == followed.get_at((10, second))
 
 
-def test_a_scale_goes_there_and_back() -> None:
+def test_zooming_in_and_out_restores_the_scale() -> None:
     scale = Scale()
     scale.place(100, 850, 0, 10_000)
     assert (scale.x(0), scale.x(10_000)) == (100, 950)
@@ -146,7 +131,7 @@ def test_a_scale_goes_there_and_back() -> None:
     assert (scale.first, scale.last) == (0, 10_000)
 
 
-def test_a_scale_of_nothing() -> None:
+def test_the_scale_of_a_game_without_steps() -> None:
     scale = Scale()
     scale.place(0, 100, 0, 0)
     assert scale.step(50) == 0

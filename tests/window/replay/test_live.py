@@ -1,38 +1,51 @@
-"""What somebody keeps of a game that they are in: bounded, and with what was refused to them."""
+"""Live history, and the viewer of a game that was just played on a server."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import pygame
 import pytest
+from tests.support.window_play import Timer
 
 from robotouille import World
+from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import Language
 from robotouille.episode.tallies import Activity
+from robotouille.planning import read_plan
 from robotouille.planning.policies.team_talk import announcement
 from robotouille.protocol.message_parts import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
-from robotouille_client.sansio.game_events import Announced, Changed, Heard, Refused
-from robotouille_client.window.replay.history import live
-from robotouille_client.window.replay.history.history import EntryKind
-from robotouille_client.window.replay.history.live import LiveHistory
+from robotouille_client.sansio.game_events import ActRejected, Announced, ChatReceived, StateChanged
+from robotouille_client.window.replay import live_history as live
+from robotouille_client.window.replay import workers
+from robotouille_client.window.replay.history import EntryKind
+from robotouille_client.window.replay.live_history import LiveHistory
+from robotouille_client.window.replay.recorded_states import write_states
+from robotouille_client.window.replay.steps_to_go import StepsKnown
+from robotouille_client.window.replay.viewer import HistoryViewer
+
+AREA = pygame.Rect(0, 300, 640, 60)
 
 
 @dataclass
 class Game:
-    """What a history asks a game for."""
+    """The part of a game that a history uses."""
 
     world: World
-    seats: tuple[SeatInfo, ...] = ()
+    state: State
     step: int = 0
     turn: str | None = None
     outcome: dict[str, Any] | None = None
 
     @property
-    def state(self) -> State:
-        return self.world.initial
+    def seats(self) -> tuple[SeatInfo, ...]:
+        player = self.world.players[0]
+        return (SeatInfo(player=player, name="ada", kind="human", controller="human"),)
 
     @property
     def clock(self) -> dict[str, Any]:
@@ -42,23 +55,22 @@ class Game:
 @pytest.fixture
 def history() -> LiveHistory:
     world = World("synchronous/01")
-    seat = SeatInfo(player=world.players[0], name="ada", kind="human", controller="human")
-    return LiveHistory(Game(world, (seat,)), lambda: 0.0)  # type: ignore[arg-type]
+    return LiveHistory(Game(world, world.initial), lambda: 0.0)
 
 
 def take(history: LiveHistory, steps: int) -> list[State]:
-    """Walk to and fro."""
+    """Take some steps in which the player walks. Return the states."""
     states = [history.state(history.length)]
     player = history.world.players[0]
     for _ in range(steps):
         action = next(a for a in states[-1].actions(player) if a.name == "move")
         states.append(states[-1].step(action).state)
         did = ((player, action, True),)
-        history.observe(Changed(history.length + 1, states[-1], states[-2], did))
+        history.observe(StateChanged(history.length + 1, states[-1], states[-2], did))
     return states
 
 
-def test_of_a_long_game_the_beginning_is_forgotten(
+def test_a_long_game_drops_its_beginning(
     history: LiveHistory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live, "MAX_STATES", 20)
@@ -74,44 +86,116 @@ def test_of_a_long_game_the_beginning_is_forgotten(
     assert not history.entries(3)
 
 
-def test_who_said_that_they_wait_does_not_idle(history: LiveHistory) -> None:
+def test_declared_waiting_is_not_idling(history: LiveHistory) -> None:
     (player,) = history.world.players
     state = history.world.initial
     for waits in ((player,), ()):
-        history.observe(Changed(history.length + 1, state, state, (), waits=waits))
+        history.observe(StateChanged(history.length + 1, state, state, (), waits=waits))
     assert [history.activity(player, step) for step in (1, 2)] == [Activity.WAITING, Activity.IDLE]
 
 
-def test_what_was_refused_to_oneself_is_kept_with_why(history: LiveHistory) -> None:
+def test_own_rejections_keep_their_reasons(history: LiveHistory) -> None:
     world = history.world
     player = world.players[0]
     take(history, 2)
     far = next(a for a in world.initial.actions(player) if a.name == "move")
     unmet = only_words("the table is not free")
-    history.observe(Refused(3, 2, str(far), unmet, "action/invalid", player))
+    history.observe(ActRejected(3, 2, str(far), unmet, "action/invalid", player))
     (entry,) = [e for e in history.entries(2) if e.kind is EntryKind.REJECTED]
     assert entry.player == player
     assert entry.reasons == ("the table is not free",)
     assert history.marks[-1].kind is EntryKind.REJECTED
 
 
-def test_what_bots_only_say_to_one_another_is_not_shown(history: LiveHistory) -> None:
+def test_messages_between_bots_are_hidden(history: LiveHistory) -> None:
     marks = len(history.marks)
-    history.observe(Heard("bob", "robot2", announcement()))
+    history.observe(ChatReceived("bob", "robot2", announcement()))
     assert len(history.marks) == marks
     assert history.chat(history.length, 6) == ()
 
 
-def test_what_the_operator_says_is_told_again(history: LiveHistory) -> None:
+def test_announcements_become_interludes(history: LiveHistory) -> None:
     take(history, 4)
     history.observe(Announced("lunch"))
     assert history.interludes == [(4, "The operator: lunch", True)]
     assert history.max_steps == 90
 
 
-def test_the_log_is_in_the_words_of_the_windows_owner(history: LiveHistory) -> None:
+def test_the_log_uses_the_viewers_words(history: LiveHistory) -> None:
     kind = history.world.thing("table1").kind
     language = Language.model_validate({"kinds": {kind: "Tisch"}})
     own = LiveHistory(history._game, lambda: 0.0, language)
     take(own, 2)
     assert "Tisch" in str(own.entries(2))
+
+
+# The viewer
+
+
+def seen(missed: int = 0) -> LiveHistory:
+    """Return the history of a shortest game, from the step `missed` on."""
+    world = World("synchronous/01")
+    plan = read_plan("\n".join(load_certificate(world.task).plan or ()), world)
+    states = [world.initial]
+    for joint in plan:
+        states.append(world.step(states[-1], joint).state)
+    game = Game(world, states[missed], missed)
+    history = LiveHistory(game, lambda: 0.0)
+    for step in range(missed + 1, len(states)):
+        history.observe(StateChanged(step, states[step], states[step - 1], ()))
+    return history
+
+
+@pytest.fixture
+def viewer(tmp_path: Path) -> Iterator[HistoryViewer]:
+    viewer = HistoryViewer(seen(), Timer(), tmp_path / "videos" / "game")
+    yield viewer
+    viewer.close()
+
+
+def press(viewer: HistoryViewer, key: int) -> None:
+    event = pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode="")
+    assert viewer.strip.handle(event, AREA)
+
+
+def test_the_worker_counts_from_the_first_saved_step(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    history = seen(missed=3)
+    write_states(history, tmp_path / "seen.states")
+    assert workers.main("steps", str(tmp_path / "seen.states"), "200", "600") == 0
+    steps = {int(line[1:].split(",")[0]) for line in capsys.readouterr().out.splitlines()}
+    assert steps == set(range(3, history.length + 1))
+    assert workers.main("steps", str(tmp_path / "none.states"), "200", "600") == 1
+
+
+@pytest.mark.process
+def test_steps_to_go_are_computed_in_the_background(viewer: HistoryViewer) -> None:
+    press(viewer, pygame.K_g)
+    assert viewer.strip.curve.known[0] == StepsKnown(8, 8)
+    assert viewer.wait_for_search(120)
+    viewer.view()
+    assert len(viewer.strip.curve.known) == 9
+    assert "every step" in viewer.state.message
+
+
+def test_a_clip_is_saved_while_the_window_goes_on(viewer: HistoryViewer, tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    viewer.state.first, viewer.state.last = 2, 3
+    press(viewer, pygame.K_v)
+    while viewer.state.jobs:
+        viewer.view()
+    video = tmp_path / "videos" / "game-2-3.mp4"
+    assert str(video) in viewer.state.message
+    assert video.stat().st_size > 1000
+    assert list(video.parent.iterdir()) == [video]
+
+
+def test_a_stopped_video_leaves_nothing(viewer: HistoryViewer, tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    for stop in (lambda: press(viewer, pygame.K_v), viewer.close):
+        press(viewer, pygame.K_v)
+        viewer.view()
+        stop()
+        viewer.view()
+        assert not list((tmp_path / "videos").iterdir())

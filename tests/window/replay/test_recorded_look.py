@@ -1,4 +1,4 @@
-"""Recordings of somebody's own kitchen, and where its pictures are found."""
+"""Looks of recordings of kitchens that are not shipped."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tests.support.games import recorded_game
 
 from robotouille import load_task
 from robotouille.domain.rendering import rendering_of
-from robotouille.resources import data_folder
-from robotouille_client.window.replay.history.recorded_look import open_shown
+from robotouille.installation import data_folder
+from robotouille_client.window.replay.recorded_history import open_shown
 
 
 @pytest.fixture
 def kitchen(tmp_path: Path) -> Path:
-    """A folder with a kitchen that is called as no shipped one."""
+    """Folder with a kitchen that has its own name and rendering."""
     folder = tmp_path / "tasks"
     folder.mkdir()
     domain = json.loads((data_folder("domains") / "diner.json").read_text())
@@ -41,12 +41,12 @@ def looks_own(path: Path, tasks: Path | None = None) -> bool:
     return rendering_of(open_shown(path, tasks).task).assets == "diner"
 
 
-def test_without_the_files_it_looks_like_the_kitchen(recording: Path) -> None:
+def test_without_a_rendering_it_looks_like_the_kitchen(recording: Path) -> None:
     assert not looks_own(recording)
     assert not looks_own(recording, recording.parent)
 
 
-def test_the_folder_that_is_named_or_the_current_one(
+def test_the_look_comes_from_the_given_or_the_current_folder(
     recording: Path, kitchen: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert looks_own(recording, kitchen)
@@ -54,7 +54,7 @@ def test_the_folder_that_is_named_or_the_current_one(
     assert looks_own(recording)
 
 
-def test_it_is_the_same_task(recording: Path, kitchen: Path) -> None:
+def test_the_task_is_the_recorded_one(recording: Path, kitchen: Path) -> None:
     shown = open_shown(recording, kitchen)
     assert shown.task == load_task(str(kitchen / "crepes.json"))
     assert shown.verify().ok

@@ -1,1 +1,1 @@
-"""Paints a view: layers from the floor to what floats above everything."""
+"""Layers of the window: the kitchen, labels, the panel, cards and notices."""

@@ -1,4 +1,4 @@
-"""What interrupts a game: a pause, a lost connection, the operator's words, the way out."""
+"""Interruptions of a game: the lobby card, pauses, lost connections, lessons and notices."""
 
 from __future__ import annotations
 
@@ -14,39 +14,33 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, INK, PANEL, PAPER, Colour, mixed
 from robotouille_client.window.view import FarewellView, PauseView, View
 
-__all__ = ["Interruptions", "offline_seen", "pause_seen"]
-
 _SHADE = (*PANEL, 165)
 _STALE = (*PANEL, 90)
+# Seconds after which the length of a lost connection is shown.
 _PATIENCE = 3.0
-"""Seconds after which it is told for how long the connection has been lost."""
+# Seconds after which the way out is shown.
 _LONG = 20.0
-"""Seconds after which it is told what one may do about it."""
 
 
+# Fewest lines that a lesson reserves.
 _LESSON_LINES = 2
-"""Of a lesson, at least."""
 
 
 class Interruptions:
-    """Draws over the kitchen; of the panel beside it only the card before a game may cover some."""
+    """Draws over the kitchen. Only the card before a game may also cover part of the panel."""
 
     def __init__(self, text: Typesetter) -> None:
         self._text = text
         self._lobby_card = LobbyCard(text)
 
     def draw(
-        self,
-        target: pygame.Surface,
-        layout: Layout,
-        view: View,
-        ground: Ground = Ground(),
+        self, target: pygame.Surface, layout: Layout, view: View, ground: Ground = Ground()
     ) -> list[pygame.Rect]:
-        """The interruptions of a view that has any, over a ground; what must not be covered of
-        them."""
+        """Draw the interruptions of a view. Return the areas that labels must not cover."""
         shown = []
         if view.lobby is not None and view.starts_in is None and not view.frozen:
             shown.append(self._lobby_card.draw(target, layout, view.lobby, ground))
+        # Only the lobby card may cover the panel.
         target.set_clip((0, 0, layout.panel.left, layout.size[1]))
         shown += self._over_the_kitchen(target, layout, view)
         target.set_clip(None)
@@ -81,15 +75,9 @@ class Interruptions:
         target.blit(box((layout.panel.left, layout.size[1]), colour, 0), (0, 0))
 
     def _banner(
-        self,
-        target: pygame.Surface,
-        layout: Layout,
-        y: int,
-        words: str,
-        fill: Colour,
-        ink: Colour,
+        self, target: pygame.Surface, layout: Layout, y: int, words: str, fill: Colour, ink: Colour
     ) -> pygame.Rect:
-        """Words at the top, in as many lines as they need."""
+        """Draw words at the top, in as many lines as they need."""
         size, pad = _banner_text(layout), layout.text * 2 // 3
         lines = self._banner_lines(layout, words)
         step = self._text.height(size)
@@ -105,9 +93,11 @@ class Interruptions:
         return area
 
     def head_lines(self, layout: Layout, lesson: str) -> float:
-        """The room that a lesson needs above the floor, as a multiple of the text size: that of a
-        few lines, so that the kitchen stays where it is from one lesson to the next. A notice goes
-        away soon, and lies over whatever is there."""
+        """Return the room that a lesson needs above the floor, as a multiple of the text size.
+
+        Every lesson reserves a few lines, so that the kitchen does not move between lessons.
+        Notices reserve no room, because they soon go away.
+        """
         lines = max(_LESSON_LINES, len(self._banner_lines(layout, lesson)))
         high = self._text.height(_banner_text(layout)) * lines
         return (_top(layout) + high + layout.text * 2) / layout.text
@@ -118,7 +108,6 @@ class Interruptions:
         return self._text.wrap_evenly(words, size, most, 4)
 
     def _countdown(self, target: pygame.Surface, layout: Layout, left: int) -> pygame.Rect:
-        """A large number in the middle."""
         side = layout.text * 6
         area = pygame.Rect(0, 0, side, side)
         area.center = layout.kitchen.center
@@ -134,7 +123,7 @@ class Interruptions:
         return self._card(target, layout, face, pause.why, pause.detail)
 
     def _clock(self, pause: PauseView, side: int, layout: Layout) -> pygame.Surface:
-        """A dial that runs out with the seconds in it, or two bars where nobody knows how long."""
+        """Return a dial that runs out, or two bars if the pause has no known end."""
         if pause.left is None:
             face = ellipse((side, side), ACCENT).copy()
             bar = pygame.Rect(0, 0, side // 9, side // 3)
@@ -162,7 +151,7 @@ class Interruptions:
         title: str,
         text: str,
     ) -> pygame.Rect:
-        """A card in the middle: a picture on the left, a title and a few lines."""
+        """Draw a card in the middle: a picture on the left, a title and a few lines."""
         large, size, pad = round(layout.text * 1.5), round(layout.text * 1.05), layout.text * 3 // 2
         left = pad + (face.get_width() + pad if face is not None else 0)
         most = max(40, min(layout.panel.left - 3 * pad, round(layout.text * 36)) - left - pad)
@@ -194,7 +183,6 @@ class Interruptions:
 
 
 def _top(layout: Layout) -> int:
-    """Where the first banner begins."""
     return max(8, layout.text // 2)
 
 
@@ -202,21 +190,21 @@ def _banner_text(layout: Layout) -> int:
     return layout.text if layout.compact else round(layout.text * 1.15)
 
 
-def pause_seen(pause: PauseView) -> PauseView:
-    """A pause with as much of its time as the dial shows."""
+def visible_pause(pause: PauseView) -> PauseView:
+    """Return a pause with its time rounded as the dial shows it."""
     if pause.left is None:
         return pause
     share = round(pause.share * DIAL_STEPS) / DIAL_STEPS
     return replace(pause, left=float(ceil(pause.left)), share=share)
 
 
-def offline_seen(seconds: float) -> float:
-    """Of the seconds without a connection as many as are told."""
+def visible_offline(seconds: float) -> float:
+    """Return the seconds without a connection, rounded as the banner shows them."""
     return float(int(seconds)) if seconds >= _PATIENCE else 0.0
 
 
 def _lost(seconds: float) -> str:
-    """After a while it is told for how long, so that one sees that the window lives."""
+    """Return the words for a lost connection. The running seconds show that the window is alive."""
     since = f" ({int(seconds)} s)" if seconds >= _PATIENCE else ""
-    way_on = ". You can wait, or leave with Esc" if seconds >= _LONG else ""
+    way_on = ". You can wait or press Esc to leave" if seconds >= _LONG else ""
     return f"Connection lost — trying again{since}{way_on}"

@@ -1,12 +1,11 @@
-"""What the keys do now, what waits, the list of actions, and the mark of the newest one."""
+"""Key strip: meanings of keys, queued actions, the open list, the mark of the newest action."""
 
 from __future__ import annotations
 
 import pygame
 
-from robotouille_client.window.drawing.ui_overlay import ActionMark, UiOverlay
-from robotouille_client.window.drawing.window_layout import Layout
-from robotouille_client.window.pictures.appearance import Stage
+from robotouille_client.window.drawing.window_layout import ActionMark, Layout, UiOverlay
+from robotouille_client.window.pictures.appearance import SceneSprites
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import (
@@ -22,32 +21,29 @@ from robotouille_client.window.pictures.theme import (
     Colour,
 )
 
-__all__ = ["KeyStrip"]
-
-_FATES: dict[str, Colour] = {"asked": PAPER, "done": GOOD, "refused": BAD}
+_FATES: dict[str, Colour] = {"asked": PAPER, "done": GOOD, "rejected": BAD}
 
 
 class KeyStrip:
-    """Draws in the lines between the kitchen and the window's lower edge, and over the kitchen."""
+    """Draws in the lines below the kitchen, and over the kitchen."""
 
     def __init__(self, text: Typesetter) -> None:
         self._text = text
         self._places: list[tuple[pygame.Rect, str]] = []
 
     def key_at(self, pos: tuple[int, int]) -> str:
-        """The key that was drawn at a point, a digit for a row of the list; else nothing."""
+        """Return the key drawn at a point, a digit for a row of the list, or an empty string."""
         return next((key for area, key in reversed(self._places) if area.collidepoint(pos)), "")
 
     def draw(
         self,
         target: pygame.Surface,
         layout: Layout,
-        stage: Stage,
+        stage: SceneSprites,
         ui_overlay: UiOverlay,
         choices: pygame.Rect | None,
     ) -> None:
-        """What there is of it; words that are typed take the place of the keys. `choices` is where
-        the list goes."""
+        """Draw the strip, and the list in the area `choices`. Typing a chat line hides the keys."""
         self._places = []
         if ui_overlay.mark is not None:
             self._mark(target, layout, stage, ui_overlay.mark)
@@ -56,7 +52,9 @@ class KeyStrip:
         if choices is not None:
             self._list(target, layout, ui_overlay, choices)
 
-    def _mark(self, target: pygame.Surface, layout: Layout, stage: Stage, mark: ActionMark) -> None:
+    def _mark(
+        self, target: pygame.Surface, layout: Layout, stage: SceneSprites, mark: ActionMark
+    ) -> None:
         placed = stage.placed.get(mark.station)
         if placed is None or placed.tile is None:
             return
@@ -67,16 +65,17 @@ class KeyStrip:
         )
 
     def _keys(self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay) -> None:
-        """What is told and what the context key does come first, then the other keys of the
-        moment; where there is little room the keys that are always there go, the last of them last.
+        """Draw the prompt and the main key first, then the other keys of the moment.
+
+        If room is short, the permanent keys are dropped, the last one last.
         """
         size = gap = layout.text
         middle = layout.strip.top - layout.text
         x, right = gap, layout.panel.left - gap
-        told = _told(ui_overlay)
-        hints = [hint for hint in ui_overlay.hints if hint[1] != told]
+        prompt = _prompt(ui_overlay)
+        hints = [hint for hint in ui_overlay.hints if hint[1] != prompt]
         first = self._key_width(*hints[0], size) if hints else 0
-        needed = first + (self._text.width(told, size) + gap if told else 0)
+        needed = first + (self._text.width(prompt, size) + gap if prompt else 0)
         keys = list(ui_overlay.keys)
         while keys and needed + sum(self._key_width(*k, size - 2) + gap for k in keys) > right - x:
             keys.pop(0)
@@ -84,9 +83,9 @@ class KeyStrip:
             right -= self._key_width(key, words, size - 2)
             self._key(target, (right, middle), key, words, size - 2, FAINT)
             right -= gap
-        if told:
+        if prompt:
             most = right - x - min(first + gap, (right - x) // 2) if hints else right - x
-            x += self._words(target, (x, middle), told, size, most, ACCENT) + gap
+            x += self._words(target, (x, middle), prompt, size, most, ACCENT) + gap
         for number, (key, words) in enumerate(hints):
             cap = self._key_width(key, "", size)
             lines, _ = self._shrunk(words, size, right - x - cap)
@@ -95,8 +94,7 @@ class KeyStrip:
             x += self._key(target, (x, middle), key, words, size, TEXT, right - x - cap) + gap
 
     def _shrunk(self, words: str, size: int, room: int) -> tuple[tuple[str, ...], int]:
-        """Words in one line, in two smaller ones where there is too little room, cut where that
-        is too little as well; and how large their letters are."""
+        """Return words in one line, or in two smaller ones, cut if need be; and their size."""
         if self._text.width(words, size) <= room:
             return (words,), size
         small = max(9, size * 3 // 4)
@@ -111,7 +109,7 @@ class KeyStrip:
         room: int,
         ink: Colour,
     ) -> int:
-        """Words from the middle of their left edge on; how wide they are."""
+        """Draw words from the middle of their left edge. Return their width."""
         lines, letters = self._shrunk(words, size, room)
         step = self._text.height(letters)
         y = at[1] - step * (len(lines) - 1) // 2
@@ -136,8 +134,10 @@ class KeyStrip:
         ink: Colour,
         room: int | None = None,
     ) -> int:
-        """A key cap, if there is a key, and words beside it, in the room that there is for them;
-        `at` is the middle of its left edge. How wide it is."""
+        """Draw a key cap, if there is a key, with words to its right. Return the width.
+
+        `at` is the middle of the left edge.
+        """
         if not key:
             full = self._text.width(words, size)
             return self._words(target, at, words, size, full if room is None else room, ink)
@@ -159,8 +159,11 @@ class KeyStrip:
         free: pygame.Rect,
         own: pygame.Rect | None = None,
     ) -> pygame.Rect | None:
-        """Where the open list is, if it is open: in the `free` part of the panel if it fits there,
-        else in the corner of the kitchen that is farthest from the `own` player."""
+        """Return the area of the open list, or None if it is closed.
+
+        The list goes to the `free` part of the panel if it fits there, else to the corner of the
+        kitchen farthest from the local player (`own`).
+        """
         if ui_overlay.choices is None:
             return None
         size, pad = layout.text, layout.text
@@ -182,9 +185,9 @@ class KeyStrip:
         return max(corners, key=lambda place: (0, 0) if own is None else _apart(place, own))
 
     def _list_words(self, layout: Layout, ui_overlay: UiOverlay) -> tuple[list[str], str]:
-        """The rows of the list, and what is below them."""
+        """Return the rows of the list, and the line below them."""
         size, most = layout.text, layout.size[0] // 2
-        rows = ui_overlay.choices or ("Nothing can be done now.",)
+        rows = ui_overlay.choices or ("Nothing to do right now.",)
         return [self._text.fit(row, size, most) for row in rows], self._text.fit(
             ui_overlay.more, size - 2, most
         )
@@ -215,15 +218,15 @@ class KeyStrip:
             target.blit(line, line.get_rect(bottomleft=(area.x + pad, area.bottom - pad)))
 
 
-def _told(ui_overlay: UiOverlay) -> str:
-    """What the window tells its owner now."""
+def _prompt(ui_overlay: UiOverlay) -> str:
+    """Return the prompt, or the actions that wait."""
     if ui_overlay.prompt or not ui_overlay.queued:
         return ui_overlay.prompt
-    return f"Next: {', '.join(ui_overlay.queued)} (Esc forgets)"
+    return f"Next: {', '.join(ui_overlay.queued)} (Esc cancels)"
 
 
 def _apart(one: pygame.Rect, other: pygame.Rect) -> tuple[int, int]:
-    """How far two rectangles are from each other: the gap, then the way between the middles."""
+    """Return how far apart two rectangles are: the gap, then the distance of their middles."""
     across = max(0, one.left - other.right, other.left - one.right)
     down = max(0, one.top - other.bottom, other.top - one.bottom)
     (x, y), (u, v) = one.center, other.center

@@ -1,4 +1,4 @@
-"""The card over a kitchen whose game has not begun: who is here, who is ready, what to press."""
+"""Card over a kitchen before its game: who is here, who is ready and what to press."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, GOOD, INK, PAPER, Colour, mixed
 from robotouille_client.window.view import LobbyRow, LobbyView
 
-__all__ = ["Ground", "LobbyCard"]
-
 _QUIET = mixed(INK, PAPER, 0.3)
 _READY = mixed(GOOD, INK, 0.4)
+# Widths of the card in letters. The first that covers least is taken.
 _WIDTHS = (30, 22, 17)
-"""How wide it is, in heights of letters: what comes first is taken where it covers no more."""
+# Places that are tried along each edge of the kitchen.
 _TRIED = 12
-"""How many places are tried along each edge of the kitchen."""
+# Lines of chat that stay free below the card.
 _CHAT_LINES = 6
-"""How much of the chat stays free below it."""
-_WORDS = {"ready": "ready", "here": "not ready yet", "away": "away", "free": "nobody yet"}
+_WORDS = {"ready": "ready", "here": "not ready yet", "away": "away", "free": "free seat"}
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """What a card may cover: rather stations than what is in use, and rather that than players,
-    the `own` one last. `free` is where the panel has nothing but chat."""
+    """Areas that a card may cover: stations first, then objects in use, then players.
+
+    `own` is the local player, which is covered last. `free` is the part of the panel with nothing
+    but chat.
+    """
 
     own: pygame.Rect | None = None
     players: Sequence[pygame.Rect] = ()
@@ -39,7 +40,7 @@ class Ground:
     free: pygame.Rect | None = None
 
     def covered(self, card: pygame.Rect) -> tuple[int, int, int, int]:
-        """The pixels of each that a card covers, of the most important first."""
+        """Return the covered pixels of each kind, the most important first."""
         own = () if self.own is None else (self.own,)
         kinds = (own, self.players, self.used, self.stations)
         first, second, third, last = (_overlap(card, kind) for kind in kinds)
@@ -48,7 +49,7 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class _Shape:
-    """The card in a width: its lines, and how large it is."""
+    """Lines and size of the card at one width."""
 
     title: tuple[str, ...]
     code: tuple[str, ...]
@@ -57,7 +58,7 @@ class _Shape:
 
 
 class LobbyCard:
-    """Draws it over the kitchen or beside it, wherever it covers least."""
+    """Draws the card over the kitchen or next to it, where it covers least."""
 
     def __init__(self, text: Typesetter) -> None:
         self._text = text
@@ -65,7 +66,7 @@ class LobbyCard:
     def draw(
         self, target: pygame.Surface, layout: Layout, lobby: LobbyView, ground: Ground
     ) -> pygame.Rect:
-        """The card on a ground; what must not be covered."""
+        """Draw the card. Return the area that labels must not cover."""
         size = layout.text
         large, button, pad, line = self._sizes(layout)
         shape, area = self._place(layout, lobby, ground)
@@ -82,7 +83,7 @@ class LobbyCard:
         return area
 
     def _sizes(self, layout: Layout) -> tuple[int, int, int, int]:
-        """The letters of the title and of the button, the margin, the height of a row."""
+        """Return the letters of the title and the button, the margin and the height of a row."""
         size = layout.text
         return round(size * 1.45), round(size * 1.1), size, round(self._text.height(size) * 1.3)
 
@@ -106,24 +107,24 @@ class LobbyCard:
     def _place(
         self, layout: Layout, lobby: LobbyView, ground: Ground
     ) -> tuple[_Shape, pygame.Rect]:
-        """The card where it covers nothing, else in the free part of the panel, else where it
-        covers least."""
+        """Place the card where it covers nothing, else in the panel, else where it covers least."""
         size, most = layout.text, layout.panel.left - 2 * layout.text
         shapes = [self._shape(layout, lobby, min(most, size * wide)) for wide in _WIDTHS]
         found = [(shape, _least(shape.size, layout, ground)) for shape in shapes]
         best = min(found, key=lambda one: ground.covered(one[1]))
+        # A narrow card in the panel is better than one that hides players.
         if any(ground.covered(best[1])) and ground.free is not None:
-            beside = self._shape(layout, lobby, ground.free.width - size)
-            area = pygame.Rect(0, 0, *beside.size)
+            narrow = self._shape(layout, lobby, ground.free.width - size)
+            area = pygame.Rect(0, 0, *narrow.size)
             area.midtop = ground.free.centerx, ground.free.top + size // 2
             if ground.free.bottom - area.bottom >= _CHAT_LINES * size and area.w <= ground.free.w:
-                return beside, area
+                return narrow, area
         return best
 
     def _lines(
         self, target: pygame.Surface, lines: tuple[str, ...], size: int, ink: Colour, x: int, y: int
     ) -> int:
-        """Lines around a middle; where the next would be."""
+        """Draw centred lines. Return the top of the next one."""
         for line in lines:
             drawn = self._text.line(line, size, ink)
             target.blit(drawn, drawn.get_rect(midtop=(x, y)))
@@ -131,7 +132,7 @@ class LobbyCard:
         return y
 
     def _row(self, target: pygame.Surface, row: LobbyRow, size: int, area: pygame.Rect) -> None:
-        """A seat: its mark, who has it, and how far they are."""
+        """Draw a seat: its mark, who has it, and whether they are ready."""
         side = max(8, area.height * 2 // 3)
         mark = pygame.Rect(0, 0, side, side)
         mark.midleft = area.midleft
@@ -161,7 +162,7 @@ class LobbyCard:
         size: int,
         card: pygame.Rect,
     ) -> None:
-        """What to press, at the lower edge; it stands out for as long as it was not."""
+        """Draw what to press at the lower edge. It stands out until the player is ready."""
         high = len(lines) * self._text.height(size) + size // 2
         area = pygame.Rect(0, 0, card.width - size, high)
         area.midbottom = (card.centerx, card.bottom - size // 2)
@@ -172,7 +173,7 @@ class LobbyCard:
 
 
 def _least(size: tuple[int, int], layout: Layout, ground: Ground) -> pygame.Rect:
-    """Where a card of a size covers least of a ground: of such places the nearest to the middle."""
+    """Return the place that covers least; among equal ones, the nearest to the middle."""
     room = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - 2 * layout.text)
     aside = room.inflate(-layout.text, -layout.text)
     middle = (room.centerx, layout.kitchen.centery)
@@ -197,16 +198,16 @@ def _title(lobby: LobbyView) -> str:
     if lobby.ready is False:
         return "Are you ready?"
     if lobby.ready is None:
-        return "The game has not begun"
+        return "The game has not started yet"
     return "You are ready. Waiting for the others …"
 
 
 def _hint(lobby: LobbyView) -> str:
     if lobby.ready is None:
         return ""
-    return "Enter: wait, not yet" if lobby.ready else "Press Enter when you are ready"
+    return "Press Enter if you need more time" if lobby.ready else "Press Enter when you are ready"
 
 
 def _invitation(lobby: LobbyView) -> str:
     free = any(row.state == "free" for row in lobby.rows)
-    return f"Others join with the code {lobby.code}" if free and lobby.code else ""
+    return f"Friends can join with the code {lobby.code}" if free and lobby.code else ""

@@ -1,26 +1,23 @@
-"""What comes before everything else: the outcome, the chat line being typed, the help."""
+"""Topmost layer: the outcome, the chat line being typed and the help."""
 
 from __future__ import annotations
 
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille_client.window.drawing.ui_overlay import KeyRows, UiOverlay
-from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.drawing.window_layout import KeyRows, Layout, UiOverlay
 from robotouille_client.window.pictures.shapes import box, ellipse
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, FAINT, INK, PANEL, PAPER, TEXT, mixed
 from robotouille_client.window.view import View
 
-__all__ = ["Notices"]
-
+# Smallest letters of the help, in pixels.
 MIN_HELP = 7
-"""The smallest letters of the help, in pixels."""
 
 
 class Notices:
-    """Draws over all else."""
+    """Draws over all other layers."""
 
     def __init__(self, rendering: RenderingFile, sprites: Sprites, text: Typesetter) -> None:
         self._rendering = rendering
@@ -30,7 +27,7 @@ class Notices:
     def draw(
         self, target: pygame.Surface, layout: Layout, view: View, ui_overlay: UiOverlay
     ) -> None:
-        """The notices of a view that has any."""
+        """Draw the notices of a view."""
         if view.outcome:
             self._outcome(target, layout, view.outcome, won=view.won)
         if ui_overlay.typing is not None:
@@ -39,7 +36,7 @@ class Notices:
             self._help(target, layout, ui_overlay.help)
 
     def reserved(self, layout: Layout, view: View, ui_overlay: UiOverlay) -> list[pygame.Rect]:
-        """Where the outcome and the line below the kitchen will be."""
+        """Return the areas of the outcome and the chat line."""
         areas = [self._typing_area(layout)] if ui_overlay.typing is not None else []
         if view.outcome:
             areas.append(self._band(layout, self._lines(layout, view.outcome)))
@@ -50,7 +47,6 @@ class Notices:
         return self._text.wrap(outcome, size, layout.kitchen.width - size * 5, 3)
 
     def _band(self, layout: Layout, lines: tuple[str, ...]) -> pygame.Rect:
-        """Where the ribbon is that has some lines."""
         size, kitchen = _large(layout), layout.kitchen
         high = self._text.height(size) * len(lines) + size * 2
         band = pygame.Rect(kitchen.x - 6, 0, kitchen.width + 12, high)
@@ -58,7 +54,7 @@ class Notices:
         return band
 
     def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str, *, won: bool) -> None:
-        """A ribbon across the kitchen: gold with a star where the goal was reached, else grey."""
+        """Draw a ribbon across the kitchen: gold with a star if the goal was reached, else grey."""
         fill, sign = (ACCENT, "goal") if won else (FAINT, "rejected")
         size, kitchen = _large(layout), layout.kitchen
         lines = self._lines(layout, outcome)
@@ -90,6 +86,7 @@ class Notices:
         size, area = layout.text, self._typing_area(layout)
         target.blit(box(area.size, PAPER, 8, INK), area)
         text = f"Say: {typed}|"
+        # Of a long line the end is shown, where the cursor is.
         while self._text.width(text, size) > area.width - 2 * size and len(text) > 8:
             text = "…" + text[2:]
         words = self._text.line(text, size, INK)
@@ -119,7 +116,7 @@ class Notices:
     def _help_page(
         self, layout: Layout, rows: KeyRows, size: int
     ) -> tuple[list[tuple[str, tuple[str, ...]]], int, pygame.Rect]:
-        """Rows with letters of a size: their keys and lines, the width of keys, and the area."""
+        """Return the wrapped rows at a letter size, the width of the keys, and the page's area."""
         width = min(layout.size[0] - 2 * size, size * 44)
         keys = max(self._text.width(key, size) for key, _ in rows) + size
         wrapped = [
@@ -133,5 +130,4 @@ class Notices:
 
 
 def _large(layout: Layout) -> int:
-    """The letters of the outcome."""
     return max(layout.text, min(round(layout.text * 1.8), layout.kitchen.width // 12))

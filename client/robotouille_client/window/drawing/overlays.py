@@ -1,4 +1,4 @@
-"""Signs over the kitchen: progress, who is busy or refused, the station under the mouse."""
+"""Signs over the kitchen: progress, busy and rejected players, the station under the mouse."""
 
 from __future__ import annotations
 
@@ -8,29 +8,27 @@ from collections.abc import Iterator
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille.world.people.usefulness import work_in_progress
+from robotouille.world.presentation.usefulness import work_in_progress
 from robotouille.world.scene import Placed
 from robotouille.world.timers import Progress
 from robotouille.world.world import State
-from robotouille_client.window.drawing.kitchen.motion import Pose
+from robotouille_client.window.drawing.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
-from robotouille_client.window.pictures.appearance import Stage
+from robotouille_client.window.pictures.appearance import SceneSprites
 from robotouille_client.window.pictures.shapes import RING_STEPS, frame, ring
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, INK, PAPER, mixed
 from robotouille_client.window.view import View
 
-__all__ = ["Overlays"]
-
 _BADGE = 0.46
 _ICON = 0.3
+# Opacity of the wash over the marked station. Its edge marks it on light wood.
 _WASH = 44
-"""How much lighter what is under the mouse is, of 255: seen on light wood by its edge as well."""
 
 
 class Overlays:
-    """Draws over the kitchen; everything here is about one view."""
+    """Draws the signs of one view."""
 
     def __init__(self, rendering: RenderingFile, sprites: Sprites, text: Typesetter) -> None:
         self._rendering = rendering
@@ -42,10 +40,10 @@ class Overlays:
         target: pygame.Surface,
         layout: Layout,
         view: View,
-        stage: Stage,
+        stage: SceneSprites,
         poses: dict[str, Pose],
     ) -> list[pygame.Rect]:
-        """All of it, the more urgent over the less; what that has covered."""
+        """Draw all signs, the most urgent on top. Return the covered areas."""
         return [
             *self._progress(target, layout, view, stage, poses),
             *self._states_of_players(target, layout, view, poses),
@@ -54,9 +52,9 @@ class Overlays:
     # The station under the mouse
 
     def highlight(
-        self, target: pygame.Surface, layout: Layout, stage: Stage, hover: str | None
+        self, target: pygame.Surface, layout: Layout, stage: SceneSprites, hover: str | None
     ) -> None:
-        """Mark the station under the mouse; drawn below what stands on it and before it."""
+        """Mark the station under the mouse, below the objects and players there."""
         placed = stage.placed.get(hover or "")
         if placed is None or placed.tile is None:
             return
@@ -71,7 +69,7 @@ class Overlays:
         target: pygame.Surface,
         layout: Layout,
         view: View,
-        stage: Stage,
+        stage: SceneSprites,
         poses: dict[str, Pose],
     ) -> Iterator[pygame.Rect]:
         before = {(p.action, p.arguments): p.done for p in _rows(view.previous)}
@@ -84,14 +82,15 @@ class Overlays:
             start = before.get((row.action, row.arguments), 0)
             done = start + (row.done - start) * view.phase if row.done >= start else row.done
             share = round(min(1.0, done / max(1, row.total)) * RING_STEPS) / RING_STEPS
+            # Badges at one place stand side by side.
             x = spot[0] - taken[spot] * side * 0.95
             taken[spot] += 1
             yield self._badge(target, row, share, (round(x), round(spot[1])), side)
 
     def _spot(
-        self, layout: Layout, row: Progress, stage: Stage, poses: dict[str, Pose]
+        self, layout: Layout, row: Progress, stage: SceneSprites, poses: dict[str, Pose]
     ) -> tuple[float, float] | None:
-        """Where a badge is centred: at the station, or beside whoever holds the thing."""
+        """Return the centre of a badge: at the station, or next to the player with the object."""
         placed = stage.placed.get(row.subject)
         holder = _holder(placed, stage, poses)
         if holder is not None:
@@ -117,6 +116,7 @@ class Overlays:
         size = round(side * 0.66)
         picture = (self._sprites.file if row.running else self._sprites.faded)(icon, size)
         if picture is None:
+            # A rendering need not have a picture for every action.
             letter = row.action[:1].upper()
             picture = self._text.line(letter, max(8, side // 2), INK if row.running else FAINT)
         target.blit(picture, picture.get_rect(center=middle))
@@ -144,7 +144,7 @@ class Overlays:
                 yield target.blit(picture, picture.get_rect(center=middle))
 
     def _mark(self, target: pygame.Surface, layout: Layout, pose: Pose) -> None:
-        """A ring round a player who waits for a place, or stands where another wants to be."""
+        """Draw a ring around a player that waits for a place or blocks one."""
         x, y = layout.corner(pose.at)
         area = pygame.Rect(round(x), round(y), layout.tile, layout.tile)
         width = max(2, layout.tile // 20)
@@ -155,8 +155,8 @@ def _rows(state: State | None) -> tuple[Progress, ...]:
     return work_in_progress(state) if state is not None else ()
 
 
-def _holder(placed: Placed | None, stage: Stage, poses: dict[str, Pose]) -> str | None:
-    """The player that holds a thing or what it is in."""
+def _holder(placed: Placed | None, stage: SceneSprites, poses: dict[str, Pose]) -> str | None:
+    """Return the player that holds an object, or holds its container."""
     while placed is not None and placed.host is not None:
         if placed.host in poses:
             return placed.host

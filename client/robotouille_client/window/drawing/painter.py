@@ -1,4 +1,4 @@
-"""Paints a view: `Painter().paint(surface, view)`; nothing here reads a clock or an event."""
+"""Paints a view: `Painter().paint(surface, view)`. Nothing here reads a clock or an event."""
 
 from __future__ import annotations
 
@@ -10,17 +10,21 @@ import pygame
 
 from robotouille.domain.rendering import NO_WORDS, Language, RenderingFile, rendering_of
 from robotouille.world.world import State, World
+from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
 from robotouille_client.window.drawing.interruptions import (
     Interruptions,
-    offline_seen,
-    pause_seen,
+    visible_offline,
+    visible_pause,
 )
 from robotouille_client.window.drawing.key_strip import KeyStrip
-from robotouille_client.window.drawing.kitchen.kitchen_layer import Frame, KitchenLayer
-from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
-from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
-from robotouille_client.window.drawing.kitchen.preloader import Preloader
-from robotouille_client.window.drawing.kitchen.spots import (
+from robotouille_client.window.drawing.kitchen_layer import KitchenLayer, Preloader, SceneFrame
+from robotouille_client.window.drawing.labels import Labels, LabelSurroundings
+from robotouille_client.window.drawing.lobby_card import Ground
+from robotouille_client.window.drawing.motion import Motion, Pose
+from robotouille_client.window.drawing.notices import Notices
+from robotouille_client.window.drawing.overlays import Overlays
+from robotouille_client.window.drawing.panel import Panel, with_readable_names
+from robotouille_client.window.drawing.spots import (
     Spot,
     extent,
     occupied,
@@ -28,43 +32,32 @@ from robotouille_client.window.drawing.kitchen.spots import (
     ways,
     workplaces,
 )
-from robotouille_client.window.drawing.lobby_card import Ground
-from robotouille_client.window.drawing.notices import Notices
-from robotouille_client.window.drawing.overlays import Overlays
-from robotouille_client.window.drawing.panel.panel import Panel
-from robotouille_client.window.drawing.panel.readable_names import with_readable_names
-from robotouille_client.window.drawing.ui_overlay import UiOverlay
-from robotouille_client.window.drawing.window_layout import Layout, layout
-from robotouille_client.window.drawing.words.labels import Labels
-from robotouille_client.window.drawing.words.tips import Listing
-from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
+from robotouille_client.window.drawing.tips import Listing
+from robotouille_client.window.drawing.window_layout import Layout, Strip, UiOverlay, layout
+from robotouille_client.window.pictures.appearance import AppearanceResolver, SceneSprites
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import View
 
-__all__ = ["Painter", "paint"]
-
-
+# Pictures a second while only steam and sparks move.
 _EFFECT_PICTURES = 10
-"""How many pictures a second are enough where nothing moves but steam and sparks."""
 
 
 class Painter:
-    """Paints views of any world, and keeps what the next one will need again.
+    """Paints views of any world, and caches what the next view will need.
 
-    Views are expected in the order of their steps; any other order is painted too, but then
-    walks of several steps are not seen.
+    Paint views in the order of their steps. Any other order works too, but walks of several steps
+    are then not drawn.
 
     Args:
-        rendering: In place of the preferred one, or the one that belongs to the domain; by its name
-            for the domains whose rendering it extends.
-        pictures: A folder in which they are looked for first.
-        strip: What is drawn below the kitchen.
-        preferences: Where these want little motion, nothing moves but from place to place: no hops,
-            no steam, no sparks.
-        words: What is laid over those of the rendering.
+        rendering: Rendering, or the name of a shipped one. Default: the preferred one, or else the
+            domain's own.
+        pictures: Folder that is searched for pictures first.
+        strip: Strip below the kitchen.
+        preferences: With reduced motion, nothing moves except from place to place: no hops, no
+            steam, no sparks.
+        words: Words that replace those of the rendering.
     """
 
     def __init__(
@@ -83,15 +76,15 @@ class Painter:
         self._preferences = preferences
         self.text = self._text = Typesetter(strong=preferences.strong_contrast)
         self._world: World | None = None
-        self._stages: list[tuple[State, Stage]] = []
+        self._stages: list[tuple[State, SceneSprites]] = []
         self._preloader: Preloader | None = None
-        self._lived: tuple[tuple[State, State | None, bool], Life] | None = None
+        self._animated: tuple[tuple[State, State | None, bool], StepAnimation] | None = None
         self._lesson = ""
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
     ) -> None:
-        """Draw a view, and what a window's owner sees over it, on all of a surface."""
+        """Draw a view on a whole surface, with what only the local player sees on top."""
         ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
         view = with_readable_names(view, self._text)
@@ -103,43 +96,44 @@ class Painter:
         self._overlays.highlight(surface, place, stage, view.hover)
         self._kitchen.draw(surface, place, frame, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
-        under_way = frame.life.travels and view.phase < 1.0
+        # Objects on their way have not arrived: until then the ticket shows the state before.
+        under_way = frame.animation.travels and view.phase < 1.0
         self._panel.draw(surface, place, view, view.previous if under_way else None)
         ground = self._ground(place, view, frame)
         own = ground.own
         cards = self._interruptions.draw(surface, place, view, ground)
         choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
         if not ui_overlay.tips:
-            ui_overlay = replace(ui_overlay, tips=self.told(ui_overlay.pointer))
-        self._labels.draw(
-            surface, place, view, poses, ui_overlay,
+            ui_overlay = replace(ui_overlay, tips=self.tooltip(ui_overlay.pointer))
+        around = LabelSurroundings(
             hovered=extent(place, stage, view.hover, poses) if view.hover else None,
             listed=self._listed(view, stage),
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,
-                *ways(stage, frame.spots, frame.earlier, frame.life.travels),
+                *ways(stage, frame.spots, frame.earlier, frame.animation.travels),
                 *self._notices.reserved(place, view, ui_overlay),
                 *([] if choices is None else [choices]),
             ],
             avoided=_cells(place, stage),
             spared=workplaces(place, stage, view.world.floor.plain),
         )  # fmt: skip
+        self._labels.draw(surface, place, view, poses, ui_overlay, around)
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._key_strip.draw(surface, place, stage, ui_overlay, choices)
         self._notices.draw(surface, place, view, ui_overlay)
 
     def key_at(self, pos: tuple[int, int]) -> str:
-        """The key that the newest picture shows at a point; else nothing."""
+        """Return the key that the newest picture shows at a point, or an empty string."""
         return self._key_strip.key_at(pos) if self._world is not None else ""
 
-    def told(self, pointer: tuple[int, int] | None) -> tuple[str, ...]:
-        """What the newest picture says of what is under the mouse, in words."""
+    def tooltip(self, pointer: tuple[int, int] | None) -> tuple[str, ...]:
+        """Return the explanation of what is under the mouse in the newest picture."""
         covered = self._strip is not None and pointer is not None and self._strip.covers(pointer)
-        return () if self._world is None or covered else self._panel.told(pointer)
+        return () if self._world is None or covered else self._panel.tooltip(pointer)
 
-    def _ground(self, place: Layout, view: View, frame: Frame) -> Ground:
-        """What cards may cover."""
+    def _ground(self, place: Layout, view: View, frame: SceneFrame) -> Ground:
+        """Return what a card on the kitchen would cover."""
         stage, poses = frame.stage, frame.poses
         players = {player: _around(place, pose) for player, pose in poses.items()}
         return Ground(
@@ -147,62 +141,65 @@ class Painter:
             occupied(place, stage, poses), _cells(place, stage), self._panel.free,
         )  # fmt: skip
 
-    def _listed(self, view: View, stage: Stage) -> Listing:
-        """What is in or on the station under the mouse, if that is more than one thing."""
+    def _listed(self, view: View, stage: SceneSprites) -> Listing:
+        """Return what is in or on the station under the mouse, if it is more than one object."""
         listed = self._resolver.listing(stage, view.hover) if view.hover else ()
         return listed if len(listed) > 1 else ()
 
-    def seen(self, view: View) -> object:
-        """A view without what cannot be seen of it: two that are equal look the same."""
+    def redraw_key(self, view: View) -> object:
+        """Return the visible part of a view. Views with equal keys look the same."""
         self._prepare(view.world)
         pause, offline = view.pause, view.offline
         return replace(
             view,
             phase=self._moment(view),
-            pause=None if pause is None else pause_seen(pause),
-            offline=None if offline is None else offline_seen(offline),
+            pause=None if pause is None else visible_pause(pause),
+            offline=None if offline is None else visible_offline(offline),
             starts_in=None if view.starts_in is None else float(ceil(view.starts_in)),
         )
 
     def _moment(self, view: View) -> float:
-        """The phase of a view as far as it can be seen: effects alone need fewer pictures."""
+        """Return the visible phase of a view. Particle effects alone need fewer pictures."""
         before = view.previous
         if before is None:
             return 1.0
         self._poses(view)
-        life = self._life(view)
-        lively = bool(life.working or life.emissions) and not self._preferences.reduced_motion
+        animation = self._animation(view)
+        lively = (
+            bool(animation.working or animation.emissions) and not self._preferences.reduced_motion
+        )
         if (
             self._motion.walking(view.step)
-            or life.travels
+            or animation.travels
             or before.progress() != view.state.progress()
-            or (lively and life.working)
+            or (lively and animation.working)
         ):
             return view.phase
+        # Nothing moves, so that one picture serves for the whole step.
         if not lively:
             return 1.0
         pictures = max(1, round(_EFFECT_PICTURES * (view.step_seconds or 1.0)))
         return int(view.phase * pictures) / pictures
 
-    def _frame(self, view: View, place: Layout) -> Frame:
-        stage, poses, life = self.stage(view.state), self._poses(view), self._life(view)
+    def _frame(self, view: View, place: Layout) -> SceneFrame:
+        stage, poses, animation = self.stage(view.state), self._poses(view), self._animation(view)
         earlier: dict[str, Spot] = {}
-        if life.travels and view.previous is not None:
+        if animation.travels and view.previous is not None:
             earlier = spots(place, self.stage(view.previous), poses)
-        return Frame(
-            stage, poses, spots(place, stage, poses), earlier, life, view.phase,
+        return SceneFrame(
+            stage, poses, spots(place, stage, poses), earlier, animation, view.phase,
             view.step + view.phase, not self._preferences.reduced_motion,
         )  # fmt: skip
 
-    def _life(self, view: View) -> Life:
-        """What goes on in the step of a view; that of the last is kept."""
+    def _animation(self, view: View) -> StepAnimation:
+        """Return what moves in the step of a view; the newest answer is cached."""
         before = view.previous
         key = (view.state, before, view.lost)
-        if self._lived is None or self._lived[0] != key:
+        if self._animated is None or self._animated[0] != key:
             now = Moment(view.state, self.stage(view.state))
             earlier = None if before is None else Moment(before, self.stage(before))
-            self._lived = (key, life(self._art, now, earlier, lost=view.lost))
-        return self._lived[1]
+            self._animated = (key, step_animation(self._art, now, earlier, lost=view.lost))
+        return self._animated[1]
 
     def _poses(self, view: View) -> dict[str, Pose]:
         placed = self.stage(view.state).placed
@@ -210,7 +207,7 @@ class Painter:
         return self._motion.poses(view.state, placed, before, view.step, view.phase)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
-        """Where things are on a surface of a size, below the lesson that was drawn last."""
+        """Return the layout of a surface, below the lesson that was drawn last."""
         problem = world.task.problem
         lines = 0.0 if self._strip is None else self._strip.lines
         place = layout(size, problem.width, problem.height, lines, self._preferences.text_scale)
@@ -221,18 +218,18 @@ class Painter:
             size, problem.width, problem.height, lines, self._preferences.text_scale, head
         )
 
-    def stage(self, state: State) -> Stage:
-        """What there is to draw of a state; the newest few are kept."""
+    def stage(self, state: State) -> SceneSprites:
+        """Return everything to draw of a state; the newest few are cached."""
         self._prepare(state.world)
         for known, stage in self._stages:
-            if known is state or known == state:  # Often nothing changes in a step.
+            if known is state or known == state:  # Equal, too: many steps change nothing.
                 return stage
         stage = self._kitchen.stage(state)
         self._stages = [(state, stage), *self._stages[:3]]
         return stage
 
     def thing_at(self, pos: tuple[int, int], size: tuple[int, int], view: View) -> str | None:
-        """The station at a point of a surface of a size, else the uppermost thing there."""
+        """Return the station at a point of a surface, or else the uppermost object there."""
         tile, stage = self.layout(size, view.world).tile_at(pos), self.stage(view.state)
         there = [name for name, placed in stage.placed.items() if placed.tile == tile]
         if tile is None or not there:
@@ -240,8 +237,7 @@ class Painter:
         return min(there, key=lambda name: (name not in stage.stations, stage.placed[name].level))
 
     def preload(self, size: tuple[int, int], seconds: float) -> None:
-        """Draw pictures that the task of the last view may show on a surface of a size, for about
-        so long."""
+        """Draw pictures that the task of the last view may need, for about so many seconds."""
         if self._world is None:
             return
         tile = self.layout(size, self._world).tile
@@ -250,7 +246,7 @@ class Painter:
         self._preloader.work(seconds)
 
     def icon(self, world: World, size: int) -> pygame.Surface | None:
-        """The window's icon."""
+        """Return the window's icon."""
         self._prepare(world)
         return self._sprites.file(self._art.icons.get("app"), size)
 
@@ -259,7 +255,7 @@ class Painter:
             return
         self._world = world
         self._stages = []
-        self._lived = None
+        self._animated = None
         self._lesson = ""
         self._preloader = None
         chosen = self._rendering
@@ -280,13 +276,12 @@ class Painter:
         self._notices = Notices(self._art, self._sprites, self._text)
 
 
-def _cells(place: Layout, stage: Stage) -> list[pygame.Rect]:
-    """Where stations are."""
+def _cells(place: Layout, stage: SceneSprites) -> list[pygame.Rect]:
     return [place.cell(t.tile) for name in stage.stations if (t := stage.placed[name]).tile]
 
 
 def _around(place: Layout, pose: Pose) -> pygame.Rect:
-    """Where a player is, with its head and its name."""
+    """Return the area of a player with its head and its name."""
     x, y = place.corner(pose.at)
     side = place.tile
     return pygame.Rect(round(x), round(y - side * 0.4), side, round(side * 1.6))

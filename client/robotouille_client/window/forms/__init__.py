@@ -1,1 +1,1 @@
-"""Forms: rows of buttons, choices and fields, for a mouse, keys and gamepads alike."""
+"""Forms of buttons, choices and fields, for mouse, keyboard and gamepad."""

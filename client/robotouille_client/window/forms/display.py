@@ -1,23 +1,26 @@
-"""The pygame window of a process: opened once, made larger or full by its owner, closed once."""
+"""The pygame window of a process."""
 
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pygame
 
-__all__ = ["DESKTOPS", "Display"]
-
+if TYPE_CHECKING:
+    from robotouille_client.window.input.commands import Gamepads
+    from robotouille_client.window.input.sounds import Sounds
 
 DESKTOPS = ("XDG_CURRENT_DESKTOP", "DESKTOP_SESSION", "WINDOWMANAGER", "WAYLAND_DISPLAY")
-"""Variables of which one is set where a desktop manages windows."""
+"""Environment variables; desktops with a window manager set at least one of them."""
 
 
 class Display:
-    """A window on the screen, or the same without one (`headless`).
+    """Window on the screen, or an invisible one (`headless`).
 
-    `size` is that of the window while it does not fill the screen.
+    `size` is the size while the window does not fill the screen.
     """
 
     def __init__(
@@ -37,12 +40,12 @@ class Display:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is anything to draw on."""
+        """True if there is a surface to draw on."""
         return self._surface is not None
 
     @property
     def caption(self) -> str:
-        """The words in the window's title."""
+        """Title of the window."""
         return self._caption
 
     @caption.setter
@@ -53,20 +56,22 @@ class Display:
 
     @property
     def surface(self) -> pygame.Surface | None:
-        """What is drawn on; another one after each change of size."""
+        """Surface to draw on. It changes with the size of the window."""
         if self._surface is not None:
+            # pygame replaces the surface when the window is resized.
             self._surface = pygame.display.get_surface() or self._surface
         return self._surface
 
     def open(self, icon: pygame.Surface | None = None) -> None:
-        """Open the window, unless it is."""
+        """Open the window if it is not open."""
         if self._surface is not None:
             return
         if self.headless:
+            # SDL reads the variable in `init`, so it must be set before.
             os.environ["SDL_VIDEODRIVER"] = "dummy"
         pygame.display.init()
         if pygame.display.get_driver() == "x11":
-            # Else SDL gives each picture to OpenGL, which may well be software and costs more.
+            # Otherwise SDL draws through OpenGL, which is slower where it runs in software.
             os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
         pygame.font.init()
         if icon is not None:
@@ -80,13 +85,13 @@ class Display:
             pygame.display.flip()
 
     def toggle_fullscreen(self) -> None:
-        """Fill the screen, or no longer."""
+        """Enter or leave full screen."""
         self.fullscreen = not self.fullscreen
         if self._surface is not None:
             self._set_mode()
 
     def handle(self, event: pygame.Event) -> bool:
-        """Whether an event was for the display: Alt+Enter fills the screen."""
+        """Handle Alt+Enter and changes of size; return whether the event was Alt+Enter."""
         if event.type == pygame.VIDEORESIZE and not self.fullscreen:
             self._resized((event.w, event.h))
         if event.type != pygame.KEYDOWN or event.key != pygame.K_RETURN:
@@ -97,12 +102,11 @@ class Display:
         return True
 
     def save(self, path: Path | str) -> None:
-        """Save what is shown as a picture."""
+        """Save the contents as a picture."""
         if self._surface is not None:
             pygame.image.save(self._surface, path)
 
     def close(self) -> None:
-        """Close the window."""
         if self._surface is not None:
             self._surface = None
             pygame.display.quit()
@@ -112,9 +116,11 @@ class Display:
         if self.fullscreen and _is_managed():
             self._surface = pygame.display.set_mode((0, 0), pygame.FULLSCREEN)
         elif self.fullscreen:
-            if self._surface is None:  # What is not open cannot be moved.
+            if self._surface is None:  # A window must be open before it can be moved.
                 pygame.display.set_mode(self.size, pygame.RESIZABLE)
             self._place = pygame.display.get_window_position()
+            # Without a window manager, nothing enlarges the window, so a window without a frame
+            # covers the screen.
             desktop = pygame.display.get_desktop_sizes()[0]
             self._surface = pygame.display.set_mode(desktop, pygame.NOFRAME)
             pygame.display.set_window_position((0, 0))
@@ -125,13 +131,27 @@ class Display:
                 self._place = None
 
     def _resized(self, size: tuple[int, int]) -> None:
-        """Note the size that the owner has given the window; that of the whole screen may be told
-        late, when it is left."""
+        """Remember the new size.
+
+        The size of the whole screen is ignored: it can be reported late, after leaving full screen.
+        """
         if size not in pygame.display.get_desktop_sizes():
             self.size = size
 
 
 def _is_managed() -> bool:
-    """Whether there is a window manager, which alone can fill an X screen with a window: asked to,
-    SDL waits for one, and leaves the window where it is. Desktops say that they are there."""
+    """Return whether a window manager is likely to run.
+
+    On X, only a window manager can make a window full screen. SDL waits for one in vain and
+    leaves the window as it is. Desktops announce themselves in the environment.
+    """
     return pygame.display.get_driver() != "x11" or any(map(os.environ.get, DESKTOPS))
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """Devices that several windows share. A shared display stays open when a window closes."""
+
+    display: Display | None = None
+    gamepads: Gamepads | None = None
+    sounds: Sounds | None = None

@@ -1,46 +1,58 @@
-"""A title, rows to go through, and a result: by mouse, keys and gamepad alike."""
+"""Forms: a title, rows to choose from, and a result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import pygame
 
-from robotouille_client.window.forms.row_list import RowList
-from robotouille_client.window.forms.widgets import Button, Look, Row
-from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.forms.rows import RowList
+from robotouille_client.window.forms.widgets import Button, DrawContext, Row
+from robotouille_client.window.input.commands import Command, KeyMap
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, PANEL, TEXT, Colour, mixed
 
-__all__ = ["Form", "Picture"]
-
 Picture = Callable[[tuple[int, int]], pygame.Surface | None]
-"""A picture that fits into a size in pixels, if there is one (yet)."""
+"""Function that returns a picture for a size in pixels; None if there is none yet."""
 
 WIDTH, PICTURE = 40, 20
-"""Of a form, and of the picture beside its rows, in letters' heights."""
+"""Width of a form and of its picture, in text heights."""
 MAX_TOLD = 6
-"""Lines of a message."""
+"""Maximum number of lines of a message."""
 MIN_SIZE = 9
-"""Letters' height, below which they are hard to read."""
+"""Smallest readable text height."""
+
+
+@dataclass(frozen=True, slots=True)
+class FormLayout:
+    """Drawing options of a form.
+
+    Attributes:
+        picture: Picture next to the rows, if there is room.
+        accent: Colour of the title.
+        pinned: Number of rows at the end that are always visible.
+        shrinks: True to reduce the text size before scrolling.
+    """
+
+    picture: Picture | None = None
+    accent: Colour = ACCENT
+    pinned: int = 0
+    shrinks: bool = False
 
 
 class Form:
-    """Rows under a title; `result` is None until one of them, or `cancel`, has given one. The row
-    with the focus is marked while the form `listens`.
+    """Title with rows, one of which has the focus.
+
+    `result` is None until the player chooses a row or cancels. The focus is marked while the form
+    `listens`.
 
     Args:
-        title: What the form is about.
-        rows: From the top; the first that can have it gets the focus.
-        cancel: The result of Escape; None where there is no way back.
-        picture: What is shown beside the rows where there is room.
-        accent: The title's colour.
-        pinned: How many of the last rows are always in sight, however many there are.
-        idle: Does a bit of what may be late, e.g. loads a picture; whether anything looks different
-            now. It is called while its owner does nothing.
-        shrinks: Whether letters become smaller before anything has to be scrolled to.
-        main: The button that Enter in a field leads to; the next row if None.
+        cancel: Result of Escape; None if the form cannot be cancelled.
+        idle: Function called while the player does nothing, e.g. to load a picture. It returns
+            whether the form must be drawn again.
+        main: Button to which Enter in a field leads; None for the next row.
     """
 
     def __init__(
@@ -49,40 +61,36 @@ class Form:
         rows: Sequence[Row],
         *,
         cancel: object = "back",
-        picture: Picture | None = None,
-        accent: Colour = ACCENT,
-        pinned: int = 0,
+        layout: FormLayout = FormLayout(),
         idle: Callable[[], bool] = lambda: False,
-        shrinks: bool = False,
         main: Row | None = None,
     ) -> None:
         self.title = title
         self.rows = tuple(rows)
         self.cancel = cancel
-        self.picture = picture
+        self.picture = layout.picture
         self.message = ""
         self.result: object = None
         self.listens = True
         self.idle = idle
-        self._shrinks = shrinks
+        self._shrinks = layout.shrinks
         self._main = main
-        self._accent = accent
-        self._list = RowList(pinned)
+        self._accent = layout.accent
+        self._list = RowList(layout.pinned)
         self._focus = -1
         self._field: Row | None = None
         self._focus_first()
 
     @property
     def focused(self) -> Row | None:
-        """The row that commands go to."""
+        """The row that receives commands."""
         return self.rows[self._focus] if self._focus >= 0 else None
 
     def focus(self, row: Row) -> None:
-        """Move the focus."""
         self._give_focus(self.rows.index(row))
 
     def set_rows(self, rows: Sequence[Row]) -> None:
-        """Show other rows; the focus stays where it is if that is among them."""
+        """Replace the rows; the focus stays if its row is still there."""
         row = self.focused
         self.rows = tuple(rows)
         if row in self.rows:
@@ -91,24 +99,23 @@ class Form:
             self._focus_first()
 
     def place_of(self, row: Row) -> pygame.Rect | None:
-        """Where a row was drawn last, as far as it is in sight; None where it is not."""
+        """Return where a row was last drawn; None if it was not visible."""
         places = self._list.places
         return next((place for place, index in places if self.rows[index] is row), None)
 
     @property
     def scroll_bar(self) -> pygame.Rect:
-        """Where the mark of how far it is scrolled was drawn last; empty where all rows have
-        room."""
+        """Area of the scroll bar when the form was last drawn; empty if all rows fitted."""
         return self._list.bar
 
     def width(self, size: int) -> int:
-        """How wide it would like to be, with letters of a size."""
+        """Return the preferred width for a text size."""
         return (WIDTH + (PICTURE if self.picture else 0)) * size
 
     # Events
 
     def handle(self, event: pygame.Event, keys: KeyMap) -> Command | None:
-        """Follow an event; a command that is not for the form comes back."""
+        """Handle an event; return a command that is not for the form."""
         if event.type == pygame.MOUSEMOTION:
             self._point(event.pos, held=any(event.buttons))
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
@@ -118,12 +125,13 @@ class Form:
         elif event.type == pygame.TEXTINPUT:
             self._letters(event.text)
         elif event.type == pygame.KEYDOWN:
+            # On macOS, Command has the role of Ctrl.
             ctrl = bool(getattr(event, "mod", 0) & (pygame.KMOD_CTRL | pygame.KMOD_META))
             return self._key(pygame.key.name(event.key).casefold(), keys, ctrl=ctrl)
         return None
 
     def command(self, command: Command) -> Command | None:
-        """Follow a command; one that is not for the form comes back."""
+        """Run a command; return it if it is not for the form."""
         if command is Command.CANCEL:
             self.result = self.cancel
         elif command in (Command.UP, Command.DOWN, Command.LIST):
@@ -135,7 +143,7 @@ class Form:
         return None
 
     def _letters(self, text: str) -> None:
-        """They are for the field with the focus, or for the last one if a button has it."""
+        """Type letters into the focused field, or into the last field if a button has the focus."""
         field = self._field_for_letters()
         if field is not None:
             self._focus = self.rows.index(field)
@@ -145,6 +153,7 @@ class Form:
         row = self.focused
         if row is None or row.wants_letters:
             return row
+        # Enter moves the focus from a field to a button, and players often continue to type there.
         is_here = isinstance(row, Button) and self._field in self.rows
         return self._field if is_here else None
 
@@ -157,8 +166,10 @@ class Form:
             self._go(pages.get(name, -len(self.rows) if name == "home" else len(self.rows)))
             return None
         command = keys.command(name)
+        # A space in a field is text, which arrives in an event of its own.
         if row is not None and row.wants_letters and name == "space":
             return None
+        # Letters such as E and W are also commands, but here they are typed.
         if len(name) == 1 and self._field_for_letters() is not None:
             return None
         return self.command(command) if command is not None else None
@@ -168,7 +179,7 @@ class Form:
             self._choose(row)
 
     def _choose(self, row: Row) -> None:
-        """What a row asks for: its answer, or, of a field that is filled in, the main button."""
+        """Take the row's answer, or move the focus from a filled field to the main button."""
         if row.answer is not None:
             self.result = row.answer
             return
@@ -184,7 +195,7 @@ class Form:
         self._give_focus(next((i for i, row in enumerate(self.rows) if row.focusable), -1))
 
     def _give_focus(self, index: int) -> None:
-        """Give the focus to a row on purpose, not because the mouse goes over it."""
+        """Move the focus on the player's request, not because the mouse passes over a row."""
         self._focus = index
         row = self.focused
         if row is not None:
@@ -192,7 +203,7 @@ class Form:
             self._field = row if row.wants_letters else self._field
 
     def _move(self, step: int) -> None:
-        """Give the focus to the next row that can have it, round and round."""
+        """Move the focus to the next row that can have it, around the ends."""
         for further in range(1, len(self.rows) + 1):
             index = (self._focus + step * further) % len(self.rows)
             if self.rows[index].focusable:
@@ -200,7 +211,7 @@ class Form:
                 return
 
     def _go(self, steps: int) -> None:
-        """Move the focus by so many rows, and not beyond the ends."""
+        """Move the focus by a number of rows, stopping at the ends."""
         able = [index for index, row in enumerate(self.rows) if row.focusable]
         if self._focus in able:
             at = able.index(self._focus) + steps
@@ -210,7 +221,9 @@ class Form:
         if held and self._list.bar.collidepoint(pos):
             self._scroll_to(pos[1])
             return
+        # A row that is cut off would scroll when focused, and so move away from the mouse.
         found = self._list.row_at(pos, whole=True)
+        # Without `_give_focus`, because a field must not select its text when the mouse passes.
         if found is not None and self.rows[found[1]].focusable:
             self._focus = found[1]
 
@@ -228,7 +241,7 @@ class Form:
             self._choose(row)
 
     def _scroll_to(self, y: int) -> None:
-        """Bring the part of the rows into sight that the mark of a place stands for."""
+        """Focus the row that a position on the scroll bar stands for."""
         able = [index for index, row in enumerate(self.rows) if row.focusable]
         share = (y - self._list.bar.y) / max(1, self._list.bar.height)
         if able:
@@ -237,7 +250,7 @@ class Form:
     # Drawing
 
     def draw(self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int) -> None:
-        """Fill an area of the window; what does not fit is scrolled to."""
+        """Draw the form into an area of the window."""
         size = self._fitting(area, text, size) if self._shrinks else size
         pad = size
         target.blit(box(area.size, PANEL, pad, mixed(PANEL, TEXT, 0.25)), area)
@@ -255,24 +268,24 @@ class Form:
             target.blit(text.line(line, size, ACCENT), at)
 
     def _fitting(self, area: pygame.Rect, text: Typesetter, size: int) -> int:
-        """The size of letters, as large as can be, with which there is room for all."""
+        """Return the largest text size at which everything fits."""
         least = max(MIN_SIZE, size * 3 // 5)
+        # The wrapping depends on the text size, so each size has to be measured.
         sizes = range(size, least, -1)
         fits = (s for s in sizes if self._needed(area.width - 2 * s, text, s) <= area.height)
         return next(fits, min(size, least))
 
     def _needed(self, width: int, text: Typesetter, size: int) -> int:
-        """The height of all there is in a width."""
-        large, look = round(size * 1.5), Look(text, size, focused=False)
+        """Return the height of the whole form at a width."""
+        large, context = round(size * 1.5), DrawContext(text, size, focused=False)
         title = len(text.wrap(self.title, large, width, 3)) * text.height(large)
         foot = len(text.wrap(self.message, size, width, MAX_TOLD)) * text.height(size)
-        rows = sum(row.height(look, width) + max(3, size // 4) for row in self.rows)
+        rows = sum(row.height(context, width) + max(3, size // 4) for row in self.rows)
         return title + rows + foot + 3 * size
 
     def _draw_title(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
     ) -> pygame.Rect:
-        """Draw the title; what is left of the area."""
         y, large = area.y, round(size * 1.5)
         for line in text.wrap(self.title, large, area.width, 3):
             target.blit(text.line(line, large, self._accent), (area.x, y))
@@ -283,7 +296,7 @@ class Form:
     def _draw_beside(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
     ) -> int:
-        """Draw what is on the right of the rows; how wide that is."""
+        """Draw what is to the right of the rows; return its width."""
         if self.picture is None or area.width < 2 * PICTURE * size:
             return 0
         picture = self.picture((PICTURE * size, area.height))

@@ -1,4 +1,4 @@
-"""A list to pick one from: with pictures, in groups, narrowed down by typing."""
+"""List with pictures, groups and a search."""
 
 from __future__ import annotations
 
@@ -7,101 +7,104 @@ from typing import NamedTuple
 
 import pygame
 
-from robotouille_client.window.forms.form import Form, Picture
-from robotouille_client.window.forms.widgets import Look, Row, Words
-from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.forms.form import Form, FormLayout, Picture
+from robotouille_client.window.forms.widgets import DrawContext, Row, Words
+from robotouille_client.window.input.commands import Command, KeyMap
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, CARD, FAINT, INK, TEXT, TRACK, mixed
 
-__all__ = ["Picker", "PickerEntry", "Told"]
-
 WIDTH, BESIDE = 64, 24
-"""Of all of it, and of what is told of the one with the focus, in letters' heights."""
+"""Width of the whole form and of the details, in text heights."""
 _HIGH, _PICTURE = 3.4, 3.6
-"""Of an entry, and how wide its picture is."""
+"""Height of an entry and width of its picture, in text heights."""
 MAX_TYPED = 40
 
 
-class Told(NamedTuple):
-    """What an entry says: a title, and a line below it."""
+class EntryText(NamedTuple):
+    """Title of an entry, and the line below it."""
 
     title: str
     detail: str = ""
 
 
 class PickerEntry(Row):
-    """Something to pick: `answer`.
+    """Entry that can be picked; its `answer` is the result.
 
     Args:
-        told: Says it; asked for whenever the entry is drawn.
-        picture: What it looks like, if anything.
-        about: What else is told where there is room: of the entry with the focus.
+        text: Function that returns the text whenever the entry is drawn.
+        about: Function that returns details, shown next to the list for the focused entry.
     """
 
     def __init__(
         self,
         answer: object,
-        told: Callable[[], Told],
+        text: Callable[[], EntryText],
         *,
         group: str = "",
         picture: Picture | None = None,
         about: Callable[[], str] = lambda: "",
     ) -> None:
-        super().__init__(told().title)
+        super().__init__(text().title)
         self.answer = answer
-        self.told = told
+        self.text = text
         self.group = group
         self.picture = picture
         self.about = about
 
-    def height(self, look: Look, width: int) -> int:
-        return round(look.size * _HIGH)
+    def height(self, context: DrawContext, width: int) -> int:
+        return round(context.size * _HIGH)
 
     def command(self, command: Command) -> bool:
         return command in (Command.USE, Command.ENTER)
 
     def matches(self, typed: str) -> bool:
-        """Whether all words that were typed are in what it says."""
-        said = f"{' '.join(self.told())} {self.group} {self.about()}".casefold()
-        return all(word in said for word in typed.casefold().split())
+        """Return whether the entry contains all typed words."""
+        text = f"{' '.join(self.text())} {self.group} {self.about()}".casefold()
+        return all(word in text for word in typed.casefold().split())
 
     def distance(self, typed: str) -> int:
-        """How far its title, but for a number, is from what was typed: 0 where it is that, 1 where
-        it has those words as they follow each other, else 2."""
-        title = [word for word in self.told().title.casefold().split() if not word.isdigit()]
+        """Return how far the title, without numbers, is from the typed text.
+
+        It is 0 if they are equal, 1 if the title contains the words in sequence, and else 2.
+        """
+        title = [word for word in self.text().title.casefold().split() if not word.isdigit()]
         words = typed.casefold().split()
         if title == words:
             return 0
         return 1 if " ".join(words) in " ".join(title) else 2
 
-    def draw(self, target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
-        self._plate(target, area, look)
-        x = area.x + look.size // 2
+    def draw(self, target: pygame.Surface, area: pygame.Rect, context: DrawContext) -> None:
+        self._plate(target, area, context)
+        x = area.x + context.size // 2
         if self.picture is not None:
-            frame = pygame.Rect(x, 0, round(look.size * _PICTURE), area.height - look.size // 2)
+            frame = pygame.Rect(
+                x, 0, round(context.size * _PICTURE), area.height - context.size // 2
+            )
             frame.centery = area.centery
             _framed(target, frame, self.picture(frame.size))
-            x = frame.right + look.size // 2
-        said, width = self.told(), area.right - look.size // 2 - x
-        title = look.text.fit(said.title, look.size, width)
-        detail = look.text.fit(said.detail, look.size - 1, width)
-        high = look.text.height(look.size)
+            x = frame.right + context.size // 2
+        text, width = self.text(), area.right - context.size // 2 - x
+        title = context.text.fit(text.title, context.size, width)
+        detail = context.text.fit(text.detail, context.size - 1, width)
+        high = context.text.height(context.size)
         y = area.centery - (high if detail else high // 2)
-        target.blit(look.text.line(title, look.size, INK if look.focused else TEXT), (x, y))
+        target.blit(
+            context.text.line(title, context.size, INK if context.focused else TEXT), (x, y)
+        )
         if detail:
-            colour = mixed(INK, ACCENT, 0.15) if look.focused else FAINT
-            target.blit(look.text.line(detail, look.size - 1, colour), (x, y + high))
+            colour = mixed(INK, ACCENT, 0.15) if context.focused else FAINT
+            target.blit(context.text.line(detail, context.size - 1, colour), (x, y + high))
 
 
 class Picker(Form):
-    """Entries in groups, with what is typed as a filter; the result is the answer of one.
+    """Entries in groups, filtered by what the player types.
 
     Args:
-        entries: From the top; those of a group follow each other.
-        ends: What stands below them, always in sight.
-        chosen: The answer of the entry that has the focus at first.
-        empty: What is told where there are none.
+        entries: Entries, with those of a group next to each other.
+        ends: Rows below the entries, always visible.
+        chosen: Answer of the entry that has the focus at first.
+        empty: Text shown if there are no entries.
     """
 
     def __init__(
@@ -111,10 +114,10 @@ class Picker(Form):
         ends: Sequence[Row],
         *,
         chosen: object = None,
-        empty: str = "There is nothing here.",
+        empty: str = "Nothing here yet.",
         idle: Callable[[], bool] = lambda: False,
     ) -> None:
-        super().__init__(title, [], pinned=len(ends), idle=idle)
+        super().__init__(title, [], layout=FormLayout(pinned=len(ends)), idle=idle)
         self.entries = tuple(entries)
         self.typed = ""
         self._ends = tuple(ends)
@@ -128,7 +131,7 @@ class Picker(Form):
         return WIDTH * size
 
     def command(self, command: Command) -> Command | None:
-        """Sides lead from group to group."""
+        """Run a command. Left and right move from group to group."""
         if command in (Command.LEFT, Command.RIGHT):
             self._leap(-1 if command is Command.LEFT else 1)
             return None
@@ -145,20 +148,22 @@ class Picker(Form):
         if name == "backspace":
             self._type("" if ctrl else self.typed[:-1])
             return None
+        # Letters arrive as text as well. Handling the key would choose an entry while typing.
         if len(name) == 1 or name == "space":
             return None
         return super()._key(name, keys, ctrl=ctrl)
 
     def _type(self, typed: str) -> None:
-        """Show what has the words that were typed."""
+        """Show the entries that match the typed text."""
         if typed != self.typed:
             self.typed = typed
             self._arrange()
+            # Enter then picks the best match.
             if typed:
                 self._focus_first()
 
     def _arrange(self) -> None:
-        """The entries that are shown, the nearest first, each group below its name."""
+        """Set the rows: the matching entries, each group below its name."""
         rows: list[Row] = []
         group = ""
         found = [entry for entry in self.entries if entry.matches(self.typed)]
@@ -170,11 +175,11 @@ class Picker(Form):
             group = entry.group
             rows.append(entry)
         if not rows:
-            rows.append(Words("Nothing has these words." if self.entries else self._empty))
+            rows.append(Words("No matches." if self.entries else self._empty))
         self.set_rows([*rows, *self._ends])
 
     def _nearest_first(self, found: list[PickerEntry]) -> list[PickerEntry]:
-        """The group with the entry that is nearest to what was typed first, and in it that one."""
+        """Order groups and entries by their distance from the typed text."""
         far = {entry: entry.distance(self.typed) for entry in found}
         groups: dict[str, int] = {}
         for entry in found:
@@ -183,7 +188,7 @@ class Picker(Form):
         return sorted(found, key=lambda entry: (order.index(entry.group), far[entry]))
 
     def _leap(self, step: int) -> None:
-        """Move the focus to the first entry of the group before, or after, its own."""
+        """Move the focus to the first entry of another group."""
         firsts: dict[str, Row] = {}
         for row in self.rows:
             if isinstance(row, PickerEntry):
@@ -191,6 +196,7 @@ class Picker(Form):
         groups, here = list(firsts), self.focused
         if not groups:
             return
+        # From a row below the entries, Right leads to the first group and Left to the last one.
         at = groups.index(here.group) + step if isinstance(here, PickerEntry) else min(0, step)
         self.focus(firsts[groups[at % len(groups)]])
 
@@ -220,7 +226,7 @@ class Picker(Form):
             frame = pygame.Rect(x, y, width, min(width * 7 // 8, area.height * 3 // 5))
             _framed(target, frame, row.picture(frame.size))
             y = frame.bottom + size // 2
-        for words in (row.told().title, *row.about().split("\n")):
+        for words in (row.text().title, *row.about().split("\n")):
             for line in text.wrap(words, size, width):
                 if y + text.height(size) <= area.bottom:
                     target.blit(text.line(line, size, TEXT), (x, y))
@@ -230,7 +236,6 @@ class Picker(Form):
 
 
 def _framed(target: pygame.Surface, frame: pygame.Rect, picture: pygame.Surface | None) -> None:
-    """A picture in the middle of a frame, which is there before it."""
     target.blit(box(frame.size, mixed(CARD, TRACK, 0.5), 4), frame)
     if picture is not None:
         target.blit(picture, picture.get_rect(center=frame.center))

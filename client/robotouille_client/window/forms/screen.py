@@ -10,33 +10,66 @@ import pygame
 
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.repeats import Repeats
-from robotouille_client.window.hands.commands import Command, KeyMap
-from robotouille_client.window.hands.gamepad import Gamepads
+from robotouille_client.window.input.commands import Command, Gamepads, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BACKGROUND, FAINT
 from robotouille_client.window.preferences import Preferences
 
-__all__ = ["ClosedByOwnerError", "Screen", "text_size"]
+FIRST, NEXT = 24, 3
+"""Frames until a held key repeats for the first time, and between later repetitions."""
+_KEYS = (
+    pygame.K_LEFT, pygame.K_RIGHT, pygame.K_UP, pygame.K_DOWN, pygame.K_PAGEUP,
+    pygame.K_PAGEDOWN, pygame.K_BACKSPACE, pygame.K_DELETE,
+)  # fmt: skip
+"""Keys that repeat. Enter and Escape do not: holding them must not answer the next form."""
+
+
+class KeyRepeat:
+    """Repetition of a held key or gamepad direction, counted in frames."""
+
+    def __init__(self) -> None:
+        self._key: pygame.Event | None = None
+        self._pad: Command | None = None
+        self._frames = 0
+
+    def track(self, event: pygame.Event) -> None:
+        """Track which key is held; losing the keyboard focus releases it."""
+        if event.type == pygame.KEYDOWN:
+            self._key = event if event.key in _KEYS else None
+            self._frames = 0
+        elif event.type in (pygame.KEYUP, pygame.WINDOWFOCUSLOST):
+            self._key = None
+
+    def due(self, pad: Command | None) -> pygame.Event | Command | None:
+        """Return the key or direction `pad` that repeats in this frame."""
+        if pad is not self._pad:
+            self._pad, self._frames = pad, 0
+        held = self._key or self._pad
+        if held is None:
+            return None
+        self._frames += 1
+        late = self._frames - FIRST
+        return held if late >= 0 and late % NEXT == 0 else None
+
 
 FRAME_SECONDS = 1 / 60
 HIGH = 30
-"""Of a window that has room for more than a form, in letters' heights."""
+"""Height of a window, in text heights, from which the title is shown above a form."""
 QUIET_FRAMES = 6
-"""Without an event, after which what may be late is done: nobody waits for it with a key."""
+"""Frames without an event until slow work, such as loading pictures, is done."""
 
 
-class ClosedByOwnerError(Exception):
-    """The window was closed while something was asked."""
+class WindowClosedError(Exception):
+    """The player closed the window while a form was shown."""
 
 
 def text_size(size: tuple[int, int], scale: float) -> int:
-    """The height of letters in a window of a size."""
+    """Return the text height for a window size."""
     return max(11, round(min(size[1] / 40, size[0] / 54) * scale))
 
 
 class Screen:
-    """Asks forms in a display until each has a result."""
+    """Display that shows forms until each has a result."""
 
     def __init__(
         self,
@@ -53,11 +86,10 @@ class Screen:
         self._text: Typesetter | None = None
 
     def prefer(self, preferences: Preferences) -> None:
-        """Draw and listen as they have it from now on."""
         self._preferences, self.keys = preferences, KeyMap(preferences.keys)
 
     def splash(self, words: str) -> None:
-        """Words in an otherwise empty window, while something is loaded."""
+        """Show a few words in an otherwise empty window while something loads."""
         self.display.open()
         surface = self.display.surface
         if surface is not None:
@@ -65,18 +97,18 @@ class Screen:
             self.display.flip()
 
     async def ask(self, form: Form, until: asyncio.Future[Any] | None = None) -> object:
-        """Show a form until it has a result, or `until` is done: then None.
+        """Show a form until it has a result, or return None when `until` is done.
 
         Raises:
-            ClosedByOwnerError: The window was closed.
+            WindowClosedError: The player closed the window.
         """
         self.display.open()
         shown: tuple[object, ...] = ()
-        quiet, repeats = 0, Repeats()
+        quiet, repeats = 0, KeyRepeat()
         while form.result is None and not (until is not None and until.done()):
             events = pygame.event.get()
             for number, event in enumerate(events, 1):
-                repeats.note(event)
+                repeats.track(event)
                 self._handle(event, form)
                 if form.result is not None:
                     _give_back(events[number:])
@@ -86,8 +118,10 @@ class Screen:
                 self._again(again, form)
             surface = self.display.surface
             quiet = 0 if events or again else quiet + 1
+            # Loading a picture may take longer than a frame; a held key would stutter.
             late = quiet >= QUIET_FRAMES and form.idle()
             looks = (form.message, surface.get_size() if surface else None)
+            # Drawing only after changes keeps an idle menu from using the processor.
             if quiet == 0 or late or looks != shown:
                 self.draw(form)
                 shown = looks
@@ -97,7 +131,7 @@ class Screen:
 
     def _handle(self, event: pygame.Event, form: Form) -> None:
         if event.type == pygame.QUIT:
-            raise ClosedByOwnerError
+            raise WindowClosedError
         if self.display.handle(event):
             return
         pressed = self.gamepads.read(event)
@@ -114,7 +148,6 @@ class Screen:
             form.handle(held, self.keys)
 
     def draw(self, form: Form) -> None:
-        """Show a form as it is now."""
         surface = self.display.surface
         if surface is None:
             return
@@ -137,7 +170,8 @@ class Screen:
             return
         title = text.line(words, size * 2, ACCENT)
         surface.blit(title, title.get_rect(midtop=(width // 2, size)))
-        foot = text.line("F11 fills the screen", max(10, size - 4), FAINT)
+        foot = text.line("F11: full screen", max(10, size - 4), FAINT)
+        # In a narrow window, the hint would cover the title.
         if title.get_width() + 2 * (foot.get_width() + size) < width:
             surface.blit(foot, foot.get_rect(topright=(width - size, size)))
 
@@ -149,6 +183,6 @@ class Screen:
 
 
 def _give_back(events: list[pygame.Event]) -> None:
-    """What was done after a form had its answer is for what comes next."""
+    """Post events again that came after a form's result, for whatever is shown next."""
     for event in events:
         pygame.event.post(event)

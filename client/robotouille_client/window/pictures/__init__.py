@@ -1,1 +1,1 @@
-"""Pictures, shapes, text and colours that the layers are made of."""
+"""Pictures, shapes, text and colours from which the layers are drawn."""

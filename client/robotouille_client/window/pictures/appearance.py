@@ -1,6 +1,6 @@
-"""Which picture shows each object of a state, and how things lie in and on one another.
+"""Choice of a picture for each object of a state, and the order of objects in piles.
 
-Pure: a `Stage` is computed once for each state, from its scene and the rendering file.
+Pure functions: `SceneSprites` are computed once for each state from its scene and the rendering.
 """
 
 from __future__ import annotations
@@ -8,17 +8,26 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
 from robotouille.domain.rendering import Entity, RenderingFile
 from robotouille.domain.rendering.art import Art, Facings, Fact
-from robotouille.domain.schema import DomainFile
+from robotouille.domain.schema import DomainFile, InputFile
 from robotouille.world.grounding.objects import Object
 from robotouille.world.scene import Placed, scene
 from robotouille.world.world import State
 
-__all__ = ["Appearance", "AppearanceResolver", "SpritePiece", "Stage"]
+
+@dataclass(frozen=True, slots=True)
+class KitchenLook:
+    """Rendering with its key bindings and the folder of its pictures."""
+
+    rendering: RenderingFile
+    bindings: InputFile
+    pictures: Path
+
 
 Role = Literal["station", "item", "container", "player"]
 
@@ -29,9 +38,9 @@ _HEIGHT = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """What one thing looks like: a picture, or a tile made up from its kind and `words`.
+    """Look of one object: a picture, or a generated tile with its kind and `words`.
 
-    `effects` are those of the rendering that leave it while it looks like this.
+    `effects` are the rendering's particle effects for this look.
     """
 
     kind: str
@@ -44,9 +53,9 @@ class Appearance:
 
 @dataclass(frozen=True, slots=True)
 class SpritePiece:
-    """One thing of a pile: its appearance and its height above the pile's base, in tiles.
+    """One object of a pile, with its look and its height above the pile's base in tiles.
 
-    `contents` are what was added to it or to what is `inside` it.
+    `inside` are the objects in it; `contents` were added to it or to those.
     """
 
     name: str
@@ -58,12 +67,13 @@ class SpritePiece:
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class SceneSprites:
     """Everything to draw of a state.
 
-    `piles` are the things on each station or in each player's hands, from the bottom up; `bases`
-    the height of each pile's base over the middle of the tile. `relations` are the predicates by
-    which something is related to others.
+    Attributes:
+        piles: Objects on each station or in each player's hands, from the bottom up.
+        bases: Height of each pile's base above the middle of the tile.
+        relations: Predicates that relate each object to others.
     """
 
     placed: dict[str, Placed]
@@ -74,7 +84,7 @@ class Stage:
 
 
 class AppearanceResolver:
-    """Chooses appearances by a domain's rendering file."""
+    """Chooses appearances from a domain's rendering file."""
 
     def __init__(self, domain: DomainFile, rendering: RenderingFile) -> None:
         self.rendering = rendering
@@ -83,8 +93,8 @@ class AppearanceResolver:
         self._words = _states_of_things(domain)
         self._pictured = rendering.traits()
 
-    def stage(self, state: State) -> Stage:
-        """What to draw of a state."""
+    def stage(self, state: State) -> SceneSprites:
+        """Return everything to draw of a state."""
         placed = scene(state)
         related, doing = _relations(state), _doing(state)
         stations, hosted = {}, defaultdict(list)
@@ -95,6 +105,7 @@ class AppearanceResolver:
                 continue
             elif thing.host is not None:
                 hosted[thing.host].append(thing)
+            # An object on the bare floor is a pile of its own.
             elif thing.tile is not None and thing.thing.type not in self._players:
                 hosted[name].append(thing)
         piles, bases = {}, {}
@@ -103,7 +114,7 @@ class AppearanceResolver:
             piles[host] = self._pile(things, placed, related, doing)
             bases[host] = self._constant(things[0].thing, "station_offset", _OFFSET)
         relations = {name: frozenset(fact[0] for fact in facts) for name, facts in related.items()}
-        return Stage(placed, stations, piles, bases, relations)
+        return SceneSprites(placed, stations, piles, bases, relations)
 
     def appearance(
         self,
@@ -112,13 +123,14 @@ class AppearanceResolver:
         related: dict[str, list[Fact]],
         doing: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     ) -> Appearance:
-        """What a thing that is no player looks like."""
+        """Return the look of an object other than a player."""
         kind = thing.thing.kind
         entity = self._entity(kind)
         asset: str | None = None
         effects: tuple[str, ...] = ()
         if entity is not None:
             art, about = entity.assets, related.get(thing.thing.name, [])
+            # A container may have pictures of its own for what is inside, such as a pot of soup.
             for meal in _inside(thing.thing.name, placed):
                 group = art.named.get(meal.thing.kind)
                 if group is not None and group.asset is None:
@@ -132,8 +144,8 @@ class AppearanceResolver:
             kind, self._role(thing.thing), asset, "" if asset else words, effects=effects
         )
 
-    def listing(self, stage: Stage, host: str) -> tuple[tuple[Appearance | None, str], ...]:
-        """What lies on a station or is held, from the top down, with what is in it, in words."""
+    def listing(self, stage: SceneSprites, host: str) -> tuple[tuple[Appearance | None, str], ...]:
+        """Return everything on a station or in a player's hands, from the top down, in words."""
         listed: list[tuple[Appearance | None, str]] = []
         for piece in reversed(stage.piles.get(host, ())):
             listed.append((piece.appearance, self._in_words(stage, piece.name)))
@@ -146,20 +158,22 @@ class AppearanceResolver:
                 listed.append((appearance, self._in_words(stage, name)))
         return tuple(listed)
 
-    def _in_words(self, stage: Stage, name: str) -> str:
+    def _in_words(self, stage: SceneSprites, name: str) -> str:
         thing = stage.placed[name]
         return self.words(thing.thing.kind, thing.facts | stage.relations.get(name, frozenset()))
 
     def words(self, kind: str, facts: Collection[str]) -> str:
-        """What people call a kind, with what has become of it, e.g. `toasted bottom bun`."""
-        told = self._pictured if self.rendering.shows(kind) else self._words
-        states = sorted(self._words[fact] for fact in facts if fact in told and fact in self._words)
+        """Return what people call a kind and its state, such as `toasted bottom bun`."""
+        known = self._pictured if self.rendering.shows(kind) else self._words
+        states = sorted(
+            self._words[fact] for fact in facts if fact in known and fact in self._words
+        )
         names = self.rendering.language.kinds.get(kind, ())
         name = next((n.name for n in names if n.when is None or n.when in facts), kind)
         return " ".join([*states, name])
 
     def player(self, kind: str, index: int, facing: str, *, carrying: bool = False) -> Appearance:
-        """What the player in seat `index` looks like from one side."""
+        """Return the look of the player in seat `index` from one side."""
         facings = self._facings(kind, index)
         if facings is None:
             return Appearance(kind, "player", None, "", facing)
@@ -167,7 +181,7 @@ class AppearanceResolver:
         return Appearance(kind, "player", getattr(sides, facing), "", facing)
 
     def feet(self, kind: str, index: int, facing: str) -> tuple[str, ...]:
-        """Its feet from that side: the pictures of a stride."""
+        """Return the pictures of a player's stride from one side."""
         facings = self._facings(kind, index)
         frames: tuple[str, ...] = ()
         if facings is not None and facings.feet is not None:
@@ -203,16 +217,16 @@ class AppearanceResolver:
         return tuple(pieces)
 
     def _is_inside(self, thing: Placed, placed: dict[str, Placed]) -> bool:
-        """Whether a thing is in a container, whose appearance shows it."""
+        """Return whether an object is in a container, whose picture already shows it."""
         host = placed.get(thing.host or "")
         return host is not None and host.thing.type not in self._stations | self._players
 
     def scale(self, thing: Object) -> float:
-        """How large a thing is drawn, in tiles."""
+        """Return the size in tiles at which an object is drawn."""
         return self._constant(thing, "scale", _SCALES[self._role(thing)])
 
     def pictures(self, thing: Object) -> dict[str, Art]:
-        """All pictures that may be chosen for what is no player, and what they belong to."""
+        """Return all pictures an object may get, each with its `Art`; none for players."""
         entity = self._entity(thing.kind)
         found = [] if entity is None else [art for _, art in entity.assets.parts(thing.kind)]
         return {file: art for art in found for file in (art.asset, *art.stages) if file}
@@ -239,17 +253,18 @@ class AppearanceResolver:
         for constants in ([entity.constants] if entity else []) + [group.constants]:
             value: float | None = getattr(constants, name)
             if value is not None:
+                # Objects at the same height would hide each other.
                 return max(0.04, value) if name == "stack_offset" else value
         return default
 
 
 def _inside(name: str, placed: dict[str, Placed]) -> list[Placed]:
-    """The things whose host is `name`, e.g. the water in a pot."""
+    """Return the objects whose host is `name`, such as the water in a pot."""
     return [thing for thing in placed.values() if thing.host == name]
 
 
 def _contents(name: str, placed: dict[str, Placed]) -> list[str]:
-    """What is added to a thing, or to what is inside it, all the way down."""
+    """Return everything added to an object or to what is inside it, at any depth."""
     found: list[str] = []
     pending = [name]
     while pending:
@@ -262,7 +277,7 @@ def _contents(name: str, placed: dict[str, Placed]) -> list[str]:
 
 
 def _doing(state: State) -> dict[str, dict[str, float]]:
-    """By object: the actions that time is bringing about with it, and the share that is done."""
+    """Return the timed actions in progress for each object, with the share that is done."""
     doing: dict[str, dict[str, float]] = defaultdict(dict)
     for row in state.progress():
         if row.timed and row.running:
@@ -273,7 +288,7 @@ def _doing(state: State) -> dict[str, dict[str, float]]:
 
 
 def _relations(state: State) -> dict[str, list[Fact]]:
-    """By object: the facts of it and others, with kinds in the place of names."""
+    """Return the facts that relate each object to others, with kinds in place of names."""
     kinds = {thing.name: thing.kind for thing in state.objects}
     related: dict[str, list[Fact]] = defaultdict(list)
     for atom in state.atoms():
@@ -286,7 +301,8 @@ def _relations(state: State) -> dict[str, list[Fact]]:
 
 
 def _states_of_things(domain: DomainFile) -> dict[str, str]:
-    """The predicates that say what has become of a thing (not where it is), as words."""
+    """Return words for the predicates that describe an object's state, rather than its place."""
+    # Predicates that the layout implies describe places, which the picture shows anyway.
     implied = {rule.predicate for rule in domain.layout or ()}
     kinds = {f"is{kind}" for kinds in domain.kinds.values() for kind in kinds}
     nowhere = set(domain.station_types) | set(domain.player_types)

@@ -1,7 +1,4 @@
-"""The goal as pictures: what lies on and in what, from the goal's terms and the rendering.
-
-Nothing here draws, and nothing knows what a goal is about.
-"""
+"""The goal as pictures of dishes, from its terms and the rendering. Nothing here draws."""
 
 from __future__ import annotations
 
@@ -14,23 +11,23 @@ from robotouille.world.scene import Placed
 from robotouille.world.world import World
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 
-__all__ = ["Dish", "Layer", "Variable", "dishes"]
-
+# Variable of a goal, as in the `ids` of its terms.
 Variable = int | str
-"""Of a goal, as in the `ids` of its terms."""
 BOTTOM, MIDDLE, TOP = range(3)
+# Level of an object that is not in its place yet: above all others.
 UNPLACED = 1_000_000
-"""The level of what does not lie where it belongs: above all that does."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """One thing of a dish as it is to be.
+    """One object of a wanted dish.
 
-    `terms` are the numbers of the goal's terms about it, `conditions` the same in words, and
-    `below` the numbers of those about what it lies on. Those of its `places` count only where its
-    `base` holds: a bun that lies on some table is where it belongs once it is the table on which
-    the lowest thing of the dish lies.
+    Attributes:
+        terms: Numbers of the goal's terms about the object.
+        conditions: The same terms in words.
+        below: Numbers of the terms about the objects below it.
+        places: Terms that count only if `base` holds. A bun lies in its place, for instance, once
+            it is on the table that the dish's lowest object is on.
     """
 
     appearance: Appearance
@@ -42,22 +39,21 @@ class Layer:
     base: tuple[int, ...] = ()
 
     def holding(self, holding: Sequence[bool]) -> tuple[bool, ...]:
-        """Which of its terms are as they are to be, by all of the goal that hold."""
+        """Return which of the layer's terms hold, given those of the whole goal."""
         based = all(holding[n] for n in self.base)
         return tuple(holding[n] and (based or n not in self.places) for n in self.terms)
 
 
 @dataclass(frozen=True, slots=True)
 class Dish:
-    """Things that the goal relates to each other, from the uppermost to what carries them all, the
-    `root`."""
+    """Objects that the goal relates, from the top down to the one that carries all, the `root`."""
 
     layers: tuple[Layer, ...]
     root: Variable = 0
 
     @property
     def shape(self) -> tuple[str, ...]:
-        """What it is made of: dishes of one shape can stand for each other."""
+        """Objects of the dish as words. Dishes of the same shape can replace each other."""
         return tuple(sorted(layer.words for layer in self.layers))
 
 
@@ -66,13 +62,14 @@ def dishes(
     resolver: AppearanceResolver,
     levels: Mapping[Variable, int] = MappingProxyType({}),
 ) -> tuple[Dish, ...] | None:
-    """The goal's dishes in its order; None for a goal that cannot be drawn.
+    """Return the goal's dishes in order, or None if the goal cannot be drawn.
 
-    That is one of particular players, of any object of a type, or of relations of three things.
+    Goals about particular players, about any object of a type, or with relations of three objects
+    cannot be drawn.
 
     Args:
-        levels: Where things are that lie there already: of things that may lie on each other in
-            any order, these are the lowest, as they lie there.
+        levels: Levels of the objects already in place. Among objects that may be stacked in any
+            order, these come first, as they lie.
     """
     goal = _Goal(world, resolver, levels)
     return goal.dishes() if goal.drawable else None
@@ -113,7 +110,7 @@ class _Goal:
         return tuple(dish for dish in (*found, *rest) if dish.layers)
 
     def _find_carriers(self) -> dict[Variable, Variable]:
-        """What each thing lies on or is in; the most particular thing that the goal says of it."""
+        """Return what each object lies on or in, by the goal's most specific term about it."""
         found: dict[Variable, tuple[int, Variable]] = {}
         for term in self._terms:
             if len(term.ids) == 2:
@@ -122,13 +119,15 @@ class _Goal:
                 if when != "next_in_stack" and self._types[first] in self._stations:
                     first, second = second, first
                 on_station = self._types[second] in self._stations
+                # A stack relation says more about a place than a container does, and a station
+                # the least.
                 rank = 2 if when == "next_in_stack" else 1 if not on_station else 0
                 if first != second and rank >= found.get(first, (-1, 0))[0]:
                     found[first] = (rank, second)
         return {thing: carrier for thing, (_, carrier) in found.items()}
 
     def _layers(self, root: Variable, seen: set[Variable]) -> Iterator[Layer]:
-        """A thing and all that it carries, from the bottom up."""
+        """Yield an object and everything it carries, from the bottom up."""
         if root in seen:
             return
         seen.add(root)
@@ -153,7 +152,7 @@ class _Goal:
                 yield from self._layers(above, seen)
 
     def _below(self, thing: Variable) -> list[int]:
-        """The terms about what a thing lies on: by itself, or in the stack that it is part of."""
+        """Return the terms about everything below an object in its stack."""
         carrier = self._carriers.get(thing)
         if carrier is None:
             return []
@@ -164,16 +163,16 @@ class _Goal:
         return [n for i in under for n in (*self._about(i), *self._below(i))]
 
     def _is_below(self, one: Variable, other: Variable) -> bool:
-        """Whether one of two things in a stack belongs below the other, or lies there already."""
+        """Return whether an object belongs below another, or already lies there."""
         (order, level), (its, above) = self._height(one), self._height(other)
         return order < its or (order == its and level < above < UNPLACED)
 
     def _height(self, thing: Variable) -> tuple[int, int]:
-        """How high in its stack a thing belongs, and how high it is."""
+        """Return where in its stack an object belongs, and its level now."""
         return self._order(thing), self._levels.get(thing, UNPLACED)
 
     def _base(self, thing: Variable) -> list[int]:
-        """The terms that say where the lowest of a stack is, for all that belongs above it."""
+        """Return the terms that place the lowest object of the stack, for the objects above it."""
         carrier = self._carriers.get(thing)
         if carrier is None or self._order(thing) == BOTTOM:
             return []
@@ -185,14 +184,14 @@ class _Goal:
         return self._resolver.words(self._kinds[thing], facts)
 
     def _condition(self, number: int) -> str:
-        """A term of the goal in the words of the domain."""
+        """Return a goal term in the domain's words."""
         term = self._terms[number]
         kinds = [f"the {self._resolver.words(kind, ())}" for kind in term.args]
         says = self._says[term.predicate] or " ".join((term.predicate, *("{}",) * len(kinds)))
         return says.format(*kinds)
 
     def _carried(self, carrier: Variable) -> list[Variable]:
-        """What lies directly on or in something: the lowest first, the uppermost last."""
+        """Return what lies directly on or in an object, the lowest first."""
         carried = [thing for thing, host in self._carriers.items() if host == carrier]
         return sorted(carried, key=self._height)
 
@@ -201,7 +200,7 @@ class _Goal:
         return BOTTOM if "bottom_of_stack" in rules else TOP if "top_of_stack" in rules else MIDDLE
 
     def _about(self, thing: Variable) -> list[int]:
-        """The terms that say something of a thing, not of what lies on or in it."""
+        """Return the terms about an object itself, not about what it carries."""
         return [
             number
             for number, term in enumerate(self._terms)
@@ -210,11 +209,11 @@ class _Goal:
         ]
 
     def _is_carrier(self, ids: tuple[Variable, ...]) -> bool:
-        """Whether the first of two things is the one that carries the other."""
+        """Return whether the first of two objects carries the second."""
         return len(ids) == 2 and self._carriers.get(ids[1]) == ids[0]
 
     def _shown_by(self, thing: Variable, carrier: Variable) -> bool:
-        """Whether only the picture of what it is in shows a thing."""
+        """Return whether an object is visible only in the picture of its container."""
         rendering = self._resolver.rendering
         group = rendering.group_of(self._kinds[carrier])
         if group is None:

@@ -1,8 +1,8 @@
-"""Fonts for any script: the one that comes with pygame, then those of the system.
+"""Fonts for any script: pygame's own font first, then the fonts of the system.
 
-Nothing is looked for on the system until a letter needs it. What no font has is written in another
-way: by its sound or its meaning where Unicode tells that in its name, else as its code, so that two
-names are never the same row of boxes.
+System fonts are searched only when a letter needs one. Letters that no font has are replaced by
+their sound or meaning, if Unicode's name for them has one, or else by their code. Two different
+names then never look like the same row of boxes.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ from itertools import groupby
 
 import pygame
 
-__all__ = ["FontStack", "clusters", "printable", "script_of", "system_fonts"]
-
 _LOG = logging.getLogger(__name__)
 
+# Families to try first, by pygame's names for them.
 _FAMILIES = (
     "notosans", "dejavusans", "liberationsans", "freesans", "segoeui", "helveticaneue",
     "notosanscjksc", "notosanscjkjp", "notosanscjkkr", "notosanscjktc", "sourcehansans",
@@ -29,32 +28,31 @@ _FAMILIES = (
     "arialunicodems", "notocoloremoji", "segoeuiemoji", "applecoloremoji", "segoeuisymbol",
     "applesymbols", "symbola", "unifont",
 )  # fmt: skip
-"""Families that are asked for first, by the names that pygame has for them."""
 
+# Scripts (ISO 15924) with context-dependent letter shapes, by the first word of letter names.
 _SCRIPTS = {
     "ARABIC": "Arab", "HEBREW": "Hebr", "SYRIAC": "Syrc", "THAANA": "Thaa", "NKO": "Nkoo",
     "DEVANAGARI": "Deva", "BENGALI": "Beng", "GURMUKHI": "Guru", "GUJARATI": "Gujr",
     "TAMIL": "Taml", "TELUGU": "Telu", "KANNADA": "Knda", "MALAYALAM": "Mlym", "SINHALA": "Sinh",
     "THAI": "Thai", "LAO": "Laoo", "KHMER": "Khmr", "MYANMAR": "Mymr", "TIBETAN": "Tibt",
 }  # fmt: skip
-"""Scripts whose letters take the shape that their neighbours give them, by the first word of their
-letters' names (ISO 15924)."""
 
 _FROM_THE_RIGHT = frozenset({"Arab", "Hebr", "Syrc", "Thaa", "Nkoo"})
 _SOUND = re.compile(r"(?:HIRAGANA|KATAKANA) LETTER (?:SMALL )?(\w+)$|HANGUL SYLLABLE (\w+)$")
 _REGIONAL_A = 0x1F1E6
+# Marks on one letter. No script needs more, and a tower of marks would cover other lines.
 MAX_MARKS = 4
-"""Marks on one letter: no script needs more, and a tower of them would cover other lines."""
 
+# Bounds the search: a machine may have thousands of fonts, and a letter that none of them has.
 MAX_OPENED = 80
 MAX_LENGTH = 600
 _TRIED_AT = 16
+# Private-use code point, drawn as a font draws any letter that it lacks.
 _NO_LETTER = "\U0010fffd"
-"""A code point for private use, which fonts draw as they draw all that they have not."""
 
 
 def system_fonts() -> Iterator[str]:
-    """The files of fonts of this machine: those that cover much first, each once."""
+    """Yield the font files of this machine once each, those with many letters first."""
     seen = set()
     known = pygame.font.get_fonts()
     for name in (*_FAMILIES, *sorted(known)):
@@ -65,7 +63,7 @@ def system_fonts() -> Iterator[str]:
 
 
 class FontStack:
-    """Opens fonts as letters need them, and knows which one has which letter."""
+    """Opens fonts as letters need them, and finds the font of each letter."""
 
     def __init__(self, find: Callable[[], Iterable[str]] = system_fonts) -> None:
         if not pygame.font.get_init():
@@ -78,7 +76,7 @@ class FontStack:
         self._having: dict[str, int | None] = {}
 
     def font(self, face: int, size: int, script: str = "") -> pygame.font.Font:
-        """A font of the stack at a size in pixels, for letters of a script; 0 is the default."""
+        """Return a font of the stack at a size in pixels, set up for a script; 0 is the default."""
         key = (face, size, script)
         if key not in self._fonts:
             font = self._fonts[key] = pygame.font.Font(self._paths[face], size)
@@ -87,15 +85,15 @@ class FontStack:
         return self._fonts[key]
 
     def has(self, letter: str) -> bool:
-        """Whether a letter is drawn, and not written in another way."""
+        """Return whether some font has a letter."""
         return self._face_of(letter) is not None
 
-    def reads(self, letter: str) -> bool:
-        """Whether people can read a letter as it is written: itself, its sound or its meaning."""
+    def is_readable(self, letter: str) -> bool:
+        """Return whether people can read a letter as drawn: itself, its sound or its meaning."""
         return self.has(letter) or not _described(letter).startswith("[")
 
     def runs(self, text: str) -> list[tuple[int, str]]:
-        """A text in parts that have one font and one script each, in order."""
+        """Split a text into parts with one font and one script each."""
         if text.isascii():
             return [(0, text)]
         parts: list[tuple[int, str, str]] = []
@@ -105,7 +103,7 @@ class FontStack:
                 drawn = self.has(letter)
                 parts.append((*self._written(letter), script_of(letter)))
             elif drawn:
-                # What is combined with a letter is drawn by that letter's font, or not at all.
+                # A combining mark is drawn with its letter's font, or not at all.
                 face, _, script = parts[-1]
                 parts.append((face, letter, script))
         return [
@@ -134,7 +132,7 @@ class FontStack:
         return None
 
     def _open_next(self) -> bool:
-        """Open the next font of the system that can be; whether there was one."""
+        """Open the next usable system font. Return whether there was one."""
         if self._unopened is None:
             self._unopened = iter(self._find())
         for path in self._unopened:
@@ -143,7 +141,7 @@ class FontStack:
             try:
                 font = pygame.font.Font(path, _TRIED_AT)
             except (pygame.error, OSError) as error:
-                _LOG.info("a font cannot be opened: %s: %s", path, error)
+                _LOG.info("cannot open font %s: %s", path, error)
                 continue
             self._paths.append(path)
             self._tried.append(font)
@@ -152,8 +150,9 @@ class FontStack:
 
 
 def _has(font: pygame.font.Font, letter: str) -> bool:
-    """Whether a font draws anything for a letter but what it draws for those that it has not."""
+    """Return whether a font draws a letter differently from a missing one."""
     try:
+        # A font draws all missing letters alike.
         return _drawn(font, letter) != _drawn(font, _NO_LETTER)
     except pygame.error:
         return False
@@ -165,24 +164,24 @@ def _drawn(font: pygame.font.Font, letter: str) -> tuple[tuple[int, int], bytes]
 
 
 def _shape(font: pygame.font.Font, script: str) -> None:
-    """Have letters shaped and ordered as their script has it, where SDL_ttf can do that."""
+    """Turn on letter shaping and order for a script, where SDL_ttf supports it."""
     try:
         font.set_script(script)
         if script in _FROM_THE_RIGHT:
             font.set_direction(pygame.DIRECTION_RTL)
     except pygame.error as error:
-        _tell_unshaped(script, str(error))
+        _warn_unshaped(script, str(error))
 
 
 @lru_cache(maxsize=64)
-def _tell_unshaped(script: str, why: str) -> None:
-    """Say, once for each script, that its letters stand side by side as they are."""
-    _LOG.warning("letters of the script %s are not shaped: %s", script, why)
+def _warn_unshaped(script: str, why: str) -> None:
+    """Log once for each script that its letters are not shaped."""
+    _LOG.warning("cannot shape letters of script %s: %s", script, why)
 
 
 @lru_cache(maxsize=4096)
 def script_of(text: str) -> str:
-    """The script of the first letter that has one whose letters are shaped; else nothing."""
+    """Return the first shaped script in a text, or an empty string."""
     for letter in text:
         script = _SCRIPTS.get(unicodedata.name(letter, "").partition(" ")[0], "")
         if script:
@@ -191,7 +190,7 @@ def script_of(text: str) -> str:
 
 
 def _joined(parts: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
-    """Blanks between words that are written from the right belong to them."""
+    """Join blanks to the right-to-left words around them."""
     joined = list(parts)
     for i in range(1, len(parts) - 1):
         before, (_, letter, script), after = joined[i - 1], parts[i], parts[i + 1]
@@ -202,7 +201,7 @@ def _joined(parts: list[tuple[int, str, str]]) -> list[tuple[int, str, str]]:
 
 
 def _described(letter: str) -> str:
-    """A letter that no font has: its sound, its meaning or its code."""
+    """Return the sound, meaning or code of a letter that no font has."""
     name = unicodedata.name(letter, "")
     sound = _SOUND.match(name)
     if sound is not None:
@@ -220,7 +219,7 @@ def _described(letter: str) -> str:
 
 
 def clusters(text: str) -> list[str]:
-    """A text in parts that must not be torn: letters with their marks, flags, coloured hands."""
+    """Split a text into units that must stay whole: letters with marks, flags, coloured hands."""
     found: list[str] = []
     for letter in text:
         pair = found and len(found[-1]) == 1 and _is_regional(found[-1]) and _is_regional(letter)
@@ -236,20 +235,25 @@ def _is_regional(letter: str) -> bool:
 
 
 def _is_tone(letter: str) -> bool:
-    """Whether it is the colour of a hand or face before it."""
+    """Return whether a letter is the skin colour of the hand or face before it."""
     return 0x1F3FB <= ord(letter) <= 0x1F3FF
 
 
 def printable(text: str) -> str:
-    """A text without control characters, lone surrogates, joiners, towers of marks and excess
-    length."""
+    """Return a text without control characters, lone surrogates, joiners and surplus marks.
+
+    It is cut after `MAX_LENGTH` characters.
+    """
     text = text[:MAX_LENGTH]
     if text.isascii() and text.isprintable():
         return text
+    # NFC joins letters and marks where it can, so that fonts without combining marks can draw
+    # them.
     shown, marks = [], 0
     for letter in unicodedata.normalize("NFC", text):
         category = unicodedata.category(letter)
         marks = marks + 1 if category.startswith("M") else 0
+        # Joiners and variation selectors have no picture of their own.
         if category == "Cf" or 0xFE00 <= ord(letter) <= 0xFE0F or marks > MAX_MARKS:
             continue
         shown.append(letter if letter.isprintable() else " ")

@@ -1,4 +1,4 @@
-"""Pictures at any size: SVG files, or tiles made up for kinds that have no picture."""
+"""Pictures at any size: SVG files, or generated tiles for kinds without a picture."""
 
 from __future__ import annotations
 
@@ -9,41 +9,115 @@ from pathlib import Path
 import pygame
 
 from robotouille_client.window.pictures.appearance import Appearance
-from robotouille_client.window.pictures.generated_tiles import generate
-from robotouille_client.window.pictures.kept import Kept
+from robotouille_client.window.pictures.shapes import PictureCache
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import INK, PAPER, Colour, kind_colour, mixed
 
-__all__ = ["Sprites", "with_percentages"]
+_FINE = 3
+_EYES = {"front": 0.0, "left": -0.1, "right": 0.1}
 
+
+def generate(appearance: Appearance, size: int, text: Typesetter) -> pygame.Surface:
+    """Return a square tile for an object. It is drawn large and shrunk, which smooths its edges."""
+    large = pygame.Surface((size * _FINE, size * _FINE), pygame.SRCALPHA)
+    colour = kind_colour(appearance.kind)
+    if appearance.role == "station":
+        _bench(large, colour)
+    elif appearance.role == "player":
+        _figure(large, colour, appearance.facing)
+    else:
+        _block(large, colour, round_top=appearance.role == "container")
+    tile = pygame.transform.smoothscale(large, (size, size))
+    _label(tile, appearance, text)
+    return tile
+
+
+def _box(surface: pygame.Surface, x: float, y: float, w: float, h: float) -> pygame.Rect:
+    side = surface.get_width()
+    return pygame.Rect(round(x * side), round(y * side), round(w * side), round(h * side))
+
+
+def _outlined(surface: pygame.Surface, box: pygame.Rect, fill: Colour, radius: float) -> None:
+    side = surface.get_width()
+    pygame.draw.rect(surface, fill, box, border_radius=round(radius * side))
+    pygame.draw.rect(
+        surface, INK, box, width=max(1, round(0.03 * side)), border_radius=round(radius * side)
+    )
+
+
+def _bench(surface: pygame.Surface, colour: Colour) -> None:
+    front = _box(surface, 0.01, 0.1, 0.98, 0.89)
+    _outlined(surface, front, mixed(colour, INK, 0.35), 0.05)
+    _outlined(surface, _box(surface, 0.01, 0.01, 0.98, 0.74), mixed(colour, PAPER, 0.25), 0.05)
+    shine = _box(surface, 0.07, 0.06, 0.86, 0.05)
+    pygame.draw.rect(surface, mixed(colour, PAPER, 0.6), shine, border_radius=shine.height // 2)
+
+
+def _block(surface: pygame.Surface, colour: Colour, *, round_top: bool) -> None:
+    _outlined(surface, _box(surface, 0.08, 0.18, 0.84, 0.68), colour, 0.3 if round_top else 0.14)
+    shine = _box(surface, 0.2, 0.26, 0.6, 0.06)
+    pygame.draw.rect(surface, mixed(colour, PAPER, 0.6), shine, border_radius=shine.height // 2)
+
+
+def _figure(surface: pygame.Surface, colour: Colour, facing: str) -> None:
+    _outlined(surface, _box(surface, 0.3, 0.5, 0.4, 0.44), mixed(colour, INK, 0.25), 0.14)
+    _outlined(surface, _box(surface, 0.24, 0.1, 0.52, 0.5), colour, 0.25)
+    if facing == "back":
+        return
+    shift = _EYES.get(facing, 0.0)
+    for x in (0.36, 0.54):
+        eye = _box(surface, x + shift, 0.28, 0.1, 0.14)
+        pygame.draw.ellipse(surface, PAPER, eye)
+        pygame.draw.ellipse(surface, INK, eye.inflate(-eye.width // 2, -eye.height // 2))
+
+
+def _label(tile: pygame.Surface, appearance: Appearance, text: Typesetter) -> None:
+    side = tile.get_width()
+    lines = [appearance.kind, *appearance.words.split()[:2]]
+    middle = {"station": 0.86, "player": 0.76}.get(appearance.role, 0.52)
+    height = max(7, min(13, side // 5 if len(lines) == 1 else side // 6))
+    if appearance.role == "station":
+        height = max(7, min(height, round(side * 0.2 / len(lines))))
+    total = (len(lines) - 1) * height
+    for i, line in enumerate(lines):
+        size = height
+        while size > 7 and text.width(line, size) > side * 0.86:
+            size -= 1
+        colour = PAPER if appearance.role == "station" else INK
+        words = text.line(text.fit(line, size, round(side * 0.96)), size, colour)
+        y = side * middle - total / 2 + i * height
+        tile.blit(words, words.get_rect(center=(side // 2, round(y))))
+
+
+# Largest side of a picture in pixels, whatever size a rendering asks for.
 MAX_SIDE = 2048
-"""Of a picture in pixels, whatever size a rendering asks for."""
 
 _GRADIENT = re.compile(rb"<(?:\w+:)?(?:linear|radial)Gradient\b[^<>]*>")
+# Possessive, so that the time is linear for any picture that a server sends.
 _SHARE = re.compile(
     rb"""(\s(?:[xy][12]|[cf][xy]|r)\s*=\s*["']\s*)([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?+)(?=\s*+["'])"""
 )
-"""Possessive: linear on any picture that a server sends."""
 
 
 class Sprites:
-    """The pictures of some folders, the first that has one wins, drawn once for each size.
+    """Pictures from folders, drawn once for each size. The first folder with a file wins.
 
-    A file that is missing or is no picture is not an error: the kind gets a made-up tile.
+    A missing or broken file is not an error: the kind gets a generated tile.
     """
 
     def __init__(self, folders: tuple[Path, ...], text: Typesetter) -> None:
         self._folders = folders
         self._text = text
-        self._kept = Kept()
+        self._kept = PictureCache()
         self._missing: set[str] = set()
 
     @property
     def roomy(self) -> bool:
-        """Whether pictures may be drawn that nobody needs yet."""
+        """True while pictures can be drawn ahead of need."""
         return self._kept.roomy
 
     def file(self, name: str | None, size: int) -> pygame.Surface | None:
-        """A picture of the folders as a square of `size` pixels, if there is one."""
+        """Return a file's picture as a square of `size` pixels, or None."""
         if name is None or size < 1:
             return None
         size = min(size, MAX_SIDE)
@@ -51,17 +125,18 @@ class Sprites:
         if picture is None and name not in self._missing:
             picture = self._load(name, size)
             if picture is None:
+                # Remembered, because looking for a file in every frame would be slow.
                 self._missing.add(name)
             else:
                 self._kept.keep((name, size), picture)
         return picture
 
     def faded(self, name: str | None, size: int) -> pygame.Surface | None:
-        """The same, half transparent."""
+        """Return a file's picture half transparent."""
         return self.shade(name, size, 110)
 
     def shade(self, name: str | None, size: int, opacity: int) -> pygame.Surface | None:
-        """The same, with an opacity from 0 to 255."""
+        """Return a file's picture with an opacity from 0 to 255."""
         picture = self.file(name, size)
         if picture is None or name is None:
             return None
@@ -73,7 +148,7 @@ class Sprites:
         return faded
 
     def of(self, appearance: Appearance, size: int) -> pygame.Surface:
-        """The picture of a thing as a square of `size` pixels."""
+        """Return the picture of an object as a square of `size` pixels."""
         size = max(1, min(size, MAX_SIDE))
         picture = self.file(appearance.asset, size)
         if picture is not None:
@@ -94,7 +169,7 @@ class Sprites:
                 loaded = pygame.image.load(path)
         except (pygame.error, OSError):
             return None
-        # Drawing is twice as fast between surfaces with the same order of colours.
+        # Blits between surfaces with the same order of colours are twice as fast.
         surface = pygame.Surface((size, size), pygame.SRCALPHA)
         if loaded.get_size() != (size, size):
             standard = pygame.Surface(loaded.get_size(), pygame.SRCALPHA)
@@ -105,12 +180,11 @@ class Sprites:
 
 
 def with_percentages(svg: bytes) -> bytes:
-    """The same SVG picture, with shares of a box as percentages in its gradients.
+    """Rewrite the numbers of an SVG's gradients as percentages.
 
-    Coordinates of a gradient are shares of the shape's box, unless it says `userSpaceOnUse`: `1`
-    and `100%` are the same (W3C, Scalable Vector Graphics 1.1, section 13.2). NanoSVG, with which
-    SDL_image draws, takes a plain number for one of pixels, and so shows the last colour alone;
-    percentages it understands.
+    Gradient coordinates are shares of the shape's box unless `userSpaceOnUse` is set: `1` equals
+    `100%` (W3C, SVG 1.1, section 13.2). NanoSVG, which SDL_image uses, reads plain numbers as
+    pixels and then shows only the last colour. It reads percentages correctly.
     """
     return _GRADIENT.sub(_rewritten, svg)
 

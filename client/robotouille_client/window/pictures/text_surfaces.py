@@ -1,4 +1,4 @@
-"""Text surfaces, wrapped and cached; any string is safe to draw."""
+"""Text surfaces, wrapped and cached. Any string is safe to draw."""
 
 from __future__ import annotations
 
@@ -6,37 +6,34 @@ import math
 
 import pygame
 
-from robotouille_client.window.pictures.colour_vision import strong_ground, strong_ink
 from robotouille_client.window.pictures.fonts import (
     FontStack,
     clusters,
     printable,
     script_of,
 )
-from robotouille_client.window.pictures.kept import Kept
-from robotouille_client.window.pictures.theme import Colour
-
-__all__ = ["Typesetter"]
+from robotouille_client.window.pictures.shapes import PictureCache
+from robotouille_client.window.pictures.theme import Colour, strong_ground, strong_ink
 
 _FINE = 3
 _MAX_KEPT = 800
 
 
 class Typesetter:
-    """Draws text in the default font of pygame, else in one that has it, and keeps what it drew.
+    """Draws and caches text, in pygame's default font or in the first font that has a letter.
 
-    With `strong` contrast all letters are lighter or darker than they would be.
+    With `strong` contrast, inks are lighter or darker.
     """
 
     def __init__(self, fonts: FontStack | None = None, *, strong: bool = False) -> None:
         self.strong = strong
         self._fonts = fonts or FontStack()
-        self._lines = Kept()
+        self._lines = PictureCache()
         self._widths: dict[tuple[str, int], int] = {}
         self._wrapped: dict[tuple[str, int, int, int], tuple[str, ...]] = {}
 
     def line(self, text: str, size: int, colour: Colour) -> pygame.Surface:
-        """One line of text; do not draw on the surface, it is shared."""
+        """Return one line of text. The surface is shared: do not draw on it."""
         ink = strong_ink(colour) if self.strong else colour
         key = (text, size, ink)
         surface = self._lines.get(key)
@@ -45,11 +42,11 @@ class Typesetter:
         return surface
 
     def ground(self, colour: Colour) -> Colour:
-        """A colour as the ground for letters of PAPER."""
+        """Return a ground for PAPER letters, darker under strong contrast."""
         return strong_ground(colour) if self.strong else colour
 
     def width(self, text: str, size: int) -> int:
-        """How wide a line would be."""
+        """Return the width of a line."""
         key = (text, size)
         width = self._widths.get(key)
         if width is None:
@@ -60,17 +57,17 @@ class Typesetter:
             width = self._widths[key] = math.ceil(wide / _FINE)
         return width
 
-    def reads(self, text: str) -> bool:
-        """Whether most letters of a text are written so that people can read them."""
+    def is_readable(self, text: str) -> bool:
+        """Return whether people can read most letters of a text as drawn."""
         letters = [each for each in printable(text) if not each.isspace()]
-        return 2 * sum(self._fonts.reads(each) for each in letters) > len(letters)
+        return 2 * sum(self._fonts.is_readable(each) for each in letters) > len(letters)
 
     def height(self, size: int) -> int:
-        """The distance from one line to the next."""
+        """Return the distance between two lines."""
         return self._fonts.font(0, _large(size)).get_linesize() // _FINE + max(1, size // 8)
 
     def wrap(self, text: str, size: int, width: int, most: int = 0) -> tuple[str, ...]:
-        """A text in lines of at most `width` pixels; cut off with an ellipsis after `most`."""
+        """Wrap a text to `width` pixels; after `most` lines it is cut off with an ellipsis."""
         key = (text, size, width, most)
         lines = self._wrapped.get(key)
         if lines is None:
@@ -80,8 +77,9 @@ class Typesetter:
         return lines
 
     def wrap_evenly(self, text: str, size: int, width: int, most: int = 0) -> tuple[str, ...]:
-        """As `wrap`, with as many lines, of which no last one is much shorter than the others."""
+        """Wrap a text to the same number of lines as `wrap`, with lines of about equal length."""
         lines = self.wrap(text, size, width, most)
+        # The narrowest width that needs no further line makes the lines most even.
         for eighths in range(4, 8) if len(lines) > 1 else ():
             even = self.wrap(text, size, width * eighths // 8, most)
             if len(even) == len(lines) and " ".join(even) == " ".join(lines):
@@ -89,19 +87,20 @@ class Typesetter:
         return lines
 
     def fit(self, text: str, size: int, width: int) -> str:
-        """A text that is cut off with an ellipsis where it is wider than `width`."""
+        """Return a text, cut off with an ellipsis if it is wider than `width`."""
         lines = self.wrap(text, size, width, 1)
         return lines[0] if lines else ""
 
     def _run_size(self, face: int, part: str, size: int) -> tuple[float, float]:
-        """The size of letters of one font, enlarged; a font of one size only is scaled."""
+        """Return the enlarged size of letters in one font; fonts of a fixed size are scaled."""
         line = self._fonts.font(0, _large(size)).get_height()
         width, height = self._fonts.font(face, _large(size), script_of(part)).size(part)
+        # Colour emoji fonts come in one large size only.
         scale = line / height if height > line * 1.6 else 1.0
         return width * scale, height * scale
 
     def _render(self, text: str, size: int, colour: Colour) -> pygame.Surface:
-        """Shrunk from a large font: letters keep their distances, which small fonts round."""
+        """Draw text large and shrink it: small fonts round the distances between letters."""
         first = self._fonts.font(0, _large(size))
         base, runs = first.get_ascent(), self._fonts.runs(text)
         sizes = [self._run_size(face, part, size) for face, part in runs]
@@ -139,7 +138,7 @@ class Typesetter:
         return lines
 
     def _chop(self, word: str, size: int, width: int) -> list[str]:
-        """A word in pieces that are at most so wide; letters are not torn from their marks."""
+        """Split a word into pieces of at most a width, without tearing letters from their marks."""
         pieces, left = [], clusters(word)
         while len(left) > 1 and self.width("".join(left), size) > width:
             count = self._fitting(left, size, width)
@@ -148,7 +147,7 @@ class Typesetter:
         return [*pieces, "".join(left)]
 
     def _fitting(self, letters: list[str], size: int, width: int, end: str = "") -> int:
-        """How many letters fit, one at least, with an end."""
+        """Return how many letters fit with an end, at least one."""
         low, high = 1, len(letters)
         while low < high:
             middle = (low + high + 1) // 2
@@ -167,5 +166,5 @@ class Typesetter:
 
 
 def _large(size: int) -> int:
-    """The size of a font that, shrunk to 1 / FINE, has letters about `size` pixels high."""
+    """Return the enlarged font size for letters about `size` pixels high."""
     return max(6, round(size * 1.28)) * _FINE

@@ -1,5 +1,5 @@
-"""The viewer: recordings, and episodes that one watches, with a timeline below the kitchen.
+"""Replay viewer: recordings and watched games, with a timeline below the kitchen.
 
-`history` knows what happened in which step, `timeline` draws that and takes clicks; this package's
-own files put both and the window together.
+A `History` holds what happened in each step. The timeline strip draws it and takes clicks. The
+viewer puts history, timeline and window together.
 """

@@ -1,4 +1,4 @@
-"""Where the views that a window shows come from: a server, a game in this process, a recording.
+"""Sources of the views that a window shows: games on a server and games in this process.
 
-None of these draws; time is passed in as a function.
+Sources do not draw. They receive the clock as a function, so tests can control time.
 """

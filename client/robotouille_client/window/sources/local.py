@@ -1,58 +1,73 @@
-"""A game in this process as a window's source."""
+"""Game in this process, with bots as teammates."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import (
-    Ended,
+    ActionRejected,
+    ActionRequest,
+    ChatPosted,
     Episode,
+    EpisodeEnded,
     Event,
     Phase,
-    Rejected,
-    Said,
     Stepped,
 )
 from robotouille.episode.pauses import PauseReason
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.people.wording import Wording
+from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.bots.partners import Decision, Partners
-from robotouille_client.window.sources.blockages import Blockages
-from robotouille_client.window.sources.chat_log import ChatLog
-from robotouille_client.window.sources.feedback import Feedback
+from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
 from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
-from robotouille_client.window.view import GLIDE_SECONDS, PauseView, SeatView, View
-
-__all__ = ["LocalSource"]
+from robotouille_client.window.view import GLIDE_SECONDS, GameSource, PauseView, SeatView, View
 
 THINKS_LONG = 0.5
-"""Seconds after which a bot that was asked is said to think."""
+"""Seconds after which a bot is shown as thinking. Shorter would flicker in every step."""
 
 
-class LocalSource:
-    """An episode in this process; bots play the seats of others.
+@dataclass(frozen=True, slots=True)
+class LocalSeats:
+    """Players of a local game.
 
-    `bots` are their names by player. They decide when they have thought: in real time the game
-    goes on meanwhile, else a step waits for them. `record` is given all that happens, in order.
+    Attributes:
+        me: Player of the person at the window.
+        bots: Names of the bots by player.
+        name: Name of the person.
+    """
+
+    me: str
+    bots: Mapping[str, str]
+    name: str = "you"
+
+
+class LocalSource(GameSource):
+    """Episode in this process, with bots in the other seats.
+
+    Bots decide in their own time. Real-time games go on while they think; the steps of other
+    games wait for them.
+
+    Args:
+        record: Function that receives all events, in order.
     """
 
     def __init__(
         self,
         episode: Episode,
-        me: str,
-        bots: Mapping[str, str],
+        seats: LocalSeats,
         partners: Partners,
         now: Callable[[], float],
         *,
-        name: str = "you",
         record: Callable[[Iterable[Event]], None] | None = None,
         words: Language = NO_WORDS,
     ) -> None:
+        me, bots, name = seats.me, seats.bots, seats.name
         self._episode = episode
         self._me = me
         self._bots = bots
@@ -69,6 +84,7 @@ class LocalSource:
         self._blockages = Blockages(now)
         self._feedback = Feedback(self._chat_log, self._blockages)
         self._previous: State | None = None
+        # The episode expects each player's requests to be numbered, as on a server.
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
         self._step_time = now()
         self._decided = dict.fromkeys(bots, -1)
@@ -78,11 +94,14 @@ class LocalSource:
         for player, bot in bots.items():
             episode.join(player, bot, "bot", now())
         kinds = {seat.player: seat.controller.value for seat in episode.seats.values()}
+        # Planners plan differently with people and in real time, so they must know both first.
         partners.meet(kinds, episode.rules.clock.value)
 
     def view(self) -> View:
         self._episode.tick(self._now())
-        self._take_events()  # A bot decides on a state once it has been told what led to it.
+        # Bots must know what led to a state before they decide on it. Their decisions can take
+        # a step at once, whose events belong in this view.
+        self._take_events()
         self._ask_bots()
         self._take_answers()
         self._take_events()
@@ -110,7 +129,7 @@ class LocalSource:
             status=self._status(),
             outcome=outcome_words(outcome.to_json()) if outcome else "",
             won=outcome is not None and outcome.success,
-            pause=PauseView("Paused", "The game waits for you.") if episode.paused else None,
+            pause=PauseView("Paused", "Take your time.") if episode.paused else None,
             starts_in=self._starts_in(),
             notice=self._chat_log.notice,
             waits_for=self._waits_for(),
@@ -132,24 +151,25 @@ class LocalSource:
         return None if starts_at is None else max(0.0, starts_at - self._now())
 
     def _waits_for(self) -> tuple[str, ...]:
-        """The bots for whose decision a step has waited for a while."""
+        """Return the bots for whose decision the step has been waiting."""
         return tuple(p for p in self._thinking() if p in self._episode.waits_for)
 
     def _thinking(self) -> tuple[str, ...]:
-        """The bots that have been asked for a while."""
+        """Return the bots that have been deciding for a while."""
+        # Most decisions are quicker than this. Showing them all would make the cards flicker.
         since = self._now() - THINKS_LONG
         return tuple(player for player, (_, asked) in self._asked.items() if asked <= since)
 
-    def _hear(self, event: Said) -> None:
+    def _show_speech(self, event: ChatPosted) -> None:
         self._feedback.show_speech(
             event.name, event.player, event.text, self._episode.state, self._wording
         )
         self._partners.hear(event.player, event.text)
 
     def _ask_bots(self) -> None:
-        """Have those decide that may, on a state that they have been told all about. While the game
-        is counted down to, they make their first plans, which take longest."""
+        """Ask the bots that may act for a decision."""
         episode = self._episode
+        # The first plans take longest, so bots start during the countdown.
         if not (episode.running or episode.starts_at is not None):
             return
         for player in self._bots:
@@ -159,19 +179,22 @@ class LocalSource:
                 self._partners.ask(player, episode.state)
 
     def _take_answers(self) -> None:
-        """Do what the bots have decided. What is found too late to be done is asked for anew."""
+        """Submit the decisions of the bots."""
         episode = self._episode
         if not episode.ended:
             self._answers.update((each.player, each) for each in self._partners.answers())
             for player, text in self._partners.spoken():
                 episode.say(self._bots[player], player, text, self._now())
             for text in self._partners.news():
-                self._chat_log.befell(text)
+                self._chat_log.add_game_event(text)
+        # Answers that arrive during the countdown are kept until the game runs.
         if not episode.running:
             return
         for player in list(self._answers):
             decision, (asked_at, _) = self._answers.pop(player), self._asked.pop(player)
             late, action = asked_at < episode.step, decision.action
+            # A late decision still counts if its action is valid: dropping every late one would
+            # leave slow planners idle in real time. Otherwise the bot is asked again.
             if not late or (action and episode.world.applicable(episode.state, action)):
                 self._decided[player] = episode.step
                 self._submit(player, action, waits=decision.waits)
@@ -179,7 +202,9 @@ class LocalSource:
     def _submit(self, player: str, action: GroundAction | None, *, waits: bool = False) -> None:
         self._seq[player] += 1
         try:
-            self._episode.submit(player, self._seq[player], action, self._now(), waits=waits)
+            self._episode.submit(
+                player, ActionRequest(self._seq[player], action, waits=waits), self._now()
+            )
         except ProtocolError as error:
             self._chat_log.rejected(player, only_words(error.message))
 
@@ -191,6 +216,7 @@ class LocalSource:
             match event:
                 case Stepped():
                     self._previous, self._step_time = event.before, self._now()
+                    # Lost races are not reported as rejections, but they show who is in the way.
                     for move, attempt in zip(event.moves, event.attempts, strict=True):
                         self._blockages.refused(move.player, attempt.unmet, event.state)
                     did = [
@@ -199,21 +225,22 @@ class LocalSource:
                     ]
                     self._blockages.stepped(did, event.waits, event.state)
                     self._partners.observe(did)
-                case Rejected():
+                case ActionRejected():
                     why = event.player, event.action, event.unmet
-                    self._feedback.show_refusal(*why, self._episode.state, self._wording)
-                case Said():
-                    self._hear(event)
-                case Ended():
+                    self._feedback.show_rejection(*why, self._episode.state, self._wording)
+                case ChatPosted():
+                    self._show_speech(event)
+                case EpisodeEnded():
                     self._step_time = self._now()
                 case _:
                     pass
 
-    def stand_still(self, still: bool) -> None:
-        """Let no time pass while the owner is asked something, where a clock would go on."""
+    def pause(self, paused: bool) -> None:
+        """Pause or resume the game's clock, e.g. while the player reads the help."""
+        # Without a clock, the game waits for the player anyway.
         if not self._episode.rules.scheduled:
             return
-        change = self._episode.pause if still else self._episode.resume
+        change = self._episode.pause if paused else self._episode.resume
         change(PauseReason.PLAYER, self._now())
 
     def act(self, action: GroundAction) -> None:
@@ -227,7 +254,7 @@ class LocalSource:
 
     @property
     def outcome(self) -> dict[str, Any] | None:
-        """How the game ended, once it has, as recordings tell it."""
+        """The outcome, as in recordings; None while the game runs."""
         outcome = self._episode.outcome
         return outcome.to_json() if outcome else None
 

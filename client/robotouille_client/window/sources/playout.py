@@ -1,7 +1,7 @@
-"""When the steps of a game in real time are shown: evenly, though they arrive unevenly.
+"""Smooth playback of real-time steps that arrive at irregular times.
 
-A step is shown as long after the quickest one of late as most of them need; one that takes longer
-is caught up with. What is shown never goes back, and skips nothing but a long silence.
+Each step is shown a fixed delay after the time at which the fastest recent messages would have
+arrived. The delay is long enough for 90 % of the messages. Late steps are caught up with.
 """
 
 from __future__ import annotations
@@ -14,29 +14,27 @@ from typing import Any
 from robotouille.episode import Clock
 from robotouille.world.world import State
 
-__all__ = ["MAX_DELAY", "MAX_RATE", "Playout", "ShownStep", "real_time_rate"]
-
 MAX_DELAY = 0.25
-"""Seconds for which a step is held back at most, so that others may come later than it did."""
+"""Longest delay of a step in seconds. More would make the player's own actions feel slow."""
 IN_TIME = 0.9
-"""The share of the steps that are to be in time."""
+"""Share of the steps that should arrive before they are due."""
 REMEMBERED = 50
-"""Steps whose arrival says how even the line is."""
+"""Number of recent arrivals from which the delay is computed."""
 SILENCE = 1.0
-"""Seconds after which a step that is late says that the server's clock has stood still."""
+"""Lateness in seconds from which the server's clock is assumed to have stopped for a while."""
 MAX_BEHIND = 1.5
-"""Seconds of steps that are caught up with; what is further back is not shown."""
+"""Largest backlog in seconds that is caught up with; an older one is skipped."""
 SETTLING = 0.3
-"""Seconds in which most of a difference to where the picture ought to be is made up."""
+"""Time constant in seconds for correcting the shown position."""
 MIN_RATE, MAX_RATE = 0.5, 2.0
-"""Of steps that are shown to steps that are taken."""
+"""Limits of the playback speed."""
 SLOWEST, FASTEST = 1e-4, 1e4
-"""Steps a second of a clock that can be shown; the rules allow fewer."""
+"""Step rates that can be shown. The rules also allow rates outside these limits."""
 
 
 @dataclass(frozen=True, slots=True)
 class ShownStep:
-    """A step, its states, and how much of its period has passed on the screen."""
+    """Step with its states, and the part of its time that has passed on the screen."""
 
     step: int
     state: State
@@ -45,7 +43,7 @@ class ShownStep:
 
 
 class Playout:
-    """The steps that are still to be shown, and how far one is.
+    """Queue of steps to show, and the current position in it.
 
     Args:
         period: Seconds from one step to the next.
@@ -56,15 +54,16 @@ class Playout:
         self._steps: deque[ShownStep] = deque()
         self._offsets: deque[float] = deque(maxlen=REMEMBERED)
         self._position = 0.0
-        self._looked = 0.0
+        self._updated = 0.0
 
     @property
     def position(self) -> float:
-        """Where one is: the step that is shown, and the share of it that has passed."""
+        """Current position in steps; the fraction is the part of the step that has passed."""
         return self._position
 
     def add(self, step: int, state: State, previous: State | None) -> None:
-        """A step is known; without the state before it, it is shown at once."""
+        """Add a step. Without the state before it, the step is shown at once."""
+        # A snapshot or a gap leaves no states to animate between.
         if self._steps and (previous is None or step != self._steps[-1].step + 1):
             self._steps.clear()
         if not self._steps:
@@ -73,48 +72,58 @@ class Playout:
         self._steps.append(ShownStep(step, state, previous))
 
     def arrived(self, step: int, at: float) -> None:
-        """When a step arrived, in seconds."""
+        """Record when a step arrived, in seconds."""
         offset = at - step * self._period
+        # A server that was paused or overloaded runs late from then on. The old offsets would
+        # make every later step look late, so start measuring again.
         if self._offsets and offset - min(self._offsets) > SILENCE:
             self._offsets.clear()
         if not self._offsets:
-            self._looked = max(self._looked, at)
+            self._updated = max(self._updated, at)
         self._offsets.append(offset)
 
     def at(self, now: float) -> ShownStep | None:
-        """What is to be shown now; None before anything is known."""
+        """Return what to show now; None before the first step."""
         if not self._steps:
             return None
-        self._go_on(now)
+        self._advance(now)
         while len(self._steps) > 1 and self._steps[1].step <= self._position:
             self._steps.popleft()
         shown = self._steps[0]
+        # The position may run past the newest step while the next one is late; its picture waits.
         phase = min(1.0, max(0.0, self._position - shown.step))
         return ShownStep(shown.step, shown.state, shown.previous, phase)
 
-    def _go_on(self, now: float) -> None:
-        passed, self._looked = max(0.0, now - self._looked), max(self._looked, now)
+    def _advance(self, now: float) -> None:
+        passed, self._updated = max(0.0, now - self._updated), max(self._updated, now)
         if not self._offsets:
             return
         end = self._steps[-1].step + 1.0
-        ought = min(end, (now - self._quickest_and_delay()) / self._period)
-        behind = (ought - self._position) * self._period
+        target = min(end, (now - self._zero_time()) / self._period)
+        behind = (target - self._position) * self._period
+        # After a long gap, replaying everything would show the past for many seconds.
         if behind - passed > MAX_BEHIND:
-            self._position = ought
+            self._position = target
             return
+        # A rate proportional to the error closes it smoothly. The minimum keeps the picture
+        # moving forward even if it is ahead, because walking backwards would look wrong.
         rate = min(MAX_RATE, max(MIN_RATE, 1.0 + (behind - passed) / SETTLING))
         self._position = min(end, self._position + passed / self._period * rate)
 
-    def _quickest_and_delay(self) -> float:
-        """When step 0 is shown: as the quickest would have arrived, and the delay after it."""
+    def _zero_time(self) -> float:
+        """Return when step 0 is due: the fastest arrival plus the delay."""
+        # The fastest message saw the least queueing, so it measures the clock best. A quantile
+        # instead of the maximum keeps a single slow message from delaying the whole game.
         offsets = sorted(self._offsets)
         most = offsets[min(len(offsets) - 1, round(IN_TIME * len(offsets)))]
         return offsets[0] + min(MAX_DELAY, most - offsets[0])
 
 
 def real_time_rate(rules: Mapping[str, Any]) -> float | None:
-    """The steps a second of a game with some rules; None where its steps wait for decisions, or
-    where nobody could show so many or so few."""
+    """Return the steps per second of a real-time game.
+
+    Return None if steps wait for decisions, or if the rate cannot be shown.
+    """
     rate = rules.get("step_rate") if rules.get("clock") == Clock.REALTIME else None
     if isinstance(rate, int | float) and SLOWEST <= rate <= FASTEST:
         return float(rate)

@@ -1,4 +1,4 @@
-"""An episode on a server as a window's source."""
+"""Game on a server."""
 
 from __future__ import annotations
 
@@ -10,22 +10,20 @@ from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.people.wording import Wording
+from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import (
+    ActRejected,
     Announced,
-    Changed,
+    ChatReceived,
+    ChatRejected,
+    GameEnded,
     GameEvent,
-    Heard,
-    NotSaid,
-    Over,
-    Refused,
     RosterChanged,
+    StateChanged,
 )
-from robotouille_client.window.sources.blockages import Blockages
-from robotouille_client.window.sources.chat_log import ChatLog
-from robotouille_client.window.sources.feedback import Feedback
+from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
 from robotouille_client.window.sources.playout import Playout, ShownStep, real_time_rate
 from robotouille_client.window.sources.texts import (
     clock_words,
@@ -41,6 +39,7 @@ from robotouille_client.window.sources.texts import (
 from robotouille_client.window.view import (
     GLIDE_SECONDS,
     FarewellView,
+    GameSource,
     LobbyRow,
     LobbyView,
     PauseView,
@@ -48,38 +47,44 @@ from robotouille_client.window.view import (
     View,
 )
 
-__all__ = ["RemoteSource"]
-
 
 class _Countdown:
-    """Counts on between the messages that tell how long a pause lasts."""
+    """Countdown of a pause, which runs on between the server's messages."""
 
     def __init__(self) -> None:
-        self._told: messages.Pause | None = None
+        self._last: messages.Pause | None = None
         self._until = 0.0
         self._whole = 0.0
 
     def left(self, pause: messages.Pause, now: float) -> float | None:
-        """The seconds until a pause ends by itself; None if it does not."""
-        if pause is not self._told:
-            begun_anew = self._told is None or self._told.reason != pause.reason
-            self._told, self._until = pause, now + (pause.left or 0.0)
-            self._whole = max(0.0 if begun_anew else self._whole, pause.left or 0.0)
+        """Return the seconds until the pause ends by itself; None if it has no limit."""
+        if pause is not self._last:
+            # The server repeats the message as the rest gets shorter. Only a new reason starts a
+            # new countdown; otherwise the bar would jump back to full.
+            new = self._last is None or self._last.reason != pause.reason
+            self._last, self._until = pause, now + (pause.left or 0.0)
+            self._whole = max(0.0 if new else self._whole, pause.left or 0.0)
         return None if pause.left is None else max(0.0, self._until - now)
 
     def share(self, left: float | None) -> float:
-        """What is left of the whole wait, from 1 down to 0."""
+        """Return the part of the whole wait that is left, from 1 to 0."""
         if left is None or self._whole <= 0.0:
             return 1.0
         return min(1.0, left / self._whole)
 
-    def over(self) -> None:
-        """The game goes on; another pause has a countdown of its own."""
-        self._told = None
+    def reset(self) -> None:
+        """Forget the pause, so that the next one starts a new countdown."""
+        self._last = None
 
 
-class RemoteSource:
-    """An episode on a server, through a `Game`; `observe` is told of each event."""
+class RemoteSource(GameSource):
+    """Episode on a server.
+
+    Args:
+        connected: Function that returns whether there is a connection.
+        language: Words for actions and things; None for the domain's own.
+        observe: Function that receives each event.
+    """
 
     def __init__(
         self,
@@ -141,17 +146,17 @@ class RemoteSource:
         for event in game.poll():
             self._observe(event)
             match event:
-                case Changed():
+                case StateChanged():
                     self._take_step(event)
                     self._show_rejections(event)
                     self._blockages.stepped(event.did, event.waits, event.state)
-                case Refused() if game.seat:
+                case ActRejected() if game.seat:
                     why = game.seat, event.action, event.unmet
-                    self._feedback.show_refusal(*why, game.state, self._wording)
-                case Heard():
+                    self._feedback.show_rejection(*why, game.state, self._wording)
+                case ChatReceived():
                     said = speaker(event.name, event.seat), event.seat, event.text
                     self._feedback.show_speech(*said, game.state, self._wording)
-                case NotSaid():
+                case ChatRejected():
                     self._chat_log.happened(event.reason)
                 case RosterChanged():
                     for news in comings_and_goings(self._seats, event.seats, game.seat):
@@ -159,39 +164,39 @@ class RemoteSource:
                     self._seats = event.seats
                 case Announced():
                     self._chat_log.announced(event.text)
-                case Over() if not event.outcome:
+                case GameEnded() if not event.outcome:
                     self._farewell = farewell(event.code, event.reason)
                 case _:
                     pass
 
     @property
     def _wording(self) -> Wording:
-        """The words for who plays the seat."""
         game = self._game
         if self._language is None:
             self._language = language_of(game.world.task)
+        # Names change with each roster, so only the language is kept.
         names = {s.player: s.name for s in game.seats if s.name and s.player != game.seat}
         return Wording(game.world, self._language, game.seat, names)
 
     def _seat(self, seat: SeatInfo) -> SeatView:
-        by_bot = seat.controller == Controller.STAND_IN
-        stand_in = str(self._game.clock.get("stand_in", "bot")) if by_bot else ""
+        by_bot = seat.controller == Controller.SUBSTITUTE
+        substitute = str(self._game.clock.get("substitute", "bot")) if by_bot else ""
         return SeatView(
-            seat.player, seat.name, seat.kind, seat.present, seat.acted, seat.rejected, stand_in,
+            seat.player, seat.name, seat.kind, seat.present, seat.acted, seat.rejected, substitute,
             seat.latency_ms,
         )  # fmt: skip
 
     def _pause(self) -> PauseView | None:
         game = self._game
         if game.pause is None or not game.paused or game.ended:
-            self._countdown.over()
+            self._countdown.reset()
             return None
         left = self._countdown.left(game.pause, self._now())
         why, detail = pause_words(game.pause.reason, game.seats, left)
         return PauseView(why, detail, left, self._countdown.share(left))
 
     def _lobby(self) -> LobbyView | None:
-        """Who is here before the beginning, and who is ready; oneself first."""
+        """Return the seats of a game that has not started, with the player's own first."""
         game = self._game
         if game.phase != "waiting" or game.ended:
             return None
@@ -202,29 +207,32 @@ class RemoteSource:
         return LobbyView(tuple(rows), game.is_ready if own else None, game.code)
 
     def _starts_in(self) -> float | None:
-        """The seconds until the game begins, while that is counted down to."""
+        """Return the seconds of the countdown to the start; None without a countdown."""
         starts_at = self._game.starts_at
         waiting = starts_at is not None and self._game.phase == "waiting" and self._connected()
         return max(0.0, starts_at - self._now()) if starts_at is not None and waiting else None
 
     def _offline(self) -> float | None:
-        """For how many seconds the connection has been away."""
+        """Return for how many seconds the connection has been lost; None while connected."""
         if self._connected() or self._game.ended:
             self._lost_at = None
             return None
+        # The client reconnects by itself; the seconds show that it keeps trying.
         now = self._now()
         if self._lost_at is None:
             self._lost_at = now
         return now - self._lost_at
 
-    def _show_rejections(self, event: Changed) -> None:
+    def _show_rejections(self, event: StateChanged) -> None:
+        # The action was valid when it was sent, and another player's action came first.
         for player, action, applied in event.did:
             if not applied:
                 does = self._wording.action(action, event.state)
                 self._chat_log.rejected(player, only_words(f"too late to {does}"))
 
-    def _take_step(self, event: Changed) -> None:
-        """A step, or a state out of turn, has come."""
+    def _take_step(self, event: StateChanged) -> None:
+        """Queue a new step or snapshot to be shown."""
+        # Without a clock there is nothing to smooth. A rate the screen cannot show counts as none.
         period = self._period()
         self._shown = ShownStep(event.step, event.state, event.previous)
         if period is None:
@@ -232,28 +240,31 @@ class RemoteSource:
         if self._playout is None:
             self._playout = Playout(period)
         self._playout.add(event.step, event.state, event.previous)
+        # `step_time` is known only for the newest step. After a frame that took long, several
+        # steps are taken at once, and older ones would count as late.
         if event.step == self._game.step:
             self._playout.arrived(event.step, self._game.step_time)
 
     def _moment(self) -> ShownStep:
-        """What is to be seen now: in real time evenly, else the newest step as it came."""
+        """Return what to show now: smoothed in real time, else the newest step."""
         moment = self._playout.at(self._now()) if self._playout is not None else None
         if moment is not None:
             return moment
+        # Steps that wait for decisions have no even pace, so each is shown when it arrives.
         game, newest = self._game, self._shown
         elapsed = self._now() - game.step_time
         phase = min(1.0, max(0.0, elapsed / (self._period() or GLIDE_SECONDS)))
         return ShownStep(game.step, game.state, newest.previous if newest else None, phase)
 
     def _period(self) -> float | None:
-        """The seconds of a step, if a clock says so."""
+        """Return the seconds of a step; None if the clock has no fixed one."""
         rate = real_time_rate(self._game.clock)
         return None if rate is None else 1 / rate
 
     def _status(self) -> str:
         game = self._game
         if game.ended:
-            return "Out of the game" if not game.outcome else ""
+            return "You're out of the game" if not game.outcome else ""
         if not self._connected():
             return "Connection lost"
         if game.paused:
@@ -265,6 +276,7 @@ class RemoteSource:
         return ""
 
     def act(self, action: GroundAction) -> None:
+        # While offline, actions would pile up and run late after the reconnection.
         if self._game.running and self._connected():
             self._game.submit(action)
 
@@ -272,12 +284,13 @@ class RemoteSource:
         self._game.say(text)
 
     def be_ready(self, ready: bool) -> None:
+        # Spectators have no seat to get ready for, and send the server nothing.
         if self._game.own_seats:
             self._game.ready(ready)
 
     @property
     def outcome(self) -> Mapping[str, Any] | None:
-        """How the game ended, once it has and the server has said so."""
+        """The outcome, once the server has sent it."""
         return self._game.outcome
 
     @property

@@ -1,98 +1,132 @@
-"""Why a game stands still or is over for somebody, in words."""
+"""Texts for tasks, outcomes, pauses and participants."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from robotouille.domain.loading import load_task, task_names
 from robotouille.episode import Reason
-from robotouille.world.people.templates import capitalised
+from robotouille.errors import RobotouilleError
+from robotouille.world.presentation.places import capitalised
 from robotouille_client.window.view import FarewellView
 
-if TYPE_CHECKING:  # A game in this process has no messages, which take long to import.
+if TYPE_CHECKING:
     from robotouille.protocol.messages import SeatInfo
 
-__all__ = [
-    "clock_words",
-    "comings_and_goings",
-    "farewell",
-    "joined_names",
-    "outcome_words",
-    "path_words",
-    "pause_words",
-    "rate_words",
-    "readiness",
-    "speaker",
-    "waiting_words",
-    "won",
-]
+
+def task_title(name: str) -> str:
+    """Return `Multi agent 01: lettuce burger` for `multi_agent/01_lettuce_burger`."""
+    folder, file, variant = _parts(name)
+    number, _, dish = file.partition("_")
+    words = _goal(name) if _is_family(dish) else dish
+    title = f"{folder} {number}: {words}".replace("_", " ").strip(" :").capitalize()
+    return f"{title}, {variant}" if variant else title
+
+
+def dish_title(name: str, goal: str) -> str:
+    """Return the dish, such as `Lettuce burger`, or the goal of a file named after a family."""
+    file = name.rpartition("/")[2]
+    number, _, words = file.partition("_")
+    dish = words if number.isdigit() and words else file
+    return goal.rstrip(".") if _is_family(dish) else dish.replace("_", " ").capitalize()
+
+
+def family_title(name: str) -> str:
+    """Return `Multi agent` for `multi_agent/01_lettuce_burger`."""
+    return name.rpartition("/")[0].replace("_", " ").capitalize()
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    """Split `multi_agent/06_soup/free-42` into `multi_agent`, `06_soup` and `free-42`."""
+    parts = name.split("/")
+    numbered = (i for i, part in enumerate(parts) if part.partition("_")[0].isdigit())
+    at = next(numbered, len(parts) - 1)
+    return "/".join(parts[:at]), parts[at], "/".join(parts[at + 1 :])
+
+
+def _is_family(dish: str) -> bool:
+    # `training/01_synchronous` names its family instead of a dish.
+    return any(name.startswith(f"{dish}/") for name in task_names())
+
+
+# The list of tasks asks for every title whenever it is drawn, and loading a task is slow.
+@lru_cache(maxsize=64)
+def _goal(name: str) -> str:
+    try:
+        return load_task(name).goal_description.rstrip(".")
+    except (RobotouilleError, OSError):
+        return ""
+
 
 REASONS = {
     "goal": "Goal reached",
     "step_limit": "Out of steps",
-    "abandoned": "Given up",
+    "abandoned": "Abandoned",
     "aborted": "Stopped",
 }
 
 FAREWELLS = {
     "session/elsewhere": FarewellView(
-        "This seat is now played from another window",
-        "Only the newer window plays on.",
+        "You are playing in another window",
+        "Only the newer window can play this seat.",
     ),
-    "server/stopped": FarewellView("The server was stopped", "The game cannot go on here."),
+    "server/stopped": FarewellView("The server has stopped", "This game can't continue."),
     "rate/limited": FarewellView(
-        "The server closed the connection", "It got far too many messages."
+        "The server closed the connection", "It received too many messages from this window."
     ),
     "protocol/version": FarewellView(
-        "The server is of another version",
-        "It was replaced during the game. Update this program, then join again with the code.",
+        "The server has a different version",
+        "It was updated during the game. Update Robotouille, then join again with the code.",
     ),
     "episode/unknown": FarewellView(
-        "The server does not know this game any more",
-        "It was started anew without it, or the game was over long ago. Open or join another one.",
+        "The server no longer has this game",
+        "It was restarted, or the game ended a while ago. Open or join another kitchen.",
     ),
-    "episode/over": FarewellView(
-        "The game is over", "It ended while the connection was lost. Open or join another one."
+    "episode/ended": FarewellView(
+        "The game is over", "It ended while you were disconnected. Open or join another kitchen."
     ),
     "seat/taken": FarewellView(
-        "Somebody else has your seat",
-        "The connection was lost for too long. You can watch the game with its code.",
+        "Someone else took your seat",
+        "You were disconnected for too long. You can still watch with the code.",
     ),
     "episode/full": FarewellView(
-        "All seats are taken by now",
-        "The connection was lost for too long. You can watch the game with its code.",
+        "All seats are taken",
+        "You were disconnected for too long. You can still watch with the code.",
     ),
     **dict.fromkeys(
         ("auth/required", "auth/revoked", "auth/expired", "auth/invalid", "auth/role"),
         FarewellView(
-            "The server does not let you in any more", "Ask whoever invited you for a new token."
+            "The server no longer accepts your token",
+            "Ask the person who invited you for a new one.",
         ),
     ),
 }
 UNREADABLE = FarewellView(
-    "What the server sends cannot be read",
-    "It may be of another version, or no server of Robotouille. Update this program, or ask whoever"
-    " runs the server.",
+    "Can't understand the server",
+    "It may have a different version, or not be a Robotouille server. Update Robotouille or ask"
+    " the server's operator.",
 )
 
 
 def outcome_words(outcome: Mapping[str, object]) -> str:
-    """`Goal reached in 31 steps`."""
-    told = str(outcome.get("reason", "over"))
-    reason, link = REASONS.get(told, told), "in" if told == "goal" else "after"
+    """Return an outcome in words, such as `Goal reached in 31 steps`."""
+    code = str(outcome.get("reason", "ended"))
+    reason, link = REASONS.get(code, code), "in" if code == "goal" else "after"
     detail = f": {outcome['detail']}" if outcome.get("detail") else ""
     return f"{reason} {link} {outcome.get('steps', 0)} steps{detail}"
 
 
 def won(outcome: Mapping[str, object] | None) -> bool:
-    """Whether a game has ended with its goal reached."""
+    """Return whether the game ended with its goal reached."""
     return outcome is not None and outcome.get("reason") == Reason.GOAL
 
 
 def clock_words(clock: str, rules: Mapping[str, Any]) -> str:
-    """`real time, 5 steps a second`."""
+    """Return a clock in words, such as `real time, 5 steps a second`."""
     if clock == "realtime" and "step_rate" in rules:
         return f"real time, {rate_words(rules['step_rate'])}"
     budget = rules.get("move_budget")
@@ -100,12 +134,12 @@ def clock_words(clock: str, rules: Mapping[str, Any]) -> str:
 
 
 def rate_words(rate: float) -> str:
-    """`5 steps a second`."""
+    """Return a step rate in words, such as `5 steps a second`."""
     return f"{rate:g} step{'' if rate == 1 else 's'} a second"
 
 
 def path_words(path: Path) -> str:
-    """A path as its owner knows it: what is in their own folder begins with `~`."""
+    """Return a path, with `~` for the home folder."""
     try:
         return str(Path("~") / path.absolute().relative_to(Path.home()))
     except (ValueError, RuntimeError):
@@ -113,44 +147,52 @@ def path_words(path: Path) -> str:
 
 
 def farewell(code: str, reason: str) -> FarewellView:
-    """Why the owner of a window is out of a game that may go on without: by the code of the
-    server's `bye`, else in the server's own words."""
+    """Return why the player was removed from a game that may go on.
+
+    The text depends on the code of the server's `bye` message. For unknown codes it is the
+    server's own reason.
+    """
+    # A text of our own says what the player can do next; the server's reason does not.
     known = FAREWELLS.get(code)
     if known is not None:
         return known
+    # The client itself ends the game with these codes if it cannot read a message.
     if code.startswith(("message/", "state/")):
         return UNREADABLE
     words = reason.strip() or "the connection was closed"
     ending = "" if words[-1] in ".!?" else "."
-    return FarewellView("You are out of this game", f"{capitalised(words)}{ending}")
+    return FarewellView("You're out of the game", f"{capitalised(words)}{ending}")
 
 
 def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> tuple[str, str]:
-    """Why a game stands still, and what it waits for, with the seconds that are left."""
+    """Return the reason for a pause and what ends it, with the seconds that are left."""
     away = [seat.name for seat in seats if seat.name and not seat.present]
     waiting = "Waiting" if left is None else f"Waiting {ceil(left)} s"
+    ending = "The game ends soon" if left is None else f"The game ends in {ceil(left)} s"
     match reason:
         case "absence":
-            return _who_is_missing(away, list(seats)), f"{waiting}, then the game ends."
+            verb = "comes" if len(away) == 1 else "come"
+            unless = f"{joined_names(away)} {verb} back" if away else "someone takes the seat"
+            return _who_is_missing(away, list(seats)), f"{ending} unless {unless}."
         case "restart":
             whom = joined_names(away) or "the others"
-            return "The server was restarted", f"{waiting} for {whom}."
+            return "The server restarted", f"{waiting} for {whom}."
         case "operator":
-            return "Paused by the operator", "The game goes on when the operator says so."
+            return "Paused by the operator", "The operator will resume the game."
         case "player":
-            return "Paused by the player", "The game goes on when the player does."
+            return "Paused by the player", "The player will resume the game."
         case "storage":
             return (
-                "The recording cannot be written",
-                "Nothing is lost: the game goes on as soon as the server can write again.",
+                "The recording can't be saved",
+                "Nothing is lost. The game resumes as soon as the server can save again.",
             )
         case "deserted":
-            return "Everybody is away", f"{waiting}, then the game ends."
-    return "The game stands still", f"{reason}. {waiting}."
+            return "Everyone is away", f"{ending}."
+    return "Paused", f"{capitalised(reason)}. {waiting}."
 
 
 def readiness(seat: SeatInfo) -> Literal["ready", "here", "away", "free"]:
-    """How far a seat is before the beginning."""
+    """Return the state of a seat before the start."""
     if not seat.name:
         return "free"
     if not seat.present:
@@ -159,58 +201,58 @@ def readiness(seat: SeatInfo) -> Literal["ready", "here", "away", "free"]:
 
 
 def waiting_words(seats: Iterable[SeatInfo], starts_in: float | None, me: str | None = None) -> str:
-    """What a game that has not begun waits for."""
+    """Return what a game that has not started is waiting for."""
     if starts_in is not None:
-        return f"Starts in {ceil(starts_in)}" if starts_in > 0 else "Starts now"
+        return f"Starting in {ceil(starts_in)}" if starts_in > 0 else "Go!"
     seats = list(seats)
     if any(seat.player == me and not seat.ready for seat in seats):
-        return "Waiting until you are ready"
+        return "Waiting for you to get ready"
     away = [seat.name for seat in seats if seat.name and not seat.present]
     free = sum(not seat.name for seat in seats)
     more = [f"{free} more player{'s' * (free != 1)}"] if free else []
     unready = [seat.name for seat in seats if readiness(seat) == "here"]
     if unready and not (away or more):
-        return f"Waiting until {joined_names(unready)} {'is' if len(unready) == 1 else 'are'} ready"
+        return f"Waiting for {joined_names(unready)} to get ready"
     return f"Waiting for {joined_names([*away, *more]) or 'the others'}"
 
 
 def comings_and_goings(
     before: Iterable[SeatInfo], now: Iterable[SeatInfo], me: str | None
 ) -> list[str]:
-    """Who has come and gone between two rosters, but for oneself."""
+    """Return a line for each change between two rosters, without the player's own seat."""
     known = {seat.player: seat for seat in before}
-    told = []
+    lines = []
     for seat in now:
         old = known.get(seat.player)
         if old is None or seat.player == me:
             continue
         if old.name and old.name != seat.name:
-            told.append(f"{old.name} has left")
+            lines.append(f"{old.name} left")
         if seat.name and old.name != seat.name:
-            told.append(f"{seat.name} joins")
+            lines.append(f"{seat.name} joined")
         elif seat.name and old.present != seat.present:
-            told.append(f"{seat.name} is back" if seat.present else f"{seat.name} is away")
+            lines.append(f"{seat.name} is back" if seat.present else f"{seat.name} is away")
         elif seat.name and seat.ready and not old.ready:
-            told.append(f"{seat.name} is ready")
+            lines.append(f"{seat.name} is ready")
         elif seat.name and old.ready and not seat.ready:
-            told.append(f"{seat.name} is not ready any more")
-    return told
+            lines.append(f"{seat.name} is no longer ready")
+    return lines
 
 
 def speaker(name: str, seat: str) -> str:
-    """Who has said something: `Bob`, or, of one without a seat, `Bob (watching)`."""
+    """Return the name of a speaker, such as `Bob`, or `Bob (watching)` without a seat."""
     return name if seat else f"{name} (watching)"
 
 
 def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:
     if len(away) == 1:
-        return f"{away[0]}'s connection is lost"
+        return f"{away[0]} lost the connection"
     if away:
-        return f"{joined_names(away)} have lost their connections"
+        return f"{joined_names(away)} lost the connection"
     free = [seat.player for seat in seats if not seat.name]
-    return f"Nobody plays {joined_names(free) or 'a seat'}"
+    return f"Nobody is playing {joined_names(free) or 'a seat'}"
 
 
 def joined_names(names: list[str]) -> str:
-    """`Ada, Ben and Cem`."""
+    """Return names as a list, such as `Ada, Ben and Cem`."""
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))

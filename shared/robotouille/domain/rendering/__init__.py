@@ -1,8 +1,8 @@
-"""Rendering files: which picture shows what, and what people call it."""
+"""Rendering files: which picture shows which object, and what people call it."""
 
 from __future__ import annotations
 
-from robotouille.domain.rendering.art import Art, Effect, Facings, Trait
+from robotouille.domain.rendering.art import Art, Facings, ParticleEffect, Trait
 from robotouille.domain.rendering.rendering_file import (
     NO_WORDS,
     RENDERING_FILES,
@@ -26,11 +26,11 @@ __all__ = [
     "ActionWords",
     "Art",
     "Constants",
-    "Effect",
     "Entity",
     "Facings",
     "KindName",
     "Language",
+    "ParticleEffect",
     "PlaceWords",
     "PredicateWords",
     "RenderingFile",

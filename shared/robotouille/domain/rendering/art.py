@@ -1,4 +1,4 @@
-"""What rendering files are made of: pictures with their conditions, players, effects."""
+"""Parts of rendering files: pictures with conditions, players' pictures and particle effects."""
 
 from __future__ import annotations
 
@@ -10,20 +10,15 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from robotouille.domain.schema import Schema
 
-__all__ = [
-    "SIDES", "Art", "Effect", "Facings", "Fact", "FileName", "Ratio", "Trait", "as_listed",
-    "as_named", "as_pictured",
-]  # fmt: skip
-
 FileName = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
 Ratio = Annotated[float, Field(ge=-4, le=4, allow_inf_nan=False)]
 SIDES = ("front", "back", "left", "right")
 Fact = tuple[str, ...]
-"""A predicate's name, then the kinds of its arguments."""
+"""Predicate name, then the kinds of the arguments."""
 
 
 class Trait(Schema):
-    """A condition on what is drawn; without `params` the fact is about the thing alone.
+    """Condition of a picture. Without `params` the fact is about the object alone.
 
     An empty parameter stands for any kind.
     """
@@ -32,6 +27,7 @@ class Trait(Schema):
     params: tuple[Annotated[str, Field(max_length=64)], ...] = ()
 
     def holds(self, own: Collection[str], related: Collection[Fact]) -> bool:
+        """Return whether the condition holds for an object's own predicates and related facts."""
         if not self.params:
             return self.name in own
         return any(self._matches(fact) for fact in related)
@@ -57,14 +53,17 @@ def as_listed(raw: Any) -> Any:
 
 
 class Art(BaseModel):
-    """A picture with the predicates under which it is chosen, or a group of such by name.
+    """Picture with the conditions under which it is chosen, or a group of pictures by name.
 
-    In a file a bare string is a picture without conditions. Among the pictures of a group whose
-    predicates hold, the one with the most predicates is shown. `during` are actions of which one
-    must be in progress with the thing; together they count as one predicate. `stages` are shown in
-    the place of `asset` while that goes on, one after the other. `effects` leave the thing for as
-    long as it looks like this. `tile` (published dialect) names a letter of a tileset
-    instead of a picture.
+    In a file, a bare string is a picture without conditions. Of a group's pictures whose conditions
+    hold, the one with the most conditions is shown.
+
+    Attributes:
+        during: Actions in progress with the object. At least one is needed; together they count as
+            one condition.
+        stages: Pictures that replace `asset`, one after the other, while that action goes on.
+        effects: Particle effects of the object while this picture is shown.
+        tile: Letter of a tileset in place of a picture (published dialect).
     """
 
     model_config = ConfigDict(frozen=True, extra="allow")
@@ -83,7 +82,7 @@ class Art(BaseModel):
             raise ValueError(f"a picture with 'asset' cannot hold others ({', '.join(self.named)})")
         for field in ("predicates", "during", "stages", "effects"):
             if self.asset is None and getattr(self, field):
-                raise ValueError(f"{field!r} needs an 'asset' beside it")
+                raise ValueError(f"{field!r} needs an 'asset' next to it")
         if self.stages and not self.during:
             raise ValueError("'stages' need 'during': the actions that they are stages of")
         if self.asset is None and not self.named and self.tile is None:
@@ -92,20 +91,17 @@ class Art(BaseModel):
 
     @property
     def named(self) -> dict[str, Art]:
-        """The members of a group, as in the file."""
+        """Members of a group, as in the file."""
         return self.__pydantic_extra__ or {}
 
     def choose(self, own: Collection[str], related: Collection[Fact] = ()) -> str | None:
-        """The picture for a thing of which `own` predicates and `related` facts hold."""
+        """Return the picture for an object with these predicates and facts."""
         return self.chosen(own, related).asset
 
     def chosen(
-        self,
-        own: Collection[str],
-        related: Collection[Fact] = (),
-        doing: Collection[str] = (),
+        self, own: Collection[str], related: Collection[Fact] = (), doing: Collection[str] = ()
     ) -> Art:
-        """The same with all that belongs to it; the actions of `doing` are in progress."""
+        """Return the chosen picture with all its fields, while the actions `doing` go on."""
         best, most = self, -1
         for art in self.named.values():
             count = len(art.predicates) + bool(art.during)
@@ -118,20 +114,20 @@ class Art(BaseModel):
         return best
 
     def at(self, doing: Mapping[str, float]) -> str | None:
-        """The picture to show while actions are in progress, each with the share that is done."""
+        """Return the picture to show during actions, given the share of each that is done."""
         if not self.stages:
             return self.asset
         share = max((doing[action] for action in self.during if action in doing), default=0.0)
         return self.stages[max(0, min(ceil(share * len(self.stages)), len(self.stages)) - 1)]
 
     def parts(self, place: str) -> Iterator[tuple[str, Art]]:
-        """It and all that it holds, each with its place in the file."""
+        """Yield this picture and all that it holds, each with its place in the file."""
         yield place, self
         for name, art in self.named.items():
             yield from art.parts(f"{place}.{name}")
 
     def pictures(self, place: str) -> Iterator[tuple[str, str]]:
-        """Every picture that may be chosen, with its place in the file."""
+        """Yield every picture that may be chosen, with its place in the file."""
         if self.asset is not None:
             yield place, self.asset
         for i, stage in enumerate(self.stages):
@@ -141,7 +137,7 @@ class Art(BaseModel):
 
 
 class Sides(Schema):
-    """Pictures of a player by where it looks; `front` is towards the viewer."""
+    """Pictures of a player by direction; `front` faces the viewer."""
 
     front: FileName
     back: FileName
@@ -149,7 +145,7 @@ class Sides(Schema):
     right: FileName
 
     def pictures(self) -> Iterator[tuple[str, str]]:
-        """Every picture, with its place."""
+        """Yield every picture with its place."""
         for side in SIDES:
             yield side, getattr(self, side)
 
@@ -160,7 +156,7 @@ Frames = Annotated[
 
 
 class Feet(Schema):
-    """Pictures below those of a player: the first where it stands, all in turn where it walks."""
+    """Pictures below those of a player: the first one standing, all in turn walking."""
 
     front: Frames
     back: Frames
@@ -168,20 +164,20 @@ class Feet(Schema):
     right: Frames
 
     def pictures(self) -> Iterator[tuple[str, str]]:
-        """Every picture, with its place."""
+        """Yield every picture with its place."""
         for side in SIDES:
             for i, file in enumerate(getattr(self, side)):
                 yield f"{side}[{i}]", file
 
 
 class Facings(Sides):
-    """A player's pictures; `carrying` are those with its hands full, `feet` are drawn below."""
+    """A player's pictures; `carrying` for full hands, `feet` drawn below."""
 
     carrying: Sides | None = None
     feet: Feet | None = None
 
     def pictures(self) -> Iterator[tuple[str, str]]:
-        """Every picture, with its place."""
+        """Yield every picture with its place."""
         yield from super().pictures()
         for name in ("carrying", "feet"):
             part = getattr(self, name)
@@ -192,12 +188,16 @@ class Facings(Sides):
 Size = Annotated[float, Field(gt=0, le=2, allow_inf_nan=False)]
 
 
-class Effect(Schema):
-    """Small pictures that leave a thing one after the other, and fade: steam, sparks, crumbs.
+class ParticleEffect(Schema):
+    """Small pictures that leave an object one after the other and fade: steam, sparks, crumbs.
 
-    Of `count` at a time each is on its way for `steps`: from `start` above the thing's middle,
-    `rise` up (negative: down) and at most `spread` to a side. `size` is that at first and at last.
-    All of these are in tiles.
+    Attributes:
+        count: Particles at a time.
+        steps: Steps for which each particle is visible.
+        start: Height above the object's middle at which a particle begins, in tiles.
+        rise: Tiles upwards; downwards if negative.
+        spread: Greatest distance to a side, in tiles.
+        size: First and last size, in tiles.
     """
 
     asset: FileName

@@ -1,10 +1,9 @@
-"""Schema of rendering files: which picture shows each kind of object in each state.
+"""Schema of rendering files, which say what picture shows each kind of object in each state.
 
-Two dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds
-`assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, `language`, lists of looks
-for players with their `carrying` and `feet`, and the constants `SCALE`, `STATION_OFFSET` and
-`STACK_OFFSET` (the height of the item itself). Nothing here draws; it only decides which file shows
-what. See docs/formats.md.
+Two dialects are read: the published one (`version` 1.x) and this project's (2.x). The project's
+adds `assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, `language`, several
+looks for players with `carrying` and `feet`, and the constants `SCALE`, `STATION_OFFSET` and
+`STACK_OFFSET` (the height of an item). See docs/file_formats.md.
 """
 
 from __future__ import annotations
@@ -15,14 +14,21 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from robotouille.domain.companions import companion_folder, rendering_path, shipped_rendering
-from robotouille.domain.extends import FileKind, chain_of, each, read_extending
 from robotouille.domain.files import read_model
+from robotouille.domain.related_files import (
+    FileKind,
+    chain_of,
+    companion_folder,
+    each,
+    read_extending,
+    rendering_path,
+    shipped_rendering,
+)
 from robotouille.domain.rendering.art import (
     Art,
-    Effect,
     Facings,
     FileName,
+    ParticleEffect,
     Ratio,
     as_listed,
     as_named,
@@ -32,22 +38,9 @@ from robotouille.domain.schema import Extends, Name, Schema
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, did_you_mean
 
-__all__ = [
-    "RENDERING_FILES",
-    "ActionWords",
-    "Constants",
-    "Entity",
-    "KindName",
-    "Language",
-    "PredicateWords",
-    "RenderingFile",
-    "language_of",
-    "rendering_of",
-]
-
 
 class Constants(Schema):
-    """Sizes in tiles; what is None is taken from the group, then from `Constants.default`."""
+    """Sizes in tiles. Fields that are None are taken from the group, then from the defaults."""
 
     scale: Ratio | None = Field(default=None, alias="SCALE")
     station_offset: Ratio | None = Field(default=None, alias="STATION_OFFSET")
@@ -60,13 +53,13 @@ class Constants(Schema):
 
 
 class Entity(Schema):
-    """The pictures and sizes of one kind."""
+    """Pictures and sizes of one kind."""
 
     assets: Annotated[Art, BeforeValidator(as_pictured)]
     constants: Constants = Constants()
 
 
-class Group(Schema):
+class EntityGroup(Schema):
     """All kinds of a role, and the sizes they share."""
 
     constants: Constants = Constants()
@@ -91,17 +84,19 @@ def _done(raw: Any) -> Any:
 
 
 class KindName(Schema):
-    """What a thing of a kind is called: the first name that applies. With `when` it is for things
-    of which this predicate holds, as any of its arguments."""
+    """Name of a kind; of several names the first that applies is used.
+
+    With `when`, the name is for objects for which this predicate holds, as any argument.
+    """
 
     name: Words
     when: Name | None = None
 
 
 class ActionWords(Schema):
-    """What an action does to things, and how one gets there where more than one thing is missing.
+    """Words for an action, and advice (`how`) for when several of its conditions are unmet.
 
-    Both may name the action's parameters in braces.
+    Both templates may name the action's parameters in braces.
     """
 
     do: Words
@@ -109,16 +104,21 @@ class ActionWords(Schema):
 
 
 class PredicateWords(Schema):
-    """What to tell somebody whose action fails by a predicate: `needed`, where it has to hold and
-    does not; `forbidden`, where it holds and must not. `{0}` is its first argument."""
+    """Reasons why an action fails: `needed` if the predicate must hold, `forbidden` if it must not.
+
+    `{0}` is the predicate's first argument.
+    """
 
     needed: Words = ""
     forbidden: Words = ""
 
 
 class PlaceWords(Schema):
-    """How stations that are called the same are told apart: by what lies there, else by the side
-    of the kitchen where they are, and by their order in the row there: as one reads."""
+    """Words that tell stations of one name apart.
+
+    A station is named by what lies on it, or else by the side of the kitchen and by its order in
+    the row there, in reading order.
+    """
 
     with_things: Words = "the {noun} with {things}"
     single: Words = "the {noun} {side}"
@@ -136,13 +136,12 @@ class PlaceWords(Schema):
     )  # fmt: skip
 
     def number(self, index: int) -> str:
-        """The place in a row, counted from 0, in words as far as there are any."""
+        """Return a place in a row, counted from 0, in words if there are any."""
         return self.ordinals[index] if index < len(self.ordinals) else f"{index + 1}."
 
 
 class WorkWords(Schema):
-    """What to do first (`first`; `first_at`, where it is known at which place), what is to be
-    waited for, and what a place is for where nothing is."""
+    """Words for work that comes first, for waiting, and for what an empty place is for."""
 
     first: Words = "{action} first"
     first_at: Words = "{action} first, at {place}"
@@ -152,10 +151,10 @@ class WorkWords(Schema):
 
 
 class Language(Schema):
-    """What a person calls the things, actions and facts of a domain. All of it is optional.
+    """Names that people use for the objects, actions and facts of a domain. All are optional.
 
-    Domain files have sentences of their own, which name actions and tell language models what is
-    so: they are part of a task's hash, and these words are not.
+    The sentences in domain files are for language models and count for a task's digest. These words
+    do not.
     """
 
     kinds: dict[
@@ -173,8 +172,7 @@ class Language(Schema):
     other: Words = "the other {noun}"
 
     def with_words(self, own: Language) -> Language:
-        """The same with other words laid over it: kind by kind, action by action, predicate by
-        predicate, and each of those for places and for work."""
+        """Return this language with the words of another laid over it, word by word."""
         work = self.work.model_copy(update=own.work.model_dump(exclude_unset=True))
         places = self.places.model_copy(update=own.places.model_dump(exclude_unset=True))
         return Language(
@@ -188,17 +186,18 @@ class Language(Schema):
 
 
 NO_WORDS = Language()
-"""Laid over a language, it leaves it as it is."""
+"""Language that changes nothing when it is laid over another."""
 
 
 class RenderingFile(Schema):
-    """How a domain looks, and (`language`) what people call what is in it.
+    """Look of a domain, and the words for what is in it.
 
-    `assets` is the folder of its pictures; what is not there is looked for in those of
-    `inherited_assets`, which are the folders of the renderings it extends. `redraws` are shipped
-    renderings that it does not extend, and of whose pictures its folder has some. `during` names
-    the effect that leaves a thing while an action is in progress with it, `moments` that of players
-    when something happens.
+    Attributes:
+        assets: Folder of the pictures.
+        inherited_assets: Folders searched next: those of the renderings it extends.
+        redraws: Shipped renderings that it does not extend and for which its folder has pictures.
+        during: Particle effect by action, shown while that action goes on with an object.
+        moments: Particle effect of the players when the game is won or lost.
     """
 
     schema_uri: str | None = Field(default=None, alias="$schema")
@@ -211,13 +210,13 @@ class RenderingFile(Schema):
     player: dict[
         str, Annotated[tuple[Facings, ...], BeforeValidator(as_listed), Field(min_length=1)]
     ] = Field(default={})
-    item: Group = Group()
-    station: Group = Group()
-    container: Group = Group()
+    item: EntityGroup = EntityGroup()
+    station: EntityGroup = EntityGroup()
+    container: EntityGroup = EntityGroup()
     progress: dict[str, FileName] = Field(default={})
     icons: dict[str, FileName] = Field(default={})
     language: Language = Language()
-    effects: dict[str, Effect] = Field(default={}, max_length=50)
+    effects: dict[str, ParticleEffect] = Field(default={}, max_length=50)
     during: dict[str, str] = Field(default={})
     moments: dict[Literal["goal", "lost"], str] = Field(default={})
 
@@ -238,32 +237,32 @@ class RenderingFile(Schema):
                 yield f"{place}.effects", name
 
     def arts(self) -> Iterator[tuple[str, str, Art]]:
-        """Each kind with its pictures, and their place in the file."""
+        """Yield each kind with its pictures and their place in the file."""
         for role, group in self._groups().items():
             for kind, entity in group.entities.items():
                 for place, art in entity.assets.parts(f"{role}.entities.{kind}.assets"):
                     yield kind, place, art
 
-    def group_of(self, kind: str) -> Group | None:
-        """The group that has pictures of a kind."""
+    def group_of(self, kind: str) -> EntityGroup | None:
+        """Return the group that has pictures of a kind."""
         return next((g for g in self._groups().values() if kind in g.entities), None)
 
     def shows(self, kind: str) -> bool:
-        """Whether there are pictures of a kind, be it by those of a container that holds it."""
+        """Return whether a kind has pictures, its own or those of a container that holds it."""
         if kind in self.player or self.group_of(kind) is not None:
             return True
         return any(kind in entity.assets.named for entity in self.container.entities.values())
 
     def traits(self) -> set[str]:
-        """The predicates on which any picture depends."""
+        """Return the predicates on which any picture depends."""
         return {trait.name for _, _, art in self.arts() for trait in art.predicates}
 
     def files(self) -> set[str]:
-        """Every picture the file names."""
+        """Return every picture that the file names."""
         return {file for _, file in self.pictures()}
 
     def pictures(self) -> Iterator[tuple[str, str]]:
-        """Every picture the file names, with its place in the file."""
+        """Yield every picture that the file names, with its place in the file."""
         for field in ("progress", "icons"):
             for name, file in getattr(self, field).items():
                 yield f"{field}.{name}", file
@@ -283,11 +282,11 @@ class RenderingFile(Schema):
                     yield f"player.{kind}[{i}].{place}", file
 
     def folders(self, beside: Path | None) -> tuple[Path, ...]:
-        """Where its pictures are looked for, the first first."""
+        """Return the folders to search for pictures, in order."""
         names = dict.fromkeys((self.assets, *self.inherited_assets))
         return tuple(companion_folder("assets", name, beside) for name in names)
 
-    def _groups(self) -> dict[str, Group]:
+    def _groups(self) -> dict[str, EntityGroup]:
         return {"item": self.item, "station": self.station, "container": self.container}
 
 
@@ -307,7 +306,7 @@ _fields = each(
 
 
 def _extend(base: Any, own: Any) -> Any:
-    """A rendering with pictures of its own needs those of the extended one as well."""
+    """Merge renderings; one with its own pictures also needs those of the rendering it extends."""
     merged = _fields(base, own)
     if isinstance(merged, dict) and "assets" in own and "inherited_assets" not in own:
         inherited = [base.get("assets", "kitchen"), *base.get("inherited_assets", ())]
@@ -325,11 +324,14 @@ RENDERING_FILES = FileKind(
 
 
 def rendering_of(task: Task, name: str = "") -> RenderingFile:
-    """The rendering beside a task or shipped for its domain; the kitchen's where there is none.
+    """Return the rendering of a task: its own, the one shipped for its domain, or the kitchen's.
 
-    With the `name` of a shipped one, that one in its place, if it extends it, or with its pictures,
-    if it redraws it: other domains look as they do. FileError lists all faults, RobotouilleError
-    has the nearest name.
+    With the `name` of a shipped rendering, return that one if it extends the task's rendering, or
+    the task's rendering with its pictures if it redraws that one. Other domains keep their look.
+
+    Raises:
+        FileError: The rendering has faults; the exception lists all of them.
+        RobotouilleError: There is no rendering of that name; the message has the nearest one.
     """
     own = rendering_path(task.domain, task.folder)
     if not name:
@@ -338,6 +340,7 @@ def rendering_of(task: Task, name: str = "") -> RenderingFile:
     if own in chain_of(chosen, RENDERING_FILES):
         return read_extending(chosen, RENDERING_FILES)
     rendering, look = (read_extending(path, RENDERING_FILES) for path in (own, chosen))
+    # Only shipped renderings can be redrawn: a redraw names them by their file.
     if own.parent != chosen.parent or own.stem not in look.redraws:
         return rendering
     folders = (rendering.assets, *rendering.inherited_assets)
@@ -345,8 +348,7 @@ def rendering_of(task: Task, name: str = "") -> RenderingFile:
 
 
 def language_of(task: Task) -> Language:
-    """What people call the things of a task, by its own rendering; nothing where it has none, and
-    looks like the kitchen."""
+    """Return the words of a task's own rendering; none if it borrows the kitchen's look."""
     domain, path = task.domain, rendering_path(task.domain, task.folder)
     own = (Path(domain.rendering_json or "").name, f"{domain.name}.json")
     is_own = path.name in (*own, f"{domain.name}.rendering.json")
@@ -354,8 +356,11 @@ def language_of(task: Task) -> Language:
 
 
 def read_language(path: Path) -> Language:
-    """Words in a file of their own, to be laid over those of renderings; FileError lists all its
-    faults, or says that it is no file: a pipe would never end."""
+    """Read words that are laid over those of renderings.
+
+    Raises:
+        FileError: The file has faults, or it is not a regular file; reading a pipe might never end.
+    """
     if path.exists() and not path.is_file():
-        raise FileError(str(path), [Fault("", "is no file")])
+        raise FileError(str(path), [Fault("", "is not a regular file")])
     return read_model(path, Language)

@@ -1,7 +1,7 @@
-"""What a domain's words mean to a planner, found from its definitions alone.
+"""Roles of a domain's types and predicates, derived from its definitions alone.
 
-Objects are players, stations, or *movables* (everything else). Walking is any action that changes
-nothing but where its player is. Nothing here knows what a kitchen is.
+Objects are players, stations, or *movables* (everything else). A walk is any action that changes
+nothing but its player's place. Nothing here is specific to kitchens.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import World
 
-__all__ = ["SOMEBODY", "DomainAnalysis", "creates"]
-
 SOMEBODY = "@"
-"""Stands for any player in the atoms of a projection."""
+"""Placeholder for any player in the atoms of a projection."""
 
 
 class DomainAnalysis:
@@ -52,26 +50,25 @@ class DomainAnalysis:
         )
 
     def is_movable(self, kind: str) -> bool:
-        """Whether a type is neither a player's nor a station's."""
+        """Return whether a type is neither a player's nor a station's."""
         return kind not in self.player_types and kind not in self.station_types
 
     def type_of(self, name: str) -> str:
         return self.world.thing(name).type
 
     def movables_in(self, atom: Atom) -> list[str]:
-        """The movable objects that an atom mentions, in its order."""
+        """Return the movable objects of an atom in order."""
         return [n for n in atom[1:] if self.is_movable(self.type_of(n))]
 
     def stations_in(self, atom: Atom) -> list[str]:
-        """The stations that an atom mentions, in its order."""
+        """Return the stations of an atom in order."""
         return [n for n in atom[1:] if self.type_of(n) in self.station_types]
 
-    # Classes of movables that a projection need not tell apart
+    # Classes of movables that a projection need not distinguish
 
     @cached_property
     def _distinguishing(self) -> frozenset[str]:
-        """Static predicates that decide which movables an action combines, makes something of, or
-        does something to a station with."""
+        """Static predicates on which it depends what an action can do with a movable object."""
         found = set()
         for schema in self.world.schemas:
             movable = {n for n, kind in schema.parameters if self.is_movable(kind)}
@@ -91,7 +88,7 @@ class DomainAnalysis:
         return predicate not in self.walked and set(self._types[predicate]) <= self.station_types
 
     def class_of(self, name: str) -> str:
-        """The placeholder that stands for a movable where it is not told apart from its like."""
+        """Return the placeholder for a movable object and all equivalent ones."""
         known = self._class.get(name)
         if known is None:
             static = self.world.table.static
@@ -101,11 +98,11 @@ class DomainAnalysis:
         return known
 
     def classes_of(self, kind: str) -> list[str]:
-        """The placeholders of a movable type, in order of their first member."""
+        """Return the placeholders of a movable type, in order of their first member."""
         return list(dict.fromkeys(map(self.class_of, self.world.table.by_type[kind])))
 
     def static_holds(self, condition: Condition, binding: dict[str, str]) -> bool:
-        """Whether a static condition can hold, placeholders standing for any of their members."""
+        """Return whether a static condition can hold for any members of its placeholders."""
         pools = [self._members(binding[name], name, condition) for name in condition.params]
         static = self.world.table.static
         return any(
@@ -122,7 +119,7 @@ class DomainAnalysis:
 
     @cached_property
     def travel_to(self) -> dict[str, float]:
-        """The mean number of steps that a walk to each station takes."""
+        """Mean number of steps of a walk to each station."""
         if not self.world.task.profile.steps_per_tile:
             return dict.fromkeys(self.stations, 1.0)
         floor, per_tile = self.world.floor, self.world.task.profile.steps_per_tile
@@ -138,17 +135,17 @@ class DomainAnalysis:
 
     @cached_property
     def mean_travel(self) -> float:
-        """The mean number of steps of a walk."""
+        """Mean number of steps of a walk."""
         return sum(self.travel_to.values()) / max(1, len(self.travel_to))
 
     @property
     def errand(self) -> float:
-        """The mean number of steps it takes to go somewhere and do something."""
+        """Mean number of steps of a walk and an action."""
         return 1.0 + self.mean_travel
 
     @cached_property
     def places(self) -> dict[str, int]:
-        """For each player, the mask of the atoms that say where it is."""
+        """For each player, the mask of the atoms about its place."""
         return {
             player: self.world.table.mask(
                 (predicate, *pair)
@@ -161,7 +158,7 @@ class DomainAnalysis:
 
     @cached_property
     def place_mask(self) -> dict[str, int]:
-        """For each station, the mask of the atoms that say that some player is there."""
+        """For each station, the mask of the atoms that place a player there."""
         return {
             station: self.world.table.mask(
                 (predicate, *pair)
@@ -172,25 +169,25 @@ class DomainAnalysis:
             for station in self.stations
         }
 
-    # Objects that come and go
+    # Objects that are created and deleted
 
     def exists(self, name: str, facts: int) -> bool:
-        """Whether an object exists in a state."""
+        """Return whether an object exists in a state."""
         bit = self.world.table.bit.get((EXISTS, name))
         return bit is None or bool(facts & bit)
 
     def was_used(self, name: str, facts: int) -> bool:
-        """Whether an object exists or did."""
+        """Return whether an object exists or existed earlier."""
         bit = self.world.table.bit.get((USED, name))
         return bit is None or bool(facts & bit)
 
     def is_idle(self, action: GroundAction) -> bool:
-        """Whether an action does nothing but let time pass."""
+        """Return whether an action only lets time pass."""
         return not action.touched and not action.effects
 
 
 def creates(schema: ActionSchema) -> bool:
-    """Whether an action can bring an object into being."""
+    """Return whether an action can create an object."""
 
     def inside(effects: tuple[EffectDef, ...]) -> bool:
         return any(isinstance(e, Creation) or inside(e.sfx) for e in effects)

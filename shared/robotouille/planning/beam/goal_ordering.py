@@ -1,9 +1,9 @@
-"""Which parts of a goal have to wait for others, found by trying.
+"""Order of the parts of a goal, found by experiments.
 
-The top of a sandwich laid first would have to come off again. To see such things without knowing
-about sandwiches, a little experiment is made for two objects of the goal, with one player alone:
-bring the one to its goal, then try to bring the other to its own without disturbing the first. What
-cannot be done in this order should be done in the other. Alike pairs are tried once.
+If the top of a sandwich is laid first, it has to come off again. The planner finds such orders
+without knowing sandwiches. For two objects of the goal and one player, it brings the first to its
+goal. Then it tries to bring the second to its goal without disturbing the first. If that fails, the
+second has to come first. Equivalent pairs are tried once.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.beam.beam_search import BeamSearch, SearchStyle
-from robotouille.planning.beam.relevance import Relevance
+from robotouille.planning.beam.beam_search import BeamSearch, Relevance, SearchStyle
 from robotouille.planning.beam.remaining_work_heuristic import (
     GoalBinding,
     HeuristicContext,
@@ -23,8 +22,6 @@ from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import State, World
 
-__all__ = ["Ordering"]
-
 WIDTH = 8
 LAYERS = 40
 
@@ -32,7 +29,7 @@ Id = int | str
 
 
 class Ordering:
-    """For each variable of a goal, the variables that should be dealt with before it."""
+    """For each variable of a goal, the variables to satisfy before it."""
 
     def __init__(self, context: HeuristicContext, binding: GoalBinding) -> None:
         self._world = context.world
@@ -52,7 +49,7 @@ class Ordering:
         }
 
     def rules(self, binding: GoalBinding) -> dict[str, tuple[int, int]]:
-        """For an object that has to wait, the masks of its own goal and of what comes before."""
+        """Return for each waiting object the masks of its own goal and of the earlier goals."""
         table = self._world.table
         masks = {v: table.mask(self._atoms(v, binding)) for v in self._terms}
         rules = {}
@@ -65,7 +62,7 @@ class Ordering:
         return rules
 
     def _on_free_stations(self, binding: GoalBinding) -> GoalBinding:
-        """The same choice, but for stations on which nothing lies where there are such."""
+        """Return the same choice with empty stations where possible."""
         analysis = self._context.analysis
         table = self._context.world.table
         facts = self._context.world.initial.facts
@@ -83,7 +80,7 @@ class Ordering:
         return found
 
     def _owned(self) -> dict[Id, list[GoalTerm]]:
-        """For each variable, the goal's predicates that are its own and that can be undone."""
+        """Return for each variable the goal's predicates that belong to it and can be undone."""
         terms: dict[Id, list[GoalTerm]] = {}
         for term in self._goal.terms:
             owner = next((i for i in term.ids if self._is_movable(i)), None)
@@ -111,7 +108,7 @@ class Ordering:
         return any(i in mine for term in self._terms[second] for i in term.ids)
 
     def _signature(self, late: Id, early: Id) -> tuple[object, ...]:
-        """The same for pairs that are alike but for the names and kinds of their movables."""
+        """Return a key that is equal for pairs that differ only in names and kinds of movables."""
         numbers: dict[Id, int] = {late: 0, early: 1}
         rows: list[object] = []
         for owner in (late, early):
@@ -128,7 +125,7 @@ class Ordering:
         return number, self._goal.variables[variable].kind
 
     def _try(self, first: Id, second: Id) -> bool:
-        """Whether doing the first first spoils the second."""
+        """Return whether satisfying one variable first makes the other impossible."""
         if first not in self._after:
             self._after[first] = self._achieve(self._context.world.initial, first, 0)
         state = self._after[first]
@@ -138,7 +135,7 @@ class Ordering:
         return self._achieve(state, second, kept) is None
 
     def _achieve(self, state: State, variable: Id, kept: int) -> State | None:
-        """The state once a variable's predicates are true, `kept` having been so throughout."""
+        """Return a state in which a variable's predicates and `kept` are true, or None."""
         atoms = self._atoms(variable, self._binding)
         heuristic = RemainingWork(self._context, self._binding, state.facts, None, atoms, kept)
         team = self._context.world.players
@@ -153,7 +150,7 @@ class Ordering:
 
 
 def _lasting(context: HeuristicContext) -> set[str]:
-    """The predicates that nothing makes false."""
+    """Return the predicates that nothing makes false."""
     lasting = set(context.world.table.fluents)
     for schema in context.world.schemas:
         definition = schema.definition
@@ -165,7 +162,7 @@ def _lasting(context: HeuristicContext) -> set[str]:
 
 def _undone(effect: object) -> Iterator[str]:
     for c in getattr(effect, "fx", ()):
-        if not c.is_true or getattr(effect, "type", "") == "conditional":
+        if not c.is_true or getattr(effect, "reverts", False):
             yield c.predicate
     for nested in getattr(effect, "sfx", ()):
         yield from _undone(nested)

@@ -1,9 +1,9 @@
-"""Actions as one object sees them: operators of a projection.
+"""Operators of a projection: actions from the point of view of one object.
 
-A projection keeps the atoms about its *focus* (one object, or one and what carries it) and
-whether stations of its goal are free; every other movable is replaced by a placeholder for its
-class, every player by `SOMEBODY`. Delayed and repeated effects count as part of their action, at
-a price.
+A projection keeps the atoms about its *focus* (one object, perhaps with its support) and whether
+stations of its goal are free. Every other movable object is replaced by a placeholder for its
+class, and every player by `SOMEBODY`. Delayed and repeated effects count as part of their action,
+at a cost.
 """
 
 from __future__ import annotations
@@ -18,22 +18,20 @@ from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.objects import Atom
 
-__all__ = ["WAITING", "Focus", "Operator", "OperatorOutcome", "operators"]
-
 WAITING = 0.4
-"""The price of a step of a delay: other work is done meanwhile, so it is less than a step's."""
+"""Cost of one step of a delay. Players do other work in the meantime, so it is below 1."""
 
 DISTURBING = 1.5
-"""The price, in errands, of moving something else out of the way: it has to go somewhere."""
+"""Cost, in errands, of moving another object out of the way: it needs a new place."""
 
 Binding = dict[str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class OperatorOutcome:
-    """Facts that change if those in `holds` are true and those in `lacks` are not.
+    """Facts that change if those in `holds` are true and those in `lacks` are false.
 
-    `deleted` is an object of which every fact is cleared.
+    All facts about the object `deleted` are cleared.
     """
 
     holds: int
@@ -45,9 +43,9 @@ class OperatorOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """An action of a projection: its conditions, what becomes of it, its price in steps.
+    """An action of a projection: its condition, its outcomes and its cost in steps.
 
-    `place` is the station at which its player has to be; `placeholders` the placeholders it needs.
+    `place` is the station of its player. `placeholders` are the placeholders it needs.
     """
 
     place: str | None
@@ -57,7 +55,7 @@ class Operator:
     placeholders: tuple[str, ...]
 
     def apply(self, node: int) -> int:
-        """The facts after it."""
+        """Return the facts after the operator."""
         node = (node & ~self.condition.clears) | self.condition.sets
         for outcome in self.outcomes:
             if node & outcome.holds == outcome.holds and not node & outcome.lacks:
@@ -67,11 +65,11 @@ class Operator:
 
 @dataclass
 class Focus:
-    """What a projection is about, and the numbering of its atoms.
+    """The subject of a projection and the numbering of its atoms.
 
-    `names` are told apart and tracked; `partners` are told apart from other movables because the
-    goal names them; `stations` are those whose own facts are tracked. `guests` are atoms of the
-    goal that are the work of a partner, and free here.
+    `names` are distinguished and tracked. `partners` are distinguished from other movables because
+    the goal names them. The facts of `stations` are tracked too. `guests` are atoms of the goal
+    that are a partner's work and cost nothing here.
     """
 
     analysis: DomainAnalysis
@@ -83,7 +81,7 @@ class Focus:
     _looked_at: dict[Atom, int] = field(default_factory=dict, repr=False, compare=False)
 
     def abstract(self, atom: Atom) -> Atom:
-        """An atom with what is not told apart replaced."""
+        """Return an atom with placeholders for objects that are not distinguished."""
         return (atom[0], *(self.placeholder_for(name) for name in atom[1:]))
 
     def placeholder_for(self, name: str) -> str:
@@ -96,7 +94,7 @@ class Focus:
         return analysis.class_of(name) if analysis.is_movable(kind) else name
 
     def tracks(self, atom: Atom) -> bool:
-        """Whether an abstract atom is part of the projection; static ones never are."""
+        """Return whether an abstract atom is part of the projection. Static atoms never are."""
         if atom[0] in self.analysis.world.table.static_predicates:
             return False
         if any(name in self.names for name in atom[1:]):
@@ -104,7 +102,7 @@ class Focus:
         return atom[0] not in self.analysis.walked and all(n in self.stations for n in atom[1:])
 
     def mask(self, atoms: Iterable[Atom]) -> int:
-        """The bits of those atoms that are tracked, numbered when first seen."""
+        """Return the bits of the tracked atoms. New atoms get the next number."""
         total = 0
         for atom in atoms:
             bit = self._looked_at.get(atom)
@@ -116,7 +114,7 @@ class Focus:
 
 
 def operators(focus: Focus, goal: int) -> list[Operator]:
-    """Every action that matters to a projection and its goal (a mask of its facts)."""
+    """Return every action that matters to a projection and its goal, a mask of its facts."""
     found: dict[Operator, None] = {}
     for schema in focus.analysis.world.schemas:
         if schema.name in focus.analysis.walking:
@@ -129,7 +127,7 @@ def operators(focus: Focus, goal: int) -> list[Operator]:
 
 
 def _useful(found: list[Operator], goal: int) -> list[Operator]:
-    """The operators that can help towards a goal, reduced to the facts that matter for it."""
+    """Return the operators that can help towards a goal, reduced to the facts that matter."""
     wanted, before = goal, 0
     while wanted != before:
         before = wanted
@@ -152,7 +150,8 @@ def _reduce(outcome: OperatorOutcome, wanted: int) -> OperatorOutcome:
 
 
 def _with_deletions(operator: Operator, focus: Focus) -> Operator:
-    """The operator with the facts of deleted objects cleared, now that all are numbered."""
+    """Return the operator with the facts of deleted objects cleared."""
+    # This comes last, when all atoms have numbers.
     if not any(outcome.deleted for outcome in operator.outcomes):
         return operator
     outcomes = []
@@ -225,13 +224,13 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
 
 
 def _handles(conditions: tuple[Condition, ...], binding: Binding, focus: Focus) -> bool:
-    """Whether an action has a player deal with the focus itself, not with something by it."""
+    """Return whether a player handles the focus itself, not an object next to it."""
     atoms = ({binding[name] for name in c.params} for c in conditions)
     return any(SOMEBODY in names and names & set(focus.names) for names in atoms)
 
 
 def _vague(atom: Atom) -> bool:
-    """Whether an atom is about any of several objects: its absence then says little."""
+    """Return whether an atom is about any one of several objects. Its absence says little."""
     return any(name.startswith("*") for name in atom[1:])
 
 
@@ -259,7 +258,7 @@ def _place(schema: ActionSchema, binding: Binding, focus: Focus) -> str | None:
 def _outcomes(
     effect: EffectDef, binding: Binding, focus: Focus, given: OperatorOutcome
 ) -> list[OperatorOutcome]:
-    """The changes that a special effect makes in the end."""
+    """Return the final changes of a special effect."""
     if isinstance(effect, Creation):
         born = [n for n in focus.names if _can_be(n, effect, focus)]
         if not born:
@@ -297,10 +296,10 @@ def _can_be(name: str, effect: Creation, focus: Focus) -> bool:
 
 
 def _price(action: GroundAction, effect: int) -> float:
-    """What one special effect of an action adds to its price."""
+    """Return the additional cost of one special effect of an action."""
     price = 0.0
     for node in action.effects[effect].counters():
-        if node.kind == "delayed":
+        if node.counts == "steps":
             price += WAITING * (node.total - 1)
         else:
             price += float((node.total - 1) * action.duration)
@@ -308,7 +307,7 @@ def _price(action: GroundAction, effect: int) -> float:
 
 
 def _example(schema: ActionSchema, binding: Binding, focus: Focus) -> GroundAction:
-    """One of the ground actions that an operator stands for."""
+    """Return one of the ground actions that an operator stands for."""
     analysis = focus.analysis
     arguments = []
     for name, kind in schema.parameters:

@@ -1,4 +1,4 @@
-"""Plans for one player or a team, from any state: better ones the more may be expanded.
+"""Beam planner for one player or a team, from any state.
 
 planner = BeamPlanner(world)
 solution = planner.solve(world.initial)
@@ -11,31 +11,169 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from robotouille.planning.beam.assignment import goal_assignments
-from robotouille.planning.beam.beam_search import BeamResult, BeamSearch, SearchStyle
+from robotouille.planning.beam.beam_search import BeamResult, BeamSearch, Relevance, SearchStyle
 from robotouille.planning.beam.goal_ordering import Ordering
-from robotouille.planning.beam.relevance import Relevance
 from robotouille.planning.beam.remaining_work_heuristic import (
+    REDOING,
     GoalBinding,
     HeuristicContext,
     RemainingWork,
 )
-from robotouille.planning.plan import Plan
-from robotouille.planning.repair.action_elimination import eliminate_actions
+from robotouille.planning.plan import Plan, eliminate_actions
+from robotouille.world.grounding.atoms import bits_of
+from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import State, World
 
-__all__ = ["PLANNER", "UNSOLVED_FACTOR", "BeamPlanner", "Solution"]
+MAX_STATIONS = 4
+"""Maximum number of alternative stations for a variable."""
+
+
+def goal_assignments(
+    context: HeuristicContext, state: State, ordering: Ordering | None = None, limit: int = 1
+) -> list[GoalBinding]:
+    """Return at most `limit` choices of objects with little work, the best first."""
+    chooser = _Chooser(context, state, ordering)
+    # The first choice is a local optimum: no change of one variable and no exchange of two improves
+    # it.
+    start = chooser.greedy()
+    if start is None:
+        return []
+    best = chooser.improve(start)
+    if limit == 1:
+        return [best]
+    others = [chooser.improve(b) for b in [*chooser.neighbours(best, wide=True)][: 3 * limit]]
+    near = sorted(enumerate(others), key=lambda pair: (chooser.cost(pair[1]), pair[0]))
+    found = [best]
+    for _, binding in near:
+        if binding not in found:
+            found.append(binding)
+    return found[:limit]
+
+
+class _Chooser:
+    def __init__(self, context: HeuristicContext, state: State, ordering: Ordering | None) -> None:
+        self._ordering = ordering
+        forecast = context.forecast(state.facts, state.timers)
+        self._context = context
+        self._goal = state.world.goal
+        self._table = state.world.table
+        self._facts = (state.facts | forecast.touched) ^ forecast.removed
+        self._variables = dict(self._goal.variables)
+        self._candidates = {v: self._available(v) for v in self._variables}
+
+    def _available(self, variable: int | str) -> list[str]:
+        """Return the existing candidates, then as many future ones as the goal could need."""
+        analysis = self._context.analysis
+        names = self._goal.candidates(variable)
+        unborn = [n for n in names if not analysis.was_used(n, self._facts)]
+        kind = self._variables[variable].kind
+        wanted = sum(v.kind == kind for v in self._variables.values())
+        return [n for n in names if analysis.exists(n, self._facts)] + unborn[:wanted]
+
+    def greedy(self) -> GoalBinding | None:
+        """Return for each variable the candidate that meets most of the goal already."""
+        binding: GoalBinding = {}
+        for variable in self._variables:
+            free = [c for c in self._candidates[variable] if self._is_free(c, variable, binding)]
+            if not free:
+                return None
+            scores = [-self._met({**binding, variable: c}, variable) for c in free]
+            binding[variable] = free[scores.index(min(scores))]
+        return binding
+
+    def _is_free(self, name: str, variable: int | str, binding: GoalBinding) -> bool:
+        kind = self._variables[variable].kind
+        return all(
+            taken != name or self._variables[other].kind != kind for other, taken in binding.items()
+        )
+
+    def _met(self, binding: GoalBinding, variable: int | str) -> float:
+        """Return how many predicates about a variable are true, or could be by other choices."""
+        met = 0.0
+        for term in self._goal.terms:
+            if variable in term.ids:
+                pattern = tuple(binding.get(i) for i in term.ids)
+                atom = (term.predicate, *pattern)
+                if None not in pattern:
+                    met += self._table.holds(atom, self._facts)  # type: ignore[arg-type]
+                elif term.predicate not in self._table.static_predicates:
+                    allowed = self._goal.possible_mask(term)
+                    met += 0.5 * bool(self._facts & allowed & self._table.matching(atom))
+        return met
+
+    def cost(self, binding: GoalBinding) -> float:
+        """Return the expected work of a choice."""
+        atoms: list[Atom] = self._goal.atoms(binding)
+        total = 0.0
+        for atom in atoms:
+            if not self._table.holds(atom, self._facts):
+                total += 0.01
+        for part in self._context.parts(atoms, self._facts):
+            total += part.distance(self._facts)
+        if self._ordering is not None:
+            for late, early in self._ordering.rules(binding).values():
+                if self._facts & late == late and self._facts & early != early:
+                    total += REDOING * self._context.analysis.errand
+        return total
+
+    def improve(self, binding: GoalBinding) -> GoalBinding:
+        """Return the local optimum near a choice."""
+        cost = self.cost(binding)
+        improved = True
+        while improved:
+            improved = False
+            for other in self.neighbours(binding):
+                other_cost = self.cost(other)
+                if other_cost < cost - 1e-6:
+                    binding, cost, improved = other, other_cost, True
+                    break
+        return binding
+
+    def neighbours(self, binding: GoalBinding, wide: bool = False) -> Iterator[GoalBinding]:
+        """Yield the choices that differ in one variable, or by an exchange of two of one kind."""
+        for variable, chosen in binding.items():
+            for candidate in self._alternatives(variable, binding, wide):
+                if candidate == chosen:
+                    continue
+                changed = {**binding, variable: candidate}
+                kind = self._variables[variable].kind
+                for other, taken in binding.items():
+                    if taken == candidate and self._variables[other].kind == kind:
+                        changed[other] = chosen
+                if all(c in self._candidates[v] for v, c in changed.items()):
+                    yield changed
+
+    def _alternatives(self, variable: int | str, binding: GoalBinding, wide: bool) -> list[str]:
+        """Return all candidates; of stations, only those that meet as much of the goal."""
+        names = self._candidates[variable]
+        analysis = self._context.analysis
+        if not names or analysis.type_of(names[0]) not in analysis.station_types:
+            return names
+        met = {n: self._met({**binding, variable: n}, variable) for n in names}
+        others = sorted((n for n in names), key=lambda n: -met[n])
+        empty = [n for n in others if self._is_empty(n)]
+        if wide:
+            return others
+        least = met[binding[variable]] - 1.0
+        return [n for n in others if met[n] >= least][:MAX_STATIONS] + empty[:1]
+
+    def _is_empty(self, station: str) -> bool:
+        analysis = self._context.analysis
+        atoms = self._table.atoms
+        about = self._facts & self._table.mentions(station)
+        return not any(analysis.movables_in(atoms[i]) for i in bits_of(about))
+
 
 PLANNER = "beam 1"
-"""Its name and version in results."""
+"""Name and version in results."""
 
 EXPANSIONS = 4_000
-"""States expanded by default, counting one for each player's choice: about half a second."""
+"""Default number of expansions, one for each player's choice: about half a second."""
 
 MAX_STEPS = 5_000
 
 UNSOLVED_FACTOR = 4
-"""How many times as much is spent as long as no plan has been found."""
+"""Factor of the expansions while no plan has been found."""
 
 WIDTHS = (16, 16, 32, 32, 64, 64, 128, 128, 256, 256, 512, 512, 1024, 1024, 2048, 2048, 4096)
 STYLE_WEIGHTS = ((0.0, 0.0), (0.02, 0.5), (0.0, 0.5), (0.02, 0.0), (0.0, 1.0))
@@ -43,9 +181,9 @@ STYLE_WEIGHTS = ((0.0, 0.0), (0.02, 0.5), (0.0, 0.5), (0.02, 0.0), (0.0, 1.0))
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """A plan; if it does not reach the goal, it leads as near as was found.
+    """A plan that reaches the goal or leads as near to it as possible.
 
-    `remaining_work` is the heuristic of where it leads, in steps of one player.
+    `remaining_work` is the heuristic of the last state, in steps of one player.
     """
 
     plan: Plan
@@ -55,7 +193,7 @@ class Solution:
 
 
 class BeamPlanner:
-    """Finds plans in one world; what it learns about the task it keeps for the next."""
+    """Planner for one world, which caches its analysis of the task."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -71,11 +209,10 @@ class BeamPlanner:
         expansions: int = EXPANSIONS,
         choices: int = 1,
     ) -> Solution:
-        """A plan for the players of `team` (all, if empty), the others doing nothing.
+        """Return a plan for the players of `team` (by default all), while the others do nothing.
 
-        At least one search is made, and more until as many states are expanded as `expansions`.
-        `choices` is the number of choices of objects that are tried. The same arguments give the
-        same plan.
+        At least one search runs, and more until `expansions` are used. `choices` is the number of
+        choices of objects to try. Equal arguments give equal plans.
         """
         if state.goal_reached:
             return Solution(Plan(()), True, 0.0, 0)
@@ -124,7 +261,7 @@ class BeamPlanner:
 
     @property
     def ordering(self) -> Ordering | None:
-        """What has to be done before what; None where the goal cannot be met."""
+        """Order of the goal's parts, or None if the goal cannot be met."""
         if self._ordering is None:
             self._context.refresh()
             bindings = goal_assignments(self._context, self._world.initial)
@@ -134,7 +271,7 @@ class BeamPlanner:
 
 
 def _styles(players: int) -> Iterator[tuple[SearchStyle, int]]:
-    """Searches that differ, the narrow ones first."""
+    """Yield different searches, the narrow ones first."""
     for number, width in enumerate(WIDTHS):
         effort, chain = STYLE_WEIGHTS[number % len(STYLE_WEIGHTS)]
         yield SearchStyle(width, effort, chain if players > 1 else 0.0), number

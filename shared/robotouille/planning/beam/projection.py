@@ -1,24 +1,101 @@
-"""How far an object is from its goal: exact distances in a projection of the task."""
+"""Exact distances of an object to its goal in a projection of the task."""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from robotouille.planning.beam.domain_analysis import DomainAnalysis
-from robotouille.planning.beam.object_operators import Focus, Operator, operators
+from robotouille.planning.beam.object_operators import WAITING, Focus, Operator, operators
 from robotouille.world.grounding.atoms import EXISTS, bits_of
+from robotouille.world.grounding.effects import HOLDING, Effect
 from robotouille.world.grounding.objects import Atom
+from robotouille.world.timers import Timers
+from robotouille.world.world import World
 
-__all__ = ["ANYWHERE", "DEAD", "Projection"]
+MAX_KEPT = 100_000
+MAX_STEPS = 10_000
+
+
+class Forecast(NamedTuple):
+    """The facts after all running delays have ended: `(facts | touched) ^ removed`.
+
+    `waiting` is the cost of the remaining delays and `longest` their steps. `repeated` contains the
+    effects of repeated actions that have begun, with the number of their performances.
+    """
+
+    touched: int
+    removed: int
+    waiting: float
+    longest: int
+    repeated: tuple[tuple[Effect, float], ...]
+
+
+NOTHING = Forecast(0, 0, 0.0, 0, ())
+
+
+class Forecaster:
+    """Simulator of timers while nobody acts, with a cache."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._known: dict[tuple[Timers, int], Forecast] = {}
+
+    def __call__(self, facts: int, timers: Timers) -> Forecast:
+        """Return the forecast for a state."""
+        if not timers.entries:
+            return NOTHING
+        key = (timers, facts & (timers.reads | self._world.table.internal))
+        found = self._known.get(key)
+        if found is None:
+            if len(self._known) > MAX_KEPT:
+                self._known.clear()
+            found = self._known[key] = self._run(facts, timers)
+        return found
+
+    def _run(self, facts: int, timers: Timers) -> Forecast:
+        repeated = _repeated(timers)
+        touched = removed = longest = 0
+        waiting = 0.0
+        timers = self._world.timers.get(timers.entries, ())
+        for _ in range(MAX_STEPS):
+            if not timers.entries:
+                break
+            change = timers.tick(facts)
+            if change.timers is timers:
+                break
+            facts = (facts | change.touched) ^ change.removed
+            removed = (removed & ~change.touched) | change.removed
+            touched |= change.touched
+            timers = change.timers
+            running = sum(1 for effect, progress in timers.entries if _runs(effect, progress))
+            waiting += WAITING * running
+            longest += bool(running)
+        return Forecast(touched, removed, waiting, longest, repeated)
+
+
+def _runs(effect: Effect, progress: tuple[int, ...]) -> bool:
+    held = not effect.root.pauses or progress[0] == HOLDING
+    return held and any(n.counts == "steps" and progress[n.slot] >= 0 for n in effect.counters())
+
+
+def _repeated(timers: Timers) -> tuple[tuple[Effect, float], ...]:
+    return tuple(
+        (effect, float(progress[node.slot]))
+        for effect, progress in timers.entries
+        for node in effect.counters()
+        if node.counts == "performances" and progress[node.slot] > 0
+    )
+
 
 DEAD = 1000.0
-"""The distance where the goal cannot be reached any more."""
+"""Distance of states from which the goal cannot be reached."""
 
 MAX_NODES = 4000
 
 ANYWHERE = ""
-"""The place of somebody who would still have to walk to wherever it is needed."""
+"""Place of a player who still has to walk to the next operator."""
 
 Key = tuple[int, str]
 
@@ -26,8 +103,8 @@ Key = tuple[int, str]
 class Projection:
     """Distances to a goal, in steps of one player, from every node of a projection.
 
-    A node is the facts about the focus; distances also depend on where the player is that
-    deals with it. The graph is explored from the nodes that are asked for.
+    A node contains the facts about the focus. Distances also depend on the place of the player who
+    deals with it. The graph is explored from the nodes that are requested.
     """
 
     def __init__(
@@ -63,12 +140,12 @@ class Projection:
         self.mask = _mask(analysis, names, stations)
 
     def _creates(self, operator: Operator) -> bool:
-        """Whether an operator brings an object of the focus into being."""
+        """Return whether an operator creates an object of the focus."""
         born = self.focus.mask((EXISTS, name) for name in self.focus.names)
         return any(outcome.sets & born for outcome in operator.outcomes)
 
     def node(self, facts: int) -> int:
-        """The node of a state's facts."""
+        """Return the node of a state's facts."""
         facts &= self.mask
         known = self._nodes.get(facts)
         if known is None:
@@ -81,7 +158,7 @@ class Projection:
         return known
 
     def distance(self, node: int, place: str = ANYWHERE) -> float:
-        """The steps to the goal from a node, for somebody at a place; DEAD if there is no way."""
+        """Return the steps to the goal from a node for a player at a place, or DEAD."""
         if node not in self._explored:
             self._explore(node)
             self._measure()
@@ -89,7 +166,7 @@ class Projection:
         return min(anywhere, self._distance.get((node, place), anywhere))
 
     def near(self, node: int) -> list[str]:
-        """The places where the work can go on at once; from elsewhere it is a walk more."""
+        """Return the places at which the work can continue without another walk."""
         nearer = self.nearer(node)
         found: dict[str, None] = {}
         for operator, after in self._explored[node]:
@@ -101,7 +178,7 @@ class Projection:
         return list(found)
 
     def nearer(self, node: int) -> dict[str, float]:
-        """The distances from the places from which it is less far than from anywhere."""
+        """Return the distances from the places that save a walk."""
         anywhere = self.distance(node)
         places = {o.place for o, _ in self._explored[node] if o.place is not None}
         found = {s: self._distance.get((node, s), DEAD) for s in places}
@@ -109,7 +186,7 @@ class Projection:
 
     @property
     def has_dead_ends(self) -> bool:
-        """Whether some node explored so far cannot reach the goal."""
+        """True if some explored node cannot reach the goal."""
         return any((node, ANYWHERE) not in self._distance for node in self._explored)
 
     def _explore(self, start: int) -> None:
@@ -133,10 +210,9 @@ class Projection:
                         frontier.append(after)
 
     def _measure(self) -> None:
-        """Dijkstra's algorithm from the goal back; unexplored nodes count as near it.
-
-        Only the places where a node has work are keys; elsewhere one is as far as anywhere.
-        """
+        """Compute all distances backwards from the goal with Dijkstra's algorithm."""
+        # Only places where a node has work are keys. From any other place the distance is the one
+        # from ANYWHERE. Unexplored nodes get an estimate.
         travel = self._analysis.travel_to
         distance = self._distance = {}
         queue = [(d, n, key) for n, (d, key) in enumerate(self._ends())]
@@ -162,7 +238,7 @@ class Projection:
                     heapq.heappush(queue, (further, order, other))
 
     def _ends(self) -> Iterator[tuple[float, Key]]:
-        """Where the way ends: at the goal, and where exploration did."""
+        """Yield the distances of goal nodes, and estimates for unexplored nodes."""
         full = len(self._explored) > MAX_NODES
         for node, successors in self._explored.items():
             if node & self._goal == self._goal:
@@ -172,7 +248,7 @@ class Projection:
 
 
 def _by_bit(operators: list[Operator]) -> dict[int, list[Operator]]:
-    """Operators by the position of one fact they need; -1 where they need none."""
+    """Return operators by the position of one required fact; -1 for those without any."""
     found: dict[int, list[Operator]] = {}
     for operator in operators:
         needed = operator.condition.holds
@@ -181,7 +257,7 @@ def _by_bit(operators: list[Operator]) -> dict[int, list[Operator]]:
 
 
 def _mask(analysis: DomainAnalysis, names: tuple[str, ...], stations: frozenset[str]) -> int:
-    """The atoms of the world on which a node depends."""
+    """Return the world's atoms on which a node depends."""
     table = analysis.world.table
     mask = 0
     for name in names:

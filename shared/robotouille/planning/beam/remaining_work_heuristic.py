@@ -1,7 +1,7 @@
-"""The work left until a goal is met: the heuristic of the beam search.
+"""The heuristic of the beam search: the work left until the goal is met.
 
-It adds up, for every object of the goal, its distance in a projection (`projection.py`)
-as if the timers that run had run out, and takes off what is done of repeated actions.
+It adds up the distances of all objects of the goal in projections (`projection.py`), as if the
+running timers had ended, and subtracts the performed part of repeated actions.
 """
 
 from __future__ import annotations
@@ -10,15 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from robotouille.planning.beam.domain_analysis import DomainAnalysis
-from robotouille.planning.beam.projection import DEAD, Projection
-from robotouille.planning.beam.timer_forecast import Forecast, Forecaster
+from robotouille.planning.beam.projection import DEAD, Forecast, Forecaster, Projection
 from robotouille.world.grounding.atoms import EXISTS, bits_of
 from robotouille.world.grounding.effects import Effect
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
-
-__all__ = ["GoalBinding", "HeuristicContext", "RemainingWork"]
 
 GoalBinding = dict[int | str, str]
 
@@ -27,19 +24,19 @@ Entry = tuple[float, int, "dict[int, float] | None"]
 MAX_SUPPORTS = 4
 
 HELD = 0.75
-"""The price, in errands, of having to put down something that is of no use."""
+"""Cost, in errands, of putting down a useless object."""
 
 
 REDOING = 2.0
-"""The price, in errands, of having done something before what has to be done first."""
+"""Cost, in errands, of having done something before a part that has to come first."""
 
 
 @dataclass
 class GoalPart:
     """The work on one object: the largest of its distances in several projections.
 
-    An entry of `known` is (steps, mask of places, held). If nobody holds the object, being at one
-    of the places saves a walk; if somebody does, `held` gives the steps by the place of the holder.
+    An entry of `known` is (steps, mask of places, held). If nobody holds the object, a player at
+    one of the places saves a walk. Otherwise `held` contains the steps by the holder's place.
     """
 
     analysis: DomainAnalysis
@@ -54,26 +51,26 @@ class GoalPart:
 
     @property
     def focus(self) -> tuple[str, ...]:
-        """The object, and what supports it."""
+        """The object and its support."""
         return self.projections[0].focus.names
 
     @property
     def name(self) -> str:
-        """The object whose work this is."""
+        """The object of this part."""
         return next(iter(self.focus), "")
 
     @property
     def partners(self) -> tuple[str, ...]:
-        """The objects that the work on this one leads it to."""
+        """Objects to which this object has to be brought."""
         return self.projections[0].focus.partners if self.owned else ()
 
     @property
     def fixed(self) -> bool:
-        """Whether the goal says at which station the object is to be."""
+        """True if the goal determines the object's station."""
         return bool(self.projections[0].focus.stations)
 
     def entry(self, facts: int) -> Entry:
-        """The entry for a state's facts."""
+        """Return the entry for a state's facts."""
         facts &= self.mask
         found = self.known.get(facts)
         if found is None:
@@ -81,7 +78,7 @@ class GoalPart:
         return found
 
     def distance(self, facts: int) -> float:
-        """The distance for whoever is to come from elsewhere."""
+        """Return the distance for a player who comes from elsewhere."""
         return self.entry(facts)[0]
 
     def _look(self, facts: int) -> Entry:
@@ -102,7 +99,7 @@ class GoalPart:
         return steps, own, {own & places[s]: d for s, d in projection.nearer(node).items()}
 
     def _holder(self, projection: Projection, facts: int) -> str | None:
-        """The player that an atom about the focus mentions."""
+        """Return the player in an atom about the focus, if any."""
         players = self.analysis.world.players
         atoms = self.analysis.world.table.atoms
         for position in bits_of(facts & projection.mask):
@@ -113,7 +110,7 @@ class GoalPart:
 
 
 class HeuristicContext:
-    """The projections of a world, made when first needed and kept."""
+    """The projections of a world, created on demand and cached."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -124,10 +121,7 @@ class HeuristicContext:
         self._size = 0
 
     def refresh(self) -> None:
-        """Have room for every object that the goal may want to be created.
-
-        What was found before the world made more room is out of date, and forgotten.
-        """
+        """Make room for every object that the goal may require to be created."""
         goal = self.world.goal
         for variable, kind in ((v.id, v.kind) for v in goal.variables.values()):
             wanted = sum(v.kind == kind for v in goal.variables.values())
@@ -135,6 +129,7 @@ class HeuristicContext:
             while known < len(goal.candidates(variable)) < wanted:
                 known = len(goal.candidates(variable))
                 self.world.make_room_for_another()
+        # Earlier results miss the new atoms, so they are dropped.
         if self._size != len(self.world.table.atoms):
             self._size = len(self.world.table.atoms)
             self.analysis = DomainAnalysis(self.world)
@@ -143,7 +138,7 @@ class HeuristicContext:
             self._supporters.clear()
 
     def parts(self, atoms: list[Atom], facts: int) -> list[GoalPart]:
-        """The parts of a goal; each atom is the work of the first movable it mentions."""
+        """Return the parts of a goal. Each atom belongs to the first movable object it mentions."""
         owned: dict[str, list[Atom]] = {}
         guests: dict[str, list[Atom]] = {}
         for atom in atoms:
@@ -184,10 +179,10 @@ class HeuristicContext:
         return any(projection.has_dead_ends for projection in part.projections)
 
     def _supports(self, name: str, goal: frozenset[Atom], taken: frozenset[str]) -> list[str]:
-        """The objects, none of the goal's own, one of which the work cannot do without.
+        """Return objects outside the goal that the work needs (any one suffices), or [""].
 
-        Looked for only where the object is yet to be made or there is none; else [""]. What it can
-        be made of comes first.
+        The search applies only to objects that do not exist yet. Objects from which the object can
+        be made come first.
         """
         if name and (EXISTS, name) not in self.world.table.bit:
             return [""]
@@ -208,7 +203,7 @@ class HeuristicContext:
 
 
 def _share(made: list[list[GoalPart]], facts: int) -> list[GoalPart]:
-    """One option of each list, no two with the same support while there are enough."""
+    """Return one option of each list, with different supports while there are enough."""
     chosen: list[GoalPart] = []
     used: set[str] = set()
     for options in sorted(made, key=lambda options: min(p.distance(facts) for p in options)):
@@ -222,8 +217,8 @@ def _share(made: list[list[GoalPart]], facts: int) -> list[GoalPart]:
 class RemainingWork:
     """The work left until one choice of objects meets the goal.
 
-    `atoms` are the goal's under that choice, or some of them; `rules` come from `goal_ordering.py`;
-    `kept` is a mask of facts without which a state is worthless.
+    `atoms` are the goal's atoms under that choice, or some of them. `rules` come from
+    `goal_ordering.py`. `kept` is a mask of facts without which a state is worthless.
     """
 
     def __init__(
@@ -255,10 +250,10 @@ class RemainingWork:
         self._idle_hands = _useless(context.analysis, self.parts)
 
     def __call__(self, facts: int, timers: Timers, chain: float = 0.0) -> float:
-        """Steps of work left; DEAD or more where the goal cannot be met any more.
+        """Return the steps of work left, or DEAD or more if the goal cannot be met any more.
 
-        `chain` is the additional weight of the object with most work left, which nobody can speed
-        up: 0 is the work alone, more gives attention to the time it takes a team.
+        `chain` is the additional weight of the object with most work left. That work cannot be
+        shared, so a positive weight accounts for the time a team needs.
         """
         if facts & self._kept != self._kept:
             return DEAD
@@ -301,7 +296,7 @@ class RemainingWork:
         return total
 
     def _repeated(self, forecast: Forecast, facts: int) -> float:
-        """What is done already of repeated actions whose effect is wanted and not there yet."""
+        """Return the performances of repeated actions whose effect is wanted and still missing."""
         credit = 0.0
         for effect, done in forecast.repeated:
             wanted = self._wanted.get(effect)
@@ -312,7 +307,7 @@ class RemainingWork:
         return credit
 
     def _sets(self, effect: Effect, facts: int) -> int:
-        """What an effect makes true, if that brings the goal nearer; else 0."""
+        """Return the facts that an effect makes true if they bring the goal nearer, else 0."""
         sets = 0
         for node in effect.counters():
             sets |= node.sets
@@ -321,7 +316,7 @@ class RemainingWork:
 
 
 def _hands(analysis: DomainAnalysis) -> list[tuple[int, int]]:
-    """For each player, the masks of where it can be and of what it can hold."""
+    """Return for each player the masks of its places and of the objects it can hold."""
     movable = _about_movables(analysis)
     mentions = analysis.world.table.mentions
     return [(analysis.places[p], mentions(p) & movable) for p in analysis.world.players]
@@ -338,7 +333,7 @@ def _about_movables(analysis: DomainAnalysis) -> int:
 
 
 def _useless(analysis: DomainAnalysis, parts: list[GoalPart]) -> int:
-    """The atoms between a player and a movable on which no work is left to do."""
+    """Return the atoms in which a player holds an object without work left."""
     mask = 0
     for _, hold in _hands(analysis):
         mask |= hold
@@ -350,9 +345,9 @@ def _useless(analysis: DomainAnalysis, parts: list[GoalPart]) -> int:
 def _meetings(
     part: GoalPart, parts: list[GoalPart], context: HeuristicContext
 ) -> list[tuple[int, int]]:
-    """Where an object can be that has to be brought to another, wherever that one is.
+    """Return the places of an object's partner, if the object has to be brought to it.
 
-    Pairs of masks: the other is at a station; some player is there.
+    Each pair of masks contains the partner at a station and a player at that station.
     """
     analysis = context.analysis
     if part.fixed or not part.partners:

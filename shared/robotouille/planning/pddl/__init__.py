@@ -1,7 +1,6 @@
-"""Tasks in PDDL for other planners, and their plans back (docs/pddl.md)."""
+"""Export of tasks to PDDL for other planners, and import of their plans (docs/planners.md)."""
 
-from robotouille.planning.pddl.expressiveness import PddlError
 from robotouille.planning.pddl.foreign_plans import read_pddl_plan
-from robotouille.planning.pddl.task_encoding import Encoding, EncodingStyle, encode
+from robotouille.planning.pddl.task_encoding import EncodingStyle, PddlEncoding, PddlError, encode
 
-__all__ = ["Encoding", "EncodingStyle", "PddlError", "encode", "read_pddl_plan"]
+__all__ = ["EncodingStyle", "PddlEncoding", "PddlError", "encode", "read_pddl_plan"]

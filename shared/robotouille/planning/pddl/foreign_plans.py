@@ -1,8 +1,8 @@
-"""Plans of other planners, back as plans of the world.
+"""Import of other planners' plans.
 
-A plan of the step encoding is cut into steps by its `tick`s; one of the durative encoding by its
-times. Objects that were created in one step may bear each other's names in it, since planners may
-carry out creations in any order; the world's order is that in which their effects began.
+A plan of the step encoding is split into steps at each `tick`, and a durative plan by its times.
+Planners may create the objects of one step in any order, so these objects may have each other's
+names. The import renames them in the world's order, the order in which their effects began.
 """
 
 from __future__ import annotations
@@ -13,20 +13,18 @@ from dataclasses import dataclass
 
 from robotouille.domain.schema import Creation
 from robotouille.errors import Fault, FileError
-from robotouille.planning.pddl.lifting.instants import instant_name
-from robotouille.planning.pddl.task_encoding import Encoding, EncodingStyle, encode
+from robotouille.planning.pddl.step_encoding import instant_name
+from robotouille.planning.pddl.task_encoding import EncodingStyle, PddlEncoding, encode
 from robotouille.planning.plan import Plan
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
-
-__all__ = ["read_pddl_plan"]
 
 Joint = tuple[GroundAction, ...]
 
 _LINE = re.compile(r"(?:(?P<time>[0-9.]+)\s*:)?\s*\((?P<action>[^()]*)\)\s*(?:\[[^\]]*\])?$")
 
 CLOSE = 0.01
-"""How far behind the time of its step an action may be."""
+"""Maximum delay of an action after the time of its step."""
 
 Label = tuple[str, int, tuple[str, ...]]
 
@@ -40,7 +38,7 @@ class _Line:
 
 @dataclass(frozen=True, slots=True)
 class _Made:
-    """An object that the plan creates: by which part of which effect, and its name there."""
+    """An object that the plan creates: its effect, the effect's part, and its name in the plan."""
 
     label: Label
     slot: int
@@ -54,9 +52,10 @@ class _Made:
 def read_pddl_plan(
     text: str, world: World, *, created: int | None = None, source: str = "plan"
 ) -> Plan:
-    """The plan of a text; `created` as it was given to `encode`.
+    """Return the plan of a text; `created` must equal the argument of `encode`.
 
-    Raises FileError with the first line that is no action of the encoding.
+    Raises:
+        FileError: A line is not an action of the encoding.
     """
     lines = list(_lines(text, source))
     timed = any(line.time is not None for line in lines)
@@ -87,9 +86,9 @@ def _lines(text: str, source: str) -> Iterator[_Line]:
 
 
 class _Reader:
-    """Takes the steps of a plan while it reads it, to know what created objects are called."""
+    """Reader that executes a plan's steps to find the names of created objects."""
 
-    def __init__(self, world: World, encoding: Encoding) -> None:
+    def __init__(self, world: World, encoding: PddlEncoding) -> None:
         self._world = world
         self._names = encoding.names
         self._arity = {s.name: len(s.parameters) for s in encoding.lifted.schemas}
@@ -103,13 +102,13 @@ class _Reader:
         self._called: dict[str, str] = {}
 
     def plan(self) -> Plan:
-        """The plan so far."""
+        """Return the plan so far."""
         if self._joint:
             self._step()
         return Plan(tuple(self._steps))
 
     def read(self, line: _Line) -> None:
-        """Read one more action of the encoding."""
+        """Read one action of the encoding."""
         name = self._names.original("action", line.words[0])
         arguments = [self._names.original("object", word) for word in line.words[1:]]
         if name in self._instants:
@@ -142,7 +141,7 @@ class _Reader:
             self._made.append(_Made(label, part.slot, new))
 
     def _name_created(self) -> None:
-        """Hand out the names of what was created together as the world does."""
+        """Rename the objects of one step in the world's order."""
         began = self._began() if len(self._made) > 1 else {}
         order = sorted(self._made, key=lambda m: (began.get(m.label, len(began)), m.slot))
         for kind in {made.kind for made in self._made}:
@@ -151,7 +150,7 @@ class _Reader:
         self._made = []
 
     def _began(self) -> dict[Label, int]:
-        """The effects that have just been updated, in the order in which they began."""
+        """Return the effects that have just been updated, in the order in which they began."""
         last = tuple(self._joint) or (self._steps[-1] if self._steps else ())
         state = self._state if self._joint else self._before
         labels = [effect.label for effect, _ in state.timers.entries]

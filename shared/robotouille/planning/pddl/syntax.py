@@ -1,29 +1,90 @@
-"""The part of PDDL that is written: actions over literals, and their text.
+"""The subset of PDDL that the encodings write: actions over literals, and their text.
 
-Names in these values are the world's own; `PddlNames` says them in PDDL when text is made.
-Names that begin with `~` are the encoding's (`~turn`), those with `?` are variables.
+Names in these values are the world's names; `PddlNames` translates them. Names that begin with `~`
+belong to the encoding (`~turn`), and names that begin with `?` are variables.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from robotouille.planning.pddl.pddl_names import PddlNames
+from robotouille.world.world import World
 
-__all__ = [
-    "DurativeAction",
-    "Literal",
-    "PddlAction",
-    "PddlDomain",
-    "PddlEffect",
-    "PddlProblem",
-    "Term",
-    "Variable",
-]
+_TAKEN = frozenset((
+    "all", "and", "assign", "at", "decrease", "define", "domain", "either", "end", "exists",
+    "forall", "imply", "increase", "maximize", "metric", "minimize", "not", "number", "object",
+    "or", "over", "problem", "scale-down", "scale-up", "start", "total-time", "when",
+))  # fmt: skip
+
+
+class PddlNames:
+    """Translation of a world's names to PDDL names and back."""
+
+    def __init__(self, world: World) -> None:
+        self._given: dict[tuple[str, str], str] = {}
+        self._owner: dict[tuple[str, str], str] = {}
+        self.domain = _allowed(world.task.domain.name)
+        self.problem = _allowed(world.task.name)
+        self.type("object")
+        for predicate in world.task.domain.predicate_defs:
+            self.predicate(predicate.name)
+        for action in world.task.domain.action_defs:
+            self.action(action.name)
+        for kind in world.task.domain.object_types:
+            self.type(f"={kind}")
+        for thing in world.all_objects():
+            self.symbol(thing.name)
+
+    def type(self, name: str) -> str:
+        return name if name in ("object", "number") else self._give("type", name)
+
+    def predicate(self, name: str) -> str:
+        return self._give("predicate", name)
+
+    def action(self, name: str) -> str:
+        return self._give("action", name)
+
+    def symbol(self, name: str) -> str:
+        """Return the PDDL name of an object, or of a variable, which begins with `?`."""
+        if name.startswith("?"):
+            return "?" + self._give("variable", name[1:])
+        return self._give("object", name)
+
+    def term(self, term: tuple[str, ...]) -> str:
+        """Return a term in PDDL, such as `(item_on lettuce1 table2)`."""
+        head = "=" if term[0] == "=" else self.predicate(term[0])
+        return f"({' '.join([head, *map(self.symbol, term[1:])])})"
+
+    def original(self, category: str, name: str) -> str:
+        """Return the name that was translated to `name`.
+
+        Raises:
+            KeyError: No name was.
+        """
+        return self._owner[(category, name.lower())]
+
+    def _give(self, category: str, name: str) -> str:
+        given = self._given.get((category, name))
+        if given is None:
+            base = given = _allowed(name)
+            number = 1
+            while given in _TAKEN or (category, given) in self._owner:
+                number += 1
+                given = f"{base}-{number}"
+            self._given[(category, name)] = given
+            self._owner[(category, given)] = name
+        return given
+
+
+def _allowed(name: str) -> str:
+    text = re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-")
+    return text if text[:1].isalpha() else f"x{text}"
+
 
 Term = tuple[str, ...]
-"""A predicate and its arguments: names of objects, or variables."""
+"""A predicate and its arguments, which are objects or variables."""
 
 Literal = tuple[Term, bool]
 Variable = tuple[str, str]
@@ -34,7 +95,7 @@ Predicates = Mapping[str, tuple[str, ...]]
 
 @dataclass(frozen=True, slots=True)
 class PddlEffect:
-    """For all values of the variables for which the condition holds, the literals become true."""
+    """An effect: the literals become true for all values of the variables with the condition."""
 
     literals: tuple[Literal, ...]
     condition: tuple[Literal, ...] = ()
@@ -43,7 +104,7 @@ class PddlEffect:
 
 @dataclass(frozen=True, slots=True)
 class PddlAction:
-    """An action of no duration; `cost` is what it adds to the total cost, if that is counted."""
+    """An action without duration. `cost` is its share of the total cost, if costs are counted."""
 
     name: str
     parameters: tuple[Variable, ...]
@@ -54,7 +115,7 @@ class PddlAction:
 
 @dataclass(frozen=True, slots=True)
 class DurativeAction:
-    """A durative action. `duration` is a number, or the term of a function of the problem."""
+    """A durative action. `duration` is a number or the term of one of the problem's functions."""
 
     name: str
     parameters: tuple[Variable, ...]
@@ -67,7 +128,7 @@ class DurativeAction:
 
 @dataclass(frozen=True, slots=True)
 class PddlDomain:
-    """A domain. `types` gives each type its supertype, `notes` become comments at the top."""
+    """A domain. `types` maps each type to its supertype; `notes` become comments at the top."""
 
     requirements: tuple[str, ...]
     types: Mapping[str, str]
@@ -78,7 +139,7 @@ class PddlDomain:
     notes: tuple[str, ...] = ()
 
     def text(self, names: PddlNames) -> str:
-        """The domain file."""
+        """Return the text of the domain file."""
         types = (f"{names.type(t)} - {names.type(above)}" for t, above in self.types.items())
         blocks = [
             f"(:requirements {' '.join(self.requirements)})",
@@ -95,7 +156,7 @@ class PddlDomain:
 
 @dataclass(frozen=True, slots=True)
 class PddlProblem:
-    """A problem: objects, initial facts and values of functions, and a goal of one fact."""
+    """A problem: objects, initial facts, values of functions, and a goal of one fact."""
 
     objects: tuple[Variable, ...]
     facts: tuple[Term, ...]
@@ -104,7 +165,7 @@ class PddlProblem:
     values: Mapping[Term, int] = field(default_factory=dict)
 
     def text(self, names: PddlNames) -> str:
-        """The problem file."""
+        """Return the text of the problem file."""
         values = [f"(= {names.term(t)} {value})" for t, value in self.values.items()]
         blocks = [
             f"(:domain {names.domain})",
@@ -137,7 +198,7 @@ def _signatures(predicates: Predicates, names: PddlNames) -> Iterator[str]:
 
 
 class _Writer:
-    """Writes actions; with costs if the domain has a function for them."""
+    """Writer of actions, with costs if the domain has a function for them."""
 
     def __init__(self, names: PddlNames, costs: bool) -> None:
         self._names = names

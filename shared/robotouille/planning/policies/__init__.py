@@ -1,11 +1,11 @@
-"""What decides for a seat: at random, by a script, or with a planner."""
+"""Policies that choose a seat's actions: at random, by a script, or with a planner."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille.planning.policies.planner_policy import PlannerPolicy
+    from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
     from robotouille.planning.policies.policy import Policy, RandomPolicy, TeamPolicy
     from robotouille.planning.policies.script import Did, Script
 else:
@@ -20,6 +20,7 @@ else:
 
 __all__ = [
     "Did",
+    "PlannerOptions",
     "PlannerPolicy",
     "Policy",
     "RandomPolicy",

@@ -1,8 +1,7 @@
-"""What can be done first while somebody stands in the way of what a plan begins with.
+"""Reordering of a plan whose first actions are blocked by another participant.
 
-A plan for when others have walked aside may begin with work at the very station where one of them
-stands. Whole pieces of work, from free hands to free hands, that need no such station and none of
-the work that is put off come before it.
+A plan that assumes that others step aside may begin at a station where one of them still stands.
+Pieces of work that need neither such a station nor any deferred work come first.
 """
 
 from __future__ import annotations
@@ -19,15 +18,15 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene
 from robotouille.world.world import State
 
-__all__ = ["defer_blocked"]
-
 MAX_STEPS = 500
-"""Of a course of play that is tried."""
+"""Maximum number of steps of an attempt."""
 
 
-class _Deed(NamedTuple):
-    """An action that is more than a walk: its place in the plan, where the player stands for it,
-    and the effects that are over by then."""
+class _PlannedAction(NamedTuple):
+    """An action other than a walk, with its place in the plan.
+
+    It has its number, the player's station, and the effects that ended before it.
+    """
 
     number: int
     action: GroundAction
@@ -36,63 +35,68 @@ class _Deed(NamedTuple):
 
 
 @dataclass(eq=False, slots=True)
-class _Work:
-    """The deeds of a player from free hands to free hands, or to the end of the plan."""
+class _WorkPiece:
+    """The actions of a player from free hands to free hands, or to the end of the plan."""
 
     player: str
-    deeds: list[_Deed] = field(default_factory=list)
+    actions: list[_PlannedAction] = field(default_factory=list)
     leaves_hands_free: bool = False
 
 
-class _Course:
-    """A course of play that is tried: its state, and its steps so far."""
+class _Attempt:
+    """A simulated execution: its state and its steps so far."""
 
     def __init__(self, state: State, steps: Sequence[tuple[GroundAction, ...]] = ()) -> None:
         self.state = state
         self.steps = list(steps)
 
-    def take(self, works: Sequence[_Work], traces: int) -> list[_Work]:
-        """Do what can be done of some pieces of work; what is left of them.
+    def take(self, works: Sequence[_WorkPiece], traces: int) -> list[_WorkPiece]:
+        """Execute as many pieces of work as possible and return the others.
 
         Args:
-            traces: Facts that all of them leave as they were.
+            traces: Facts that no piece of work changes permanently.
         """
         left, before = list(works), 0
+        # A finished piece can enable an earlier one, so the pieces are tried until nothing changes.
         while len(left) != before:
             before = len(left)
             for work in works:
                 others = [other for other in left if other is not work]
                 if len(others) == len(left) or _depends(work, others, traces):
                     continue
-                after = self._tried(work)
+                after = self._attempt(work)
                 if after is not None:
                     self.state, self.steps, left = after.state, after.steps, others
         return left
 
     def reaches_goal(self) -> bool:
-        """Whether the goal is reached, if time goes by."""
+        """Return whether the goal is reached by waiting."""
         while not self.state.goal_reached and running_effects(self.state):
             if not self._wait():
                 return False
         return self.state.goal_reached
 
-    def _tried(self, work: _Work) -> _Course | None:
-        course = _Course(self.state, self.steps)
-        return course if all(course._do(work.player, deed) for deed in work.deeds) else None
+    def _attempt(self, work: _WorkPiece) -> _Attempt | None:
+        attempt = _Attempt(self.state, self.steps)
+        return (
+            attempt
+            if all(attempt._perform(work.player, planned) for planned in work.actions)
+            else None
+        )
 
-    def _do(self, player: str, deed: _Deed) -> bool:
-        """Whether a deed is possible, with the walk that it needs."""
-        if standing_at(self.state, player) != deed.at:
-            walk = walk_to(self.state, player, deed.at)
+    def _perform(self, player: str, planned: _PlannedAction) -> bool:
+        """Execute an action with the walk that it needs. Return False if it is not possible."""
+        if standing_at(self.state, player) != planned.at:
+            walk = walk_to(self.state, player, planned.at)
             if walk is None:
                 return False
             self._step((walk,))
-        while running_effects(self.state) & deed.over:
+        while running_effects(self.state) & planned.over:
             if not self._wait():
                 return False
-        if not self.state.world.applicable(self.state, deed.action):
+        if not self.state.world.applicable(self.state, planned.action):
             return False
-        self._step((deed.action,))
+        self._step((planned.action,))
         return True
 
     def _wait(self) -> bool:
@@ -106,33 +110,34 @@ class _Course:
 
 
 def defer_blocked(plan: Plan, start: State, here: State, team: Sequence[str]) -> Plan:
-    """A plan in another order: first what can be done as long as all others stand where they do.
+    """Return the plan with all work first that is possible while the others stand still.
 
     Args:
-        plan: It reaches the goal from `start`.
-        start: The state in which the others have walked aside.
-        here: The state as it is.
+        plan: A plan that reaches the goal from `start`.
+        start: The state in which the others have stepped aside.
+        here: The present state.
 
     Returns:
-        The plan as it was, if all of it can be done or nothing first, or if another order comes to
-        nothing.
+        The plan itself if no other order helps or reaches the goal.
     """
-    works = _works(plan, start, team)
+    # Whole pieces of work move, never single actions: a player who stopped in between would keep an
+    # object in hand and could do nothing else.
+    works = _work_pieces(plan, start, team)
     traces = _traces(plan, start, team)
-    later = _Course(here).take(works, traces)
+    later = _Attempt(here).take(works, traces)
     first = [work for work in works if work not in later]
     if not later or not first or works[: len(first)] == first:
         return plan
-    course = _Course(start)
-    if course.take(first, traces) or course.take(later, traces) or not course.reaches_goal():
+    attempt = _Attempt(start)
+    if attempt.take(first, traces) or attempt.take(later, traces) or not attempt.reaches_goal():
         return plan
-    return Plan(tuple(course.steps))
+    return Plan(tuple(attempt.steps))
 
 
-def _works(plan: Plan, state: State, team: Sequence[str]) -> list[_Work]:
-    """The pieces of work of a plan, in the order in which they begin."""
-    works: list[_Work] = []
-    open_works: dict[str, _Work] = {}
+def _work_pieces(plan: Plan, state: State, team: Sequence[str]) -> list[_WorkPiece]:
+    """Return the pieces of work of a plan in the order in which they begin."""
+    works: list[_WorkPiece] = []
+    open_works: dict[str, _WorkPiece] = {}
     begun, at = running_effects(state), {player: standing_at(state, player) for player in team}
     number = count()
     for joint in plan:
@@ -143,8 +148,10 @@ def _works(plan: Plan, state: State, team: Sequence[str]) -> list[_Work]:
                 at[player] = action.destination
                 continue
             if player not in open_works:
-                works.append(open_works.setdefault(player, _Work(player)))
-            open_works[player].deeds.append(_Deed(next(number), action, at[player], over))
+                works.append(open_works.setdefault(player, _WorkPiece(player)))
+            open_works[player].actions.append(
+                _PlannedAction(next(number), action, at[player], over)
+            )
         state = state.step(list(joint)).state
         begun |= running_effects(state)
         laden = {placed.host for placed in scene(state).values()}
@@ -154,7 +161,7 @@ def _works(plan: Plan, state: State, team: Sequence[str]) -> list[_Work]:
 
 
 def _traces(plan: Plan, state: State, team: Sequence[str]) -> int:
-    """The facts about who stands where and who has what, which no piece of work leaves behind."""
+    """Return the facts about players' places and hands, which every piece of work restores."""
     traces = 0
     for player in team:
         traces |= state.world.table.mentions(player)
@@ -164,14 +171,14 @@ def _traces(plan: Plan, state: State, team: Sequence[str]) -> int:
     return traces
 
 
-def _depends(work: _Work, others: Iterable[_Work], traces: int) -> bool:
-    """Whether something of others has to be done before a piece of work."""
+def _depends(work: _WorkPiece, others: Iterable[_WorkPiece], traces: int) -> bool:
+    """Return whether another piece of work has to come before a piece of work."""
     return any(
         (other.player == work.player and not work.leaves_hands_free)
         or any(
-            one.number < deed.number and depend(one.action, deed.action, but=traces)
-            for one in other.deeds
-            for deed in work.deeds
+            one.number < planned.number and depend(one.action, planned.action, but=traces)
+            for one in other.actions
+            for planned in work.actions
         )
         for other in others
     )

@@ -1,29 +1,55 @@
-"""Whether a plan is still good to follow: what each step that passes says about it."""
+"""Checks after each step whether a plan is still good to follow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
-from robotouille.planning.policies.making_way import station_in_the_way
-from robotouille.planning.policies.past_step import PastStep
-from robotouille.planning.policies.script import Script
+from robotouille.planning.policies.script import Did, Script, does_something
 from robotouille.planning.policies.standing import leads_to, standing_at
-from robotouille.planning.policies.team_plan import WAYS, Reliance, TeamPlan
+from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, station_in_the_way
 from robotouille.world.world import State
 
-__all__ = ["DROP", "KEEP", "Company", "PlanBase", "PlanWatch", "Verdict", "facts_about"]
+
+class PastStep(NamedTuple):
+    """A past step: its number, the state after it, and its actions."""
+
+    step: int
+    state: State
+    did: Did
+
+    def has_acted(self, team: Collection[str]) -> bool:
+        """Return whether a player of the team has done something."""
+        return any(p in team and ok and does_something(action) for p, action, ok in self.did)
+
+    def is_meddling(self, team: Collection[str]) -> bool:
+        """Return whether other players have done something other than walk."""
+        return any(
+            p not in team and ok and action.destination is None
+            for p, action, ok in self.did
+            if does_something(action)
+        )
+
+    def is_running(self, team: Collection[str]) -> bool:
+        """Return whether time alone will change something, such as a delay."""
+        if any(player in team for player, _ in self.state.timers.busy):
+            return True
+        return any(row.timed and row.running for row in self.state.progress())
+
 
 PATIENCE = 2
-"""Steps for each seat in which nothing goes on, before a team plans anew."""
+"""Steps per seat without progress before a team plans again."""
 
+# In real time a team waits this many times longer for a member, whose planning takes steps too.
 SLOW = 10
-"""How much more of them a team waits in real time for one of it that thinks."""
 
 
-class Company(NamedTuple):
-    """Who plays: the team, and the others in seat order; whether one of those may be a bot.
-    `hurried` says that the game goes on while somebody thinks."""
+class Teammates(NamedTuple):
+    """The players of the team, and the others in seat order.
+
+    `among_bots` is true if one of the others may be a bot. `hurried` is true if the game continues
+    while players think.
+    """
 
     team: Collection[str]
     others: Sequence[str]
@@ -32,33 +58,37 @@ class Company(NamedTuple):
 
 
 class PlanBase(NamedTuple):
-    """From where a plan was found to be needed: the step, the state after it, and the facts about
-    players who were not of the team."""
+    """Point from which a plan is needed: step, state, and players outside the team."""
 
     step: int
     state: State
     others: int
 
 
-class Verdict(NamedTuple):
-    """What becomes of a plan: whether it is kept; who is not to be counted on any more, the seat
-    itself among them if it has strayed; whether the way that it counted on has become free."""
+class PlanVerdict(NamedTuple):
+    """The result of a check.
 
-    keeps: bool = True
+    `keep` is false if the plan has to be replaced. The team no longer counts on the players in
+    `without`; the seat itself is one of them if it has deviated. `way_is_free` is true if the
+    others have stepped aside as the plan assumed.
+    """
+
+    keep: bool = True
     without: frozenset[str] = frozenset()
     way_is_free: bool = False
 
 
-KEEP, DROP = Verdict(), Verdict(keeps=False)
+KEEP, DROP = PlanVerdict(), PlanVerdict(keep=False)
 
 
 class PlanWatch:
-    """Watches one plan of a team while a seat follows it.
+    """Monitor of one plan of a team while a seat follows it.
 
     Args:
-        retry: Steps after which a plan may be sought again where the team has none of its own.
-        in_vain: How often plans from a state came to nothing.
-        is_cut_off: Whether a team cannot reach the goal while all others stand still.
+        retry: Steps after which the team may search again if it has no plan of its own.
+        in_vain: Number of failed plans by state.
+        is_cut_off: Function that returns whether a team cannot reach the goal while all others
+            stand still.
     """
 
     def __init__(
@@ -72,42 +102,45 @@ class PlanWatch:
         is_cut_off: Callable[[State, Collection[str]], bool],
     ) -> None:
         self.script = script
-        self.relies_on = made.relies_on
+        self.assumption = made.assumption
         self._made = made
         self._base = base
         self._retry = retry
         self._in_vain = in_vain
         self._is_cut_off = is_cut_off
+        # Players who act in turn make progress only once per round.
         self._patience = PATIENCE * len(base.state.world.players)
         self._meddled = False
         self._stuck = self._blocked = 0
 
     @property
     def is_stuck(self) -> bool:
-        """Whether nothing has gone on for too long."""
+        """True if there was no progress for too long."""
         return self._stuck > self._patience
 
-    def heed(self, past: PastStep, company: Company) -> Verdict:
-        """Take in a step that has passed; called once for each after the base, in order."""
-        team, others = company.team, company.others
+    def check(self, past: PastStep, teammates: Teammates) -> PlanVerdict:
+        """Process a past step. Called once for each step after the base, in order."""
+        team, others = teammates.team, teammates.others
         self._meddled = self._meddled or past.is_meddling(team)
         self.script.observe(past.did, past.state.world.players if others else ())
+        # A member that deviates has another plan, or none. The others stop counting on it.
         astray = self.script.astray & set(team)
         if astray:
-            return Verdict(keeps=False, without=frozenset(astray))
-        if self.relies_on is Reliance.TEAM:
-            return self._heed_delay(past, company)
-        return self._heed_standstill(past, company)
+            return PlanVerdict(keep=False, without=frozenset(astray))
+        if self.assumption is Assumption.TEAM:
+            return self._check_delay(past, teammates)
+        return self._check_standstill(past, teammates)
 
-    def _heed_delay(self, past: PastStep, company: Company) -> Verdict:
-        """Others may be in the way, or somebody of the team may do nothing."""
-        script, state, team = self.script, past.state, company.team
+    def _check_delay(self, past: PastStep, teammates: Teammates) -> PlanVerdict:
+        """Check a plan that relies on the team: others may block it, or a member may do nothing."""
+        script, state, team = self.script, past.state, teammates.team
         if state.goal_reached:
             return KEEP
         due = {p: script.due(p, state) for p in team if not state.busy_steps(p)}
         blocked = {p for p, a in due.items() if a and not state.world.applicable(state, a)}
-        taken = {standing_at(state, player) for player in company.others}
+        taken = {standing_at(state, player) for player in teammates.others}
         in_the_way = any(a and leads_to(a, taken) for a in due.values())
+        # A running timer explains a blocked action; then nobody is in the way.
         held_up = in_the_way or (blocked and not past.is_running(team))
         self._blocked = self._blocked + 1 if held_up else 0
         self._count_standstill(past, team)
@@ -115,60 +148,66 @@ class PlanWatch:
             return DROP
         if not self.is_stuck:
             return KEEP
+        # Members whose next action is possible but not taken are late; blocked ones are not to
+        # blame.
         late = {p for p, a in due.items() if a and p not in blocked} - {script.player}
         if not late:
             return DROP
-        if company.hurried and self._stuck <= SLOW * self._patience:
+        if teammates.hurried and self._stuck <= SLOW * self._patience:
             return KEEP
-        return Verdict(keeps=False, without=frozenset(late))
+        return PlanVerdict(keep=False, without=frozenset(late))
 
-    def _heed_standstill(self, past: PastStep, company: Company) -> Verdict:
-        """Without a plan of the team's own: others may have opened a way, or bots may wait for each
-        other."""
+    def _check_standstill(self, past: PastStep, teammates: Teammates) -> PlanVerdict:
+        """Check a plan that relies on other players, who may have opened a way."""
         state = past.state
-        self._count_standstill(past, company.team)
-        untried = company.among_bots and self._in_vain.get(state, 0) < len(WAYS)
+        self._count_standstill(past, teammates.team)
+        # Two teams of bots that each wait for the other would wait forever. So a stuck team also
+        # tries the other assumption.
+        untried = teammates.among_bots and self._in_vain.get(state, 0) < len(WAYS)
         due = past.step - self._base.step >= self._retry
-        if (due and self._may_see_a_way(state, company)) or (untried and self.is_stuck):
+        if (due and self._may_see_a_way(state, teammates)) or (untried and self.is_stuck):
             return DROP
-        if self.relies_on is not Reliance.OTHERS_ASIDE or self._meddled:
+        # Meddling may have changed what the plan needs, so a free way is not enough.
+        if self.assumption is not Assumption.OTHERS_ASIDE or self._meddled:
             return KEEP
-        if self._station_in_the_way(state, company) is not None:
+        if self._station_in_the_way(state, teammates) is not None:
             return KEEP
-        self.relies_on = Reliance.TEAM  # The plan is good as it is.
-        return Verdict(way_is_free=True)
+        # The others have stepped aside, so the plan now relies on the team alone.
+        self.assumption = Assumption.TEAM
+        return PlanVerdict(way_is_free=True)
 
     def _count_standstill(self, past: PastStep, team: Collection[str]) -> None:
         goes_on = past.has_acted(team) or past.is_running(team)
         self._stuck = 0 if goes_on else self._stuck + 1
 
-    def _may_see_a_way(self, state: State, company: Company) -> bool:
-        """Whether what has changed may have opened a way, or closed the one that was hoped for."""
-        if self.relies_on is Reliance.EVERYBODY:  # Who does their part does what is hoped for.
-            meddled = not self.script.astray <= set(company.team)
+    def _may_see_a_way(self, state: State, teammates: Teammates) -> bool:
+        """Return whether a change may have opened a way, or closed the expected one."""
+        if self.assumption is Assumption.EVERYBODY:
+            # Others who do their part of the plan are expected; only deviations count.
+            meddled = not self.script.astray <= set(teammates.team)
         else:
             meddled = self._meddled
-        walked = self._walked_elsewhere(state, company)
-        done = self.script.is_finished(company.team) and state != self._base.state
+        walked = self._walked_elsewhere(state, teammates)
+        done = self.script.is_finished(teammates.team) and state != self._base.state
         return meddled or walked or (done and not self._made.cut_off)
 
-    def _walked_elsewhere(self, state: State, company: Company) -> bool:
-        """Whether others have walked from where they were in the way to where they are, as well; or
-        where it is not known that they are, to where they are not."""
-        if self.relies_on is Reliance.OTHERS_ASIDE:
-            before = {standing_at(self._base.state, player) for player in company.others}
-            return self._station_in_the_way(state, company) not in {None, *before}
-        if facts_about(company.others, state) == self._base.others:
+    def _walked_elsewhere(self, state: State, teammates: Teammates) -> bool:
+        """Return whether walks of the others may have changed what the team can reach."""
+        if self.assumption is Assumption.OTHERS_ASIDE:
+            before = {standing_at(self._base.state, player) for player in teammates.others}
+            # They may have left one place that the plan needs for another such place.
+            return self._station_in_the_way(state, teammates) not in {None, *before}
+        if facts_about(teammates.others, state) == self._base.others:
             return False
-        opened = self._made.cut_off and not self._is_cut_off(state, company.team)
+        opened = self._made.cut_off and not self._is_cut_off(state, teammates.team)
         return opened or self._made.aside_untried
 
-    def _station_in_the_way(self, state: State, company: Company) -> str | None:
-        return station_in_the_way(self.script.rest(company.team), state, company.others)
+    def _station_in_the_way(self, state: State, teammates: Teammates) -> str | None:
+        return station_in_the_way(self.script.rest(teammates.team), state, teammates.others)
 
 
 def facts_about(players: Collection[str], state: State) -> int:
-    """The facts of a state about some players."""
+    """Return the facts of a state about some players."""
     facts = 0
     for player in players:
         facts |= state.facts & state.world.table.mentions(player)

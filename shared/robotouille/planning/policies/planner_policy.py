@@ -1,15 +1,15 @@
-"""A seat that plans for itself: alone, or with others that plan alike.
+"""A policy that plans for its seat, alone or together with other planner bots.
 
-Planners in several seats make the same plan from the same state, each for the whole team, and each
-plays its own part. What makes them plan anew is something that all of them are told, in the same
-order: an action that the plan does not say, a step too many in which nothing goes on, somebody who
-comes or says something. So they plan from the same state, whenever each gets around to it.
+Planner bots in several seats make the same plan from the same state, each for the whole team, and
+each plays its own part (docs/decisions/0029-identical-team-plans.md). Only events that all of them
+receive in the same order make them plan again: an unplanned action, too many steps without
+progress, a change of participants, or a chat message. So they plan from the same state, however
+long each takes.
 
-Whoever is not of the team is taken to stand still. Those that are left plan around them, anew
-whenever they get in the way. Where there is no way, they ask for it, plan as if they had it, or as
-if everybody were of the team, and do of that plan what can be done: nothing that would have to be
-undone. Who waits for others meanwhile makes way for them. They plan anew only once somebody has
-done what may help or hinder: not since somebody walks.
+Participants outside the team are assumed to stand still, and the bots plan around them. Without
+such a plan the bots ask for a place, and plan as if they had it or as if everybody were in the
+team. They do the part of that plan that need not be undone, and make way while they wait
+(docs/decisions/0038-bots-with-people.md).
 """
 
 from __future__ import annotations
@@ -18,15 +18,20 @@ import logging
 import random
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.plan import Plan
-from robotouille.planning.policies.making_way import missing_deed, station_in_the_way
-from robotouille.planning.policies.past_step import PastStep
-from robotouille.planning.policies.plan_watch import Company, PlanBase, PlanWatch, facts_about
+from robotouille.planning.plan import Plan, SearchResult
+from robotouille.planning.policies.plan_watch import (
+    PastStep,
+    PlanBase,
+    PlanWatch,
+    Teammates,
+    facts_about,
+)
 from robotouille.planning.policies.script import Did, Script
 from robotouille.planning.policies.standing import (
     leads_to,
@@ -34,10 +39,17 @@ from robotouille.planning.policies.standing import (
     walks_aside,
     walks_out_of_the_way,
 )
-from robotouille.planning.policies.team_plan import Reliance, TeamPlanner
-from robotouille.planning.policies.team_search import EXPANSIONS, NEAR, TeamSearch
+from robotouille.planning.policies.team_plan import (
+    EXPANSIONS,
+    NEAR,
+    Assumption,
+    TeamPlanner,
+    TeamSearch,
+    missing_action,
+    station_in_the_way,
+)
 from robotouille.planning.policies.team_talk import (
-    TOLD,
+    ANNOUNCED_ACTIONS,
     VERSION,
     Talk,
     announced_version,
@@ -46,71 +58,87 @@ from robotouille.planning.policies.team_talk import (
     request,
     requested,
 )
-from robotouille.planning.search_result import SearchResult
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.people.occupancy import Occupancy
-from robotouille.world.people.wording import Wording
+from robotouille.world.presentation.usefulness import Occupancy
+from robotouille.world.presentation.wording import Wording
 from robotouille.world.world import State, World
-
-__all__ = ["PlannerPolicy"]
 
 logger = logging.getLogger(__name__)
 
 RECONSIDER = 4
-"""Steps after which a team whose plan may be too long looks for a shorter one."""
+"""Steps between two searches for a shorter plan of a team."""
 
+# Actions that arrive during planning can invalidate the new plan. One decision makes at most this
+# many plans.
 MAX_CATCHING_UP = 3
-"""Plans that are made for one decision, because what was done meanwhile was something else."""
 
+# Steps before a search is repeated that found no plan, if others have acted. Each failure doubles
+# them up to the maximum, since the same obstacle usually persists.
 RETRY, MAX_RETRY = 5, 40
-"""Steps after which a plan is sought again where there was none, if others have done something;
-twice as many each time that there is still none, up to a bound."""
 
 POLITE = 3
-"""Steps for which a seat waits for others where it stands, before it makes way."""
+"""Steps for which a seat waits for others at its place before it makes way."""
 
 YIELDING = 4
-"""Steps for which somebody who has made way stays away."""
+"""Steps for which a seat that made way stays away."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerOptions:
+    """Options of a planner policy.
+
+    `alone` ignores all other seats, which makes decisions quicker. `words` replaces words of the
+    domain in chat messages.
+    """
+
+    seed: int = 0
+    expansions: int = EXPANSIONS
+    alone: bool = False
+    words: Language = NO_WORDS
+
+
+DEFAULT_OPTIONS = PlannerOptions()
 
 
 class PlannerPolicy:
-    """Chooses the actions of one seat by search on its own copy of the world.
+    """Policy that chooses the actions of one seat by search on its own copy of the world.
 
-    One seed, one course: nothing here reads a clock. `alone` counts on nobody else from the start,
-    which makes decisions quicker; so does an `anytime` of the task that knows it already. It talks
-    in the words of the domain, with `words` laid over them.
+    Equal seeds and events give equal actions, because the policy reads no clock. `anticipating` is
+    true if the last action counts on another seat's action in the same step.
 
-    `anticipating` says of the last action that another's in the same step is to make it possible.
+    Args:
+        anytime: A planner of the task to share, which saves its analysis.
+        start: The state from which `observe` follows the game.
     """
 
     def __init__(
         self,
         world: World,
         player: str,
+        options: PlannerOptions = DEFAULT_OPTIONS,
         *,
-        seed: int = 0,
-        expansions: int = EXPANSIONS,
-        alone: bool = False,
         anytime: AnytimePlanner | None = None,
         start: State | None = None,
-        words: Language = NO_WORDS,
     ) -> None:
+        alone = options.alone
         self.player = player
-        self._random = random.Random(f"{seed}:{player}")
+        self._random = random.Random(f"{options.seed}:{player}")
         self._team = {player} if alone else set(world.players)
         self._unlike: set[str] = set()
         self._known: Mapping[str, str] = {}
         self._only = len(world.players) == 1
         self._punctual = world.task.timing is Timing.BENCHMARK
+        # Until `meet` reports the clock: the timing `people` is used for play in real time.
         self._hurried = not self._punctual
         self._lockstep = False
         self._anytime = anytime or AnytimePlanner(World(world.task))
-        shared_seed = seed if alone or self._only else 0
-        self._search = TeamSearch(self._anytime, shared_seed, expansions)
+        # The bots of a team must find the same plan, so they share the seed 0.
+        shared_seed = options.seed if alone or self._only else 0
+        self._search = TeamSearch(self._anytime, shared_seed, options.expansions)
         self._silent = alone or self._only
         self._planner = TeamPlanner(self._anytime, self._search, alone=self._silent)
         self._world = world
-        self._words = words
+        self._words = options.words
         self._state = start
         self._talk = Talk(silent=self._silent)
         self.anticipating = False
@@ -120,21 +148,19 @@ class PlannerPolicy:
         self._may_improve = False
         self._in_vain: dict[State, int] = {}
         self._retry = RETRY
-        self._unheeded: deque[PastStep] = deque()
+        self._unprocessed: deque[PastStep] = deque()
         self._step = self._waited = self._yielding_until = 0
         self._drop_plan()
 
-    # What the seat is told, in the same order as all others
+    # Events, which arrive in the same order at every seat
 
     @property
     def has_plan(self) -> bool:
-        """Whether the last search found a plan. Without one the seat does what would be right if
-        others made way; if there is no plan even then, it comes as near to the goal as it can."""
-        return self._watch is None or self._watch.relies_on is Reliance.TEAM
+        """True if the last search found a plan that relies on the team alone."""
+        return self._watch is None or self._watch.assumption is Assumption.TEAM
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        """Who moves each player now: `bot`, `human`, `model` and the like; and the clock. Only
-        bots are counted on."""
+        """Set the kind of participant in each seat, and the clock; only bots are counted on."""
         self._lockstep = clock == "lockstep"
         self._hurried = clock == "realtime"
         if self._silent:
@@ -150,11 +176,12 @@ class PlannerPolicy:
                 self._leave_out({player})
 
     def hear(self, player: str, text: str) -> None:
-        """What somebody says: a bot that plans alike, or a person who wants to get somewhere."""
+        """Process a bot's announcement of its version, or a request to leave a place."""
         version = announced_version(text)
         if version == VERSION:
             self._unlike.discard(player)
             self._team |= {p for p in self._world.players if self._counted_on(p)}
+            # Before the first step there is no plan to replace.
             if self._step:
                 self._drop_plan()
         elif version is not None:
@@ -166,35 +193,35 @@ class PlannerPolicy:
                 self._yielding_until = self._step + YIELDING
 
     def observe(self, did: Did) -> None:
-        """What everybody did in a step; called once for each step before `act`."""
+        """Process all actions of a step. Called once for each step, before `act`."""
         self._step += 1
         own = [(player, self._own(action), applied) for player, action, applied in did]
         if self._state is not None:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
-            self._unheeded.append(PastStep(self._step, self._state, own))
+            self._unprocessed.append(PastStep(self._step, self._state, own))
             self._catch_up()
 
     def _catch_up(self) -> None:
-        """Go through what has happened since the plan was found to be needed, as those have that
-        had it at once."""
-        while self._unheeded:
+        """Process the steps since a plan became necessary."""
+        # Each missed step is checked on its own, so that this seat draws the same conclusions as
+        # seats that had the plan at once.
+        while self._unprocessed:
             watch = self._followed
             if watch is None:
                 return
-            past = self._unheeded.popleft()
+            past = self._unprocessed.popleft()
             self._steps_left -= 1
-            verdict = watch.heed(past, self._company)
+            verdict = watch.check(past, self._teammates)
             if verdict.way_is_free:
-                self._talk.met()
+                self._talk.clear_requests()
             if self.player in verdict.without:
                 self._talk.announce()
             self._team -= verdict.without - {self.player}
-            if not verdict.keeps:
+            if not verdict.keep:
                 self._drop_plan(past)
 
     def speak(self) -> list[str]:
-        """What there is to be said since this was last asked; what is asked of others, as it is
-        now."""
+        """Return the new chat messages since the last call."""
         if self._talk.may_ask(self._step):
             wish = self._wish()
             if wish:
@@ -202,18 +229,19 @@ class PlannerPolicy:
         return self._talk.speak()
 
     def _wish(self) -> str:
-        """What this seat asks of others for the team, in the present state."""
+        """Return this seat's request on behalf of the team, or an empty text."""
         state, watch = self._state, self._followed
+        # Only the first seat of a team asks, so that no request is sent twice.
         if state is None or watch is None or state.goal_reached or self.player != min(self._team):
             return ""
         others = self._outsiders
-        deed = None
-        if watch.relies_on is Reliance.EVERYBODY and watch.is_stuck:
-            deed = missing_deed(watch.script, state, others, self._rules)
-        elif watch.relies_on is not Reliance.OTHERS_ASIDE:
+        missing = None
+        if watch.assumption is Assumption.EVERYBODY and watch.is_stuck:
+            missing = missing_action(watch.script, state, others, self._rules)
+        elif watch.assumption is not Assumption.OTHERS_ASIDE:
             return ""
-        if deed is not None:
-            return appeal(self._own(deed), state, self._wording)
+        if missing is not None:
+            return appeal(self._own(missing), state, self._wording)
         station = station_in_the_way(watch.script.rest(self._team), state, others)
         return "" if station is None else request(station, state, self._wording)
 
@@ -221,7 +249,7 @@ class PlannerPolicy:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
 
     def _own(self, action: GroundAction) -> GroundAction:
-        """An action of another copy of the world."""
+        """Return an action of another copy of the world as an action of this one."""
         if action.source is self._world:
             return action
         self._world.admit(action.arguments)
@@ -229,51 +257,56 @@ class PlannerPolicy:
 
     @property
     def _followed(self) -> PlanWatch | None:
-        """The plan that is followed; None where another one is needed."""
+        """The followed plan, or None if a new one is needed."""
         return self._watch if self._needed is None else None
 
     @property
     def _script(self) -> Script | None:
-        """This seat's part of it."""
+        """This seat's part of the followed plan."""
         return None if self._followed is None else self._followed.script
 
     def _drop_plan(self, past: PastStep | None = None) -> None:
-        """Follow the plan no more. Once an action is asked for, another one is made: from here, or
-        from a step that has passed."""
+        """Stop following the plan; the next `act` makes one from the present or a past step."""
         if past is None:
-            self._unheeded.clear()
+            self._unprocessed.clear()
+        # All seats of the team plan from the step in which they noticed the deviation, which all of
+        # them notice in the same step.
         step, state = (self._step, self._state) if past is None else (past.step, past.state)
         if state is not None:
             self._needed = PlanBase(step, state, facts_about(self._outsiders, state))
         self._waited = 0
 
     def _leave_out(self, players: set[str]) -> None:
-        """Do not count on some players any more."""
+        """Stop counting on some players."""
         players = players & self._team - {self.player}
         if players:
             self._team -= players
             self._drop_plan()
 
-    # What the seat does
+    # Actions of the seat
 
     def act(self, state: State) -> GroundAction | None:
-        """The action to take in a state; None to do nothing this step."""
+        """Return the action to take in a state, or None to do nothing in this step."""
         self.anticipating = False
         if self._state is None or self._state != state:
+            # The game is not in the state that `observe` predicts: the seat has joined, or returned
+            # after an absence.
             returning = self._state is not None
             self._state = state
             self._drop_plan()
             if returning:
                 self._talk.announce()
         self._state = state
+        # A busy player's actions are rejected, so planning can wait.
         if state.goal_reached or state.busy_steps(self.player):
             return None
         if self._yielding_until > self._step:
             return self._step_aside(state)
+        # The steps that passed during planning may already contradict the new plan.
         for _ in range(MAX_CATCHING_UP):
             if self._needed is not None:
                 self._make_plan(self._needed)
-                self._catch_up()  # What was done meanwhile may be against the plan.
+                self._catch_up()
         if self._script is None:
             return None
         if self._may_improve and self._only:
@@ -287,14 +320,15 @@ class PlannerPolicy:
             self._waited += 1
             return self._make_way(state)
         self._waited = 0
-        self._tell_others(action)
+        self._announce_actions(action)
         return action
 
     @property
     def waiting(self) -> bool:
-        """Whether, where the last `act` was to do nothing, that is since a place is not free, since
-        somebody has to come first, or since there is no way past the others; not for an effect that
-        runs."""
+        """True if the last `act` did nothing because of a blocked place or a participant.
+
+        Waiting for a running effect does not count.
+        """
         state, script = self._state, self._script
         if state is None or state.goal_reached or state.busy_steps(self.player):
             return False
@@ -306,27 +340,32 @@ class PlannerPolicy:
         watch = self._followed
         if watch is None:
             return None
-        if not self._lockstep or watch.relies_on is Reliance.EVERYBODY:
+        # In lockstep all seats decide at the same time, so an action may count on another one of
+        # the same step (`act.anticipates`). Only the team's own actions are certain enough for
+        # that.
+        if not self._lockstep or watch.assumption is Assumption.EVERYBODY:
             return watch.script.act(state)
         action, self.anticipating = watch.script.joint(state).get(self.player, (None, False))
         return action
 
     def _make_plan(self, base: PlanBase) -> None:
-        """Make a plan from where it was found to be needed, and follow it."""
+        """Make a plan from the state in which it became necessary, and follow it."""
         tried = self._in_vain.get(base.state, 0)
         made = self._planner.make(base.state, self._team, hurried=self._hurried, tried=tried)
         self._may_improve = False
-        if made.relies_on is Reliance.TEAM:
-            self._talk.met()
+        if made.assumption is Assumption.TEAM:
+            self._talk.clear_requests()
             self._in_vain.clear()
             self._may_improve = self._punctual and self._is_worth_improving(made.found)
         else:
             logger.debug("%s finds no plan from here", self.player)
+            # The count is per state: the next plan from here makes the other assumption first.
             self._in_vain[base.state] = tried + 1
-        helpless = made.relies_on is Reliance.NOTHING and not made.found.unsolvable
+        # A proof that the goal is out of reach needs no second search.
+        helpless = made.assumption is Assumption.NOTHING and not made.found.unsolvable
         self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
         if helpless and self._outsiders and self.player == min(self._team):
-            self._talk.despair()
+            self._talk.report_no_plan()
         self._watch = PlanWatch(
             made,
             self._part_of(made.plan, made.base),
@@ -338,24 +377,23 @@ class PlannerPolicy:
         self._needed = None
 
     def _improve(self, state: State) -> None:
-        """Take what time there is at every decision to look for a shorter plan for the rest.
-
-        Only where steps are those of the plan: elsewhere lengths say little about time. And only
-        where there are no other seats, whose parts a shorter plan would count on.
-        """
+        """Search for a shorter remaining plan of a single seat."""
+        # Only with the timing `benchmark`, since elsewhere plan lengths say little about time. Only
+        # without other seats, which would have to change their parts too.
         for result in self._search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
                 self._follow_instead(result.plan, state)
             self._may_improve = result.plan is None or self._steps_left > result.bound
 
     def _is_worth_improving(self, result: SearchResult) -> bool:
-        """A player who is alone always tries; a team that decides together, if there is a bound."""
+        """Return whether a search for a shorter plan may pay off."""
         if self._only or len(self._team) == 1 or not self._lockstep:
             return self._only and not result.optimal
+        # Without a bound, such as for three players, a team would search again and again in vain.
         return result.bound > 0 and self._steps_left > NEAR * result.bound
 
     def _improve_together(self, state: State) -> None:
-        """Look for a shorter plan for the rest: all of the team do, in the same step."""
+        """Search for a shorter remaining plan. All bots of the team do so in the same step."""
         team = tuple(sorted(self._team))
         found = self._search.once(state, team, self._planner.effort(team), after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
@@ -363,21 +401,21 @@ class PlannerPolicy:
         self._may_improve = self._steps_left > NEAR * found.bound
 
     def _follow_instead(self, plan: Plan, state: State) -> None:
-        """Follow a shorter plan for the rest."""
+        """Replace the followed plan by a shorter one."""
         if self._followed is not None:
             self._followed.script = self._part_of(plan, state)
 
     def _part_of(self, plan: Plan, base: State) -> Script:
-        """This seat's part of a plan that is to be followed from now on."""
+        """Return this seat's part of a new plan."""
         direct = self._hurried and bool(self._outsiders)
         self._steps_left = len(plan)
         return Script(self.player, plan, self._anytime.in_model(base), direct=direct)
 
-    # Others who are no planners
+    # Participants outside the team
 
     @cached_property
     def _wording(self) -> Wording:
-        """The words for those who are no planners."""
+        """Words for chat messages to people and models."""
         return Wording(self._world, language_of(self._world.task).with_words(self._words))
 
     @cached_property
@@ -389,46 +427,46 @@ class PlannerPolicy:
         return [p for p in self._world.players if p not in self._team]
 
     @property
-    def _company(self) -> Company:
+    def _teammates(self) -> Teammates:
         others = self._outsiders
         among_bots = any(self._known.get(p, "bot") in ("bot", "") for p in others)
-        return Company(self._team, others, among_bots=among_bots, hurried=self._hurried)
+        return Teammates(self._team, others, among_bots=among_bots, hurried=self._hurried)
 
     def _is_idle(self, state: State) -> bool:
-        """Whether the seat has nothing to do, and may be in the way of others."""
+        """Return whether the seat has nothing to do and may be in the way of others."""
         if self._only or self._script is None or not self._script.finished:
             return False
         return bool(self._outsiders)
 
     def _step_aside(self, state: State) -> GroundAction | None:
-        """Walk to where nobody wants to be, unless the seat is there."""
+        """Return a walk to an empty place, or None if the seat is at one."""
         walks = walks_aside(state, self.player)
+        # A random place: two bots that step aside would otherwise choose the same one.
         return self._random.choice(walks) if walks else None
 
     def _waits_for_others(self, state: State, action: GroundAction | None) -> bool:
-        """Whether what the seat has left to do has to wait for somebody who is not of the team: for
-        their part of the plan, or since they stand where it is about to go."""
+        """Return whether the seat has to wait for participants outside the team."""
         watch, others = self._followed, self._outsiders
         if watch is None or not others or watch.script.finished:
             return False
         script = watch.script
         at_work = action is not None and action.destination is None
-        if not at_work and watch.relies_on is Reliance.EVERYBODY and script.waits_for(others):
+        if not at_work and watch.assumption is Assumption.EVERYBODY and script.waits_for(others):
             return True
         due = script.due(self.player, state) if action is None else None
         return due is not None and leads_to(due, {standing_at(state, p) for p in others})
 
     def _make_way(self, state: State) -> GroundAction | None:
-        """Stand where nobody wants to be while one waits, if that lasts."""
+        """Return a walk to an empty place after some steps of waiting."""
         walks = walks_out_of_the_way(state, self.player) if self._waited >= POLITE else []
         return self._random.choice(walks) if walks else None
 
-    def _tell_others(self, action: GroundAction | None) -> None:
-        """Tell people and others who cannot know where this seat is about to go."""
+    def _announce_actions(self, action: GroundAction | None) -> None:
+        """Announce the seat's next actions to participants who cannot compute them."""
         if action is None or self._script is None or action.destination is None:
             return
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
-        may = self._talk.may_tell(self._step, hurried=self._hurried)
+        may = self._talk.may_announce_actions(self._step, hurried=self._hurried)
         if others and self._state is not None and may:
-            coming = [self._own(each) for each in self._script.coming(TOLD)]
-            self._talk.tell(intention(coming, self._state, self._wording), self._step)
+            coming = [self._own(each) for each in self._script.coming(ANNOUNCED_ACTIONS)]
+            self._talk.announce_actions(intention(coming, self._state, self._wording), self._step)

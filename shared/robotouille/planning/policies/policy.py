@@ -1,6 +1,6 @@
-"""What decides for a seat: policies choose an action in a state.
+"""Policies, which choose an action in a state.
 
-A policy holds its own copy of the world and whatever memory it has explicitly; it never waits.
+A policy has its own copy of the world. It is synchronous and keeps all its memory itself.
 """
 
 from __future__ import annotations
@@ -13,47 +13,49 @@ from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
-__all__ = ["Policy", "RandomPolicy", "TeamPolicy", "waits"]
-
 
 class Policy(Protocol):
-    """Chooses the actions of one seat."""
+    """Interface of objects that choose the actions of one seat."""
 
     def act(self, state: State) -> GroundAction | None:
-        """The action to take in a state; None to do nothing this step."""
+        """Return the action to take in a state, or None to do nothing in this step."""
 
     def observe(self, did: Did) -> None:
-        """What everybody did in a step; called once for each step before `act`."""
+        """Process all actions of a step. Called once for each step, before `act`."""
 
 
 @runtime_checkable
 class TeamPolicy(Policy, Protocol):
-    """A policy that knows of others in the game, hears what they say, and says something.
+    """A policy that reacts to the other participants and to chat messages, and sends some itself.
 
-    `anticipating` says of the last action that another's in the same step is to make it possible.
+    `anticipating` is true if the last action counts on another seat's action in the same step.
     """
 
     anticipating: bool
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        """Who moves each player now: `bot`, `human`, `model`, `absent` and the like, empty for a
-        free seat; and the clock. Called whenever this changes."""
+        """Set the kind of participant in each seat, and the clock. Called on every change.
+
+        Kinds are `bot`, `human`, `model`, `absent` and others, or empty for a free seat.
+        """
 
     def hear(self, player: str, text: str) -> None:
-        """Something that somebody says in the chat, oneself included."""
+        """Process a chat message. The policy's own messages are included."""
 
     def speak(self) -> list[str]:
-        """What there is to be said since this was last asked."""
+        """Return the new chat messages since the last call."""
 
 
 def waits(policy: Policy) -> bool:
-    """Whether a policy that has just decided to do nothing waits for a place or for somebody: as
-    its own `waiting` says, if it has that."""
+    """Return whether a policy that chose to do nothing waits for a place or a participant.
+
+    Policies without a `waiting` attribute never wait.
+    """
     return bool(getattr(policy, "waiting", False))
 
 
 class RandomPolicy:
-    """A valid action at random; one seed, one course."""
+    """Policy that chooses random valid actions. Equal seeds give equal choices."""
 
     def __init__(self, player: str, seed: int = 0) -> None:
         self._player = player

@@ -1,4 +1,4 @@
-"""Follow one seat's part of a plan, under any clock and timing profile."""
+"""Execution of one seat's part of a plan, under any clock and timing profile."""
 
 from __future__ import annotations
 
@@ -11,17 +11,15 @@ from robotouille.planning.policies.standing import standing_at, walk_to
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
-__all__ = ["Did", "Script", "depend", "does_something", "running_effects"]
-
 Did = Sequence[tuple[str, GroundAction, bool]]
 """The actions of a step: player, action, and whether it was applied."""
 
 
 class _Row(NamedTuple):
-    """An action of one seat: its step of the plan, its place there, and what has to be done before.
+    """An action of one seat: its step, its position in the step, and its dependencies.
 
-    `needs` has the number of actions of other seats, for each on whose actions this one depends.
-    `at` is the station at which the plan has the seat stand by then.
+    `needs` maps other seats to the number of their actions that have to come before. `at` is the
+    station at which the plan expects the seat before the action.
     """
 
     step: int
@@ -32,17 +30,14 @@ class _Row(NamedTuple):
 
 
 class Script:
-    """A plan as an order of actions.
+    """A plan as a partial order of actions.
 
-    A plan says what happens in which step; elsewhere things take longer. So an action waits for
-    those actions of other seats that come before it in the plan and have to do with the same
-    things, and for every effect that had run its course by then (a patty is not picked up before it
-    is cooked). Who has made way for somebody goes back to where the plan has them once there is
-    something for them to do there.
+    An action waits for the earlier actions of other seats that concern the same objects, and for
+    effects that end before it in the plan: a patty is not picked up before it is cooked. A player
+    who made way for someone returns as soon as there is something to do there.
 
     Args:
-        direct: Where walks come one after the other, walk at once to where the last one leads, if
-            that is possible.
+        direct: Replace several walks in a row by one walk if possible.
     """
 
     def __init__(self, player: str, plan: Plan, start: State, *, direct: bool = False) -> None:
@@ -55,6 +50,9 @@ class Script:
         self._rehearse(plan, start)
 
     def _rehearse(self, plan: Plan, state: State) -> None:
+        # A plan states steps, but steps take longer in other timing profiles and when others
+        # interfere. So only the order of dependent actions is kept, and which effects have ended
+        # before each.
         begun = running_effects(state)
         at = {player: standing_at(state, player) for player in self._rows}
         for step, actions in enumerate(plan):
@@ -80,8 +78,11 @@ class Script:
         return needs
 
     def observe(self, did: Did, may_walk: Collection[str] = ()) -> None:
-        """What everybody did in a step; who does what the plan does not say is `astray`. A seat
-        with nothing left to do may walk, and so may those in `may_walk`."""
+        """Process all actions of a step.
+
+        Players who deviate from the plan are added to `astray`. Players in `may_walk` and players
+        without further actions may walk anywhere.
+        """
         for player, action, applied in did:
             row = self._next(player)
             done = self._done_by(player, action) if applied else 0
@@ -94,8 +95,8 @@ class Script:
                 self.astray.add(player)
 
     def _done_by(self, player: str, action: GroundAction) -> int:
-        """How many of a seat's next actions are done with an action. Of walks it only matters where
-        they lead: one may be instead of several."""
+        """Return how many of a seat's next actions an action completes."""
+        # Only the destination of walks matters: one walk may replace several.
         for number, row in enumerate(self._rows[player][self._done[player] :], start=1):
             there = row.action.destination
             if there is not None and there == action.destination:
@@ -110,48 +111,47 @@ class Script:
 
     @property
     def finished(self) -> bool:
-        """Whether this seat has nothing left to do."""
+        """True if this seat has no actions left."""
         return self._next(self.player) is None
 
     def is_finished(self, players: Collection[str]) -> bool:
-        """Whether none of some seats has anything left to do."""
+        """Return whether these seats have no actions left."""
         return all(self._next(player) is None for player in players)
 
     def coming(self, count: int) -> list[GroundAction]:
-        """The next actions of this seat, so many at most."""
+        """Return at most `count` next actions of this seat."""
         done = self._done[self.player]
         return [row.action for row in self._rows[self.player][done : done + count]]
 
     def rest(self, players: Collection[str]) -> list[GroundAction]:
-        """What some seats have left to do, in the plan's order."""
+        """Return the remaining actions of some seats in the plan's order."""
         rows = [row for p in players for row in self._rows[p][self._done[p] :]]
         return [row.action for row in sorted(rows, key=lambda row: (row.step, row.place))]
 
-    def deed(self, player: str) -> GroundAction | None:
-        """The next action of a seat that is more than a walk."""
-        row = self._deed(player)
+    def non_move_action(self, player: str) -> GroundAction | None:
+        """Return the next action of a seat that is not a walk."""
+        row = self._next_non_move(player)
         return None if row is None else row.action
 
     def waits_for(self, players: Collection[str]) -> bool:
-        """Whether the next action of this seat that is more than a walk, or the walk there, waits
-        for some others to do something first."""
-        deed, row = self._deed(self.player), self._next(self.player)
+        """Return whether this seat's next walk or next other action waits for some players."""
+        non_move_action, row = self._next_non_move(self.player), self._next(self.player)
         return any(
             self._done[p] < each.needs.get(p, 0)
-            for each in (deed, row)
+            for each in (non_move_action, row)
             if each is not None
             for p in players
         )
 
-    def _deed(self, player: str) -> _Row | None:
+    def _next_non_move(self, player: str) -> _Row | None:
         rows = self._rows[player][self._done[player] :]
         return next((row for row in rows if row.action.destination is None), None)
 
     def due(self, player: str, state: State, chosen: Collection[str] = ()) -> GroundAction | None:
-        """The next action of a seat if the plan waits for nothing else, valid or not.
+        """Return a seat's next action if the plan waits for nothing else, valid or not.
 
         Args:
-            chosen: The seats whose next action is done before in the same step.
+            chosen: Seats whose next action comes earlier in the same step.
         """
         row = self._next(player)
         if row is None or not self._is_time(row, state, chosen):
@@ -162,7 +162,8 @@ class Script:
         return self._way_back(player, row, state) or self._shortcut(player, state) or action
 
     def _shortcut(self, player: str, state: State) -> GroundAction | None:
-        """One walk instead of several."""
+        """Return one walk instead of several."""
+        # Each walk on the way may be blocked by a participant, and takes time in real time.
         rows = self._rows[player][self._done[player] :] if self._direct else []
         walks = list(takewhile(lambda row: row.action.destination is not None, rows))
         if len(walks) < 2 or not self._is_time(walks[-1], state):
@@ -175,42 +176,48 @@ class Script:
         return all(self._done[p] + (p in chosen) >= count for p, count in row.needs.items())
 
     def _way_back(self, player: str, row: _Row, state: State) -> GroundAction | None:
-        """The walk of who stands elsewhere than the plan has them, if there is then something to do
-        for them where it leads; None for who stands there."""
+        """Return the walk back to where the plan expects a player, or None."""
         if standing_at(state, player) in (None, row.at):
             return None
-        deed = self._deed(player)
-        if deed is None:
+        non_move_action = self._next_non_move(player)
+        if non_move_action is None:
             return walk_to(state, player, row.action.destination)
-        walk, action = walk_to(state, player, deed.at), _here(state.world, deed.action)
-        if walk is None or action is None or not self._is_time(deed, state):
+        walk, action = (
+            walk_to(state, player, non_move_action.at),
+            _here(state.world, non_move_action.action),
+        )
+        if walk is None or action is None or not self._is_time(non_move_action, state):
             return None
         facts = (state.facts | walk.touched) ^ walk.removed
         there = State(state.world, facts, state.timers)
+        # Walking back too early would block the place again, so the next action has to be possible.
         return walk if state.world.applicable(there, action) else None
 
     def act(self, state: State) -> GroundAction | None:
-        """The next action of the seat, if it is its time; None to wait."""
+        """Return the next action of this seat if it is due and valid, else None."""
         action = self.due(self.player, state)
         if action is None or not state.world.applicable(state, action):
             return None
         return action
 
     def waits(self, state: State) -> bool:
-        """Whether the seat has something left to do that is not possible yet, and no effect that
-        runs is the cause: somebody has to come first, or to make room."""
+        """Return whether this seat waits for another player rather than for a running effect."""
         row = self._next(self.player)
         if row is None or running_effects(state) & self._finished[row.step]:
             return False
         return self.act(state) is None
 
     def joint(self, state: State) -> dict[str, tuple[GroundAction, bool]]:
-        """What all seats do in a step in which all decide at the same time: their actions, in the
-        order in which they apply, and whether each counts on one before it in the step."""
+        """Return all seats' actions of a step in which all of them decide at the same time.
+
+        Each action comes with whether it counts on an earlier action of the same step.
+        """
         chosen: dict[str, tuple[GroundAction, bool]] = {}
         now = state
         rows = ((self._next(p), p) for p in self._rows)
         order = [p for _, _, p in sorted((r.step, r.place, p) for r, p in rows if r is not None)]
+        # An action can enable another one in the same step, so each chosen action restarts the
+        # loop. The order of the plan makes all bots of a team choose the same actions.
         while True:
             for player in order:
                 action = None if player in chosen else self.due(player, state, chosen)
@@ -224,24 +231,25 @@ class Script:
 
 
 def does_something(action: GroundAction) -> bool:
-    """Whether an action is more than to wait."""
+    """Return whether an action does more than wait."""
     return bool(action.touched or action.effects)
 
 
 def depend(one: GroundAction, other: GroundAction, *, but: int = 0) -> bool:
-    """Whether it matters which of two actions comes first, `but` for some facts."""
+    """Return whether the order of two actions matters, apart from the facts `but`."""
+    # Two actions commute if neither changes facts that the other one reads or changes.
     reads, other_reads = one.tested | one.reads, other.tested | other.reads
     shared = one.touched & (other_reads | other.touched) | other.touched & reads
     return bool(shared & ~but)
 
 
 def _here(world: World, action: GroundAction) -> GroundAction | None:
-    """An action of a plan in another copy of the world, in which less may have been created."""
+    """Return an action in another copy of the world, or None if its objects do not exist there."""
     if not world.thing_names.issuperset(action.arguments):
         return None
     return world.action(action.name, *action.arguments)
 
 
 def running_effects(state: State) -> set[str]:
-    """The effects of delayed and repeated actions that are not over."""
+    """Return the delayed and repeated effects that have not ended."""
     return {str(effect) for effect, _ in state.timers.entries}

@@ -1,71 +1,246 @@
-"""How a team comes by a plan: one of its own, one for when others have made way, or have done their
-part, or what leads as near to the goal as it gets.
+"""Searches and plans of a team next to other participants.
 
-Where people play on meanwhile, all of it together has a bound in expansions (`MAX_BRIEF`), and so
-takes a second or two at worst.
+Limits count expansions instead of seconds, so that all bots of a team find the same plan on every
+machine (docs/decisions/0029-identical-team-plans.md).
+
+A plan relies on the team alone, on others stepping aside, on others doing their part, or leads only
+as near to the goal as possible (docs/decisions/0038-bots-with-people.md). In real time all searches
+for one decision share MAX_BRIEF expansions, which take a second or two at most.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum, auto
 
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.plan import Plan
+from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
+from robotouille.planning.plan import Limits, Plan, Proof, SearchResult
 from robotouille.planning.policies.deferral import defer_blocked
-from robotouille.planning.policies.making_way import with_others_aside
-from robotouille.planning.policies.team_search import Effort, TeamSearch
-from robotouille.planning.search_result import Proof, SearchResult
+from robotouille.planning.policies.script import Script
+from robotouille.planning.policies.standing import leads_to, standing_at, walks_aside
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.usefulness import Occupancy
+from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State
 
-__all__ = ["WAYS", "Reliance", "TeamPlan", "TeamPlanner"]
+EXPANSIONS = 2_000
+"""Expansions of the beam search for each plan of a team."""
 
+# Expansions for a shorter plan: per decision for one player, or per plan for two. In plain Python
+# they take about 0.1 s for one player and 0.5 s for two.
+ALONE, TOGETHER = Limits(expansions=130), Limits(expansions=500)
+
+# In real time, a second of planning costs a team more steps than a shorter plan saves
+# (docs/planners.md).
+HURRIED = Limits(expansions=1)
+
+# Expansions for any plan at all, if a single player has found none. They take seconds.
+STUBBORN = Limits(expansions=2_000)
+
+BRIEF = 1_500
+"""Expansions of the beam search in real time; without a plan, UNSOLVED_FACTOR times as many."""
+
+# Expansions of all searches for one decision in real time. They take one or two seconds, and seldom
+# more than a fifth of that. In a domain without a plug-in, greedy searches after failures take up
+# to two seconds more. The last search may exceed the limit by one layer of the beam. See
+# docs/decisions/0038-bots-with-people.md.
+MAX_BRIEF = 8_000
+
+WIDE = 8
+"""Factor for the width of the beam if no plan was found otherwise."""
+
+ATTEMPTS = 3
+"""Number of plans made for a team that is not in a hurry. The shortest one is used."""
+
+NEAR = 1.11
+"""Ratio of a plan's length to the proven bound from which a team looks for another plan."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Limits of planning for a team.
+
+    `choices` is the number of choices of objects to try for the goal. `hurried` is true if the game
+    continues during planning.
+    """
+
+    choices: int = 1
+    hurried: bool = False
+
+    @property
+    def brief(self) -> bool:
+        """True if all searches for one decision share a limit."""
+        # Several choices are tried only next to other participants, who make replanning frequent.
+        return self.hurried and self.choices > 1
+
+
+class TeamSearch:
+    """Deterministic searches: equal states and seeds give every bot of a team the same plan.
+
+    Args:
+        expansions: Expansions of the beam search for each plan.
+    """
+
+    def __init__(self, anytime: AnytimePlanner, seed: int, expansions: int) -> None:
+        self._anytime = anytime
+        self._seed = seed
+        self._expansions = expansions
+        self._brief = min(expansions, BRIEF)
+        self._one_seat = len(anytime.model.players) == 1
+
+    def best(self, state: State, team: tuple[str, ...], effort: Effort) -> SearchResult:
+        """Return the shortest of several plans for a team; in a hurry, the first one."""
+        best = self.once(state, team, effort)
+        if self._one_seat and best.plan is None and not best.unsolvable:
+            return self._anytime.first(state, STUBBORN, seed=self._seed)
+        # One player's plan is improved step by step during play, so one attempt is enough.
+        attempts = 1 if len(team) == 1 or effort.hurried else ATTEMPTS
+        for number in range(1, attempts):
+            if best.unsolvable or (best.plan is not None and len(best.plan) <= NEAR * best.bound):
+                break
+            found = self.once(state, team, effort, after=number)
+            best = found if _is_shorter(found, best) else best
+        return best
+
+    def once(
+        self, state: State, team: tuple[str, ...], effort: Effort, *, after: int = 0
+    ) -> SearchResult:
+        """Return one plan. Each number `after` gives another one."""
+        together = HURRIED if effort.hurried else TOGETHER
+        limits = ALONE if len(team) == 1 else together
+        seed = self._seed + after
+        *_, found = self._anytime.search(
+            state, limits, team=team, seed=seed, beam=self._expansions, choices=effort.choices
+        )
+        return found
+
+    def brief(
+        self, state: State, team: tuple[str, ...], effort: Effort, *, spent: int
+    ) -> SearchResult:
+        """Return a plan found with the expansions that a decision has left."""
+        # A failed beam search is repeated with UNSOLVED_FACTOR times as many expansions.
+        beam = min(self._brief, (MAX_BRIEF - spent) // UNSOLVED_FACTOR)
+        if beam <= 0:
+            return SearchResult(None, 0, Proof.NONE, PLANNER, 0)
+        return next(
+            self._anytime.search(
+                state,
+                HURRIED,
+                team=team,
+                seed=self._seed,
+                beam=beam,
+                choices=effort.choices,
+                brief=True,
+            )
+        )
+
+    def wide(self, state: State, team: tuple[str, ...]) -> SearchResult:
+        """Return a plan for a state that is hard to leave."""
+        beam = WIDE * self._expansions
+        *_, found = self._anytime.search(state, HURRIED, team=team, seed=self._seed, beam=beam)
+        return found
+
+    def shorter(self, state: State) -> Iterator[SearchResult]:
+        """Yield better and better plans for a single player within the limits of a decision."""
+        return self._anytime.search(state, ALONE, beam=0)
+
+    def towards(self, state: State, team: tuple[str, ...], effort: Effort) -> Plan:
+        """Return the plan that came nearest to the goal, if no search reached it."""
+        # The arguments equal those of the failed search, so its cached result is used.
+        if not effort.brief:
+            return self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
+        return self._anytime.towards(
+            state, team=team, seed=self._seed, beam=self._brief, choices=effort.choices, brief=True
+        )
+
+
+def _is_shorter(one: SearchResult, other: SearchResult) -> bool:
+    if one.plan is None or other.plan is None:
+        return one.plan is not None
+    return len(one.plan) < len(other.plan)
+
+
+def with_others_aside(state: State, others: Iterable[str]) -> State:
+    """Return a state of the model as if some players had stepped aside."""
+    for player in others:
+        for walk in walks_aside(state, player)[:1]:
+            # Only facts change: walks that take several steps would start timers.
+            facts = (state.facts | walk.touched) ^ walk.removed
+            state = State(state.world, facts, state.timers)
+    return state
+
+
+def station_in_the_way(
+    coming: Iterable[GroundAction], state: State, others: Collection[str]
+) -> str | None:
+    """Return the first destination of some actions at which another player stands."""
+    taken = {standing_at(state, player) for player in others}
+    return next((each.destination for each in coming if leads_to(each, taken)), None)
+
+
+# An appeal makes sense only for an action that the other player could take at once, after walking.
+def missing_action(
+    script: Script, state: State, others: Iterable[str], rules: Occupancy
+) -> GroundAction | None:
+    """Return an action that the plan expects of another player and that only places prevent."""
+    for player in others:
+        planned = None if player in script.astray else script.non_move_action(player)
+        if planned is None or not state.world.thing_names.issuperset(planned.arguments):
+            continue
+        action = state.world.action(planned.name, *planned.arguments)
+        unmet = state.world.unmet(state, action)
+        if all(u.kind is UnmetKind.BUSY or rules.is_about_standing(u.predicate) for u in unmet):
+            return action
+    return None
+
+
+# Other players may stand in the way of the first choice of objects, so several choices are tried.
 CHOICES = 6
-"""Choices of objects that are tried where others may stand in the way of the first."""
 
 NOT_FOUND = SearchResult(None, 0, Proof.NONE, "", 0)
 
 
-class Reliance(Enum):
-    """On what a plan counts."""
+class Assumption(Enum):
+    """Assumption of a plan about the other participants."""
 
     TEAM = auto()
-    """The team alone: all others may stand where they stand."""
+    """The others stay where they stand."""
     OTHERS_ASIDE = auto()
-    """That others walk to where they are in nobody's way."""
+    """The others step aside."""
     EVERYBODY = auto()
-    """That others do their part of it."""
+    """The others do their part of the plan."""
     NOTHING = auto()
-    """It does not reach the goal."""
+    """The plan does not reach the goal."""
 
 
-WAYS = (Reliance.OTHERS_ASIDE, Reliance.EVERYBODY)
-"""On what a team counts that finds no plan of its own."""
+WAYS = (Assumption.OTHERS_ASIDE, Assumption.EVERYBODY)
+"""Assumptions for a team that finds no plan of its own."""
 
 
 @dataclass(frozen=True, slots=True)
 class TeamPlan:
-    """A plan, the state for which it was made, and what it counts on.
+    """A plan, the state for which it was made, and its assumption.
 
-    `found` is what is known of it where it counts on the team alone. `cut_off` says that others
-    stand where the team has to get, or have what it needs; `aside_untried` that it is not known
-    whether it would help if they walked.
+    `found` is the search result if the plan relies on the team alone. `cut_off` is true if others
+    block places or hold objects that the team needs. `aside_untried` is true if no search checked
+    whether walks of the others would help.
     """
 
     plan: Plan
     base: State
-    relies_on: Reliance
+    assumption: Assumption
     found: SearchResult = NOT_FOUND
     cut_off: bool = False
     aside_untried: bool = False
 
 
 class TeamPlanner:
-    """Makes plans for the team of a seat. From the same state they are the same for all of it.
+    """Planner for the team of a seat. Equal states give equal plans to the whole team.
 
     Args:
-        alone: There is nobody to be reckoned with.
+        alone: True to ignore other participants.
     """
 
     def __init__(self, anytime: AnytimePlanner, search: TeamSearch, *, alone: bool) -> None:
@@ -77,12 +252,11 @@ class TeamPlanner:
     def make(
         self, base: State, team: Collection[str], *, hurried: bool, tried: int = 0
     ) -> TeamPlan:
-        """A plan from a state.
+        """Return a plan from a state.
 
         Args:
-            hurried: The game goes on meanwhile.
-            tried: How often plans from there have come to nothing: where the team finds none of its
-                own, it counts on others in another way each time.
+            hurried: True if the game continues during planning.
+            tried: Number of earlier plans from this state that failed.
         """
         seats, effort = tuple(sorted(team)), self.effort(team, hurried=hurried)
         decision = _Decision(
@@ -91,13 +265,13 @@ class TeamPlanner:
         return decision.plan()
 
     def effort(self, team: Collection[str], *, hurried: bool = False) -> Effort:
-        """What a plan for a team may take; others may stand in the way of the first choice."""
+        """Return the limits of planning for a team."""
         all_ours = self._alone or len(team) == len(self._players)
         return Effort(choices=1 if all_ours else CHOICES, hurried=hurried)
 
 
 class _Decision:
-    """One call for a plan: for whom, what it may cost, and what it has cost so far."""
+    """One call of `TeamPlanner.make` and the expansions spent so far."""
 
     def __init__(
         self,
@@ -122,26 +296,29 @@ class _Decision:
         self._spent = 0
 
     def plan(self) -> TeamPlan:
-        """The plan of the team's own, or else what there is instead."""
+        """Return a plan of the team's own, or a replacement."""
+        # The reachability test is cheap; a search would spend all its expansions without finding a
+        # plan.
         found = NOT_FOUND if self._cut_off else self._find(self._base, self._team)
         if found.plan is not None:
-            return TeamPlan(found.plan, self._base, Reliance.TEAM, found)
+            return TeamPlan(found.plan, self._base, Assumption.TEAM, found)
         if found.unsolvable:
-            return TeamPlan(Plan(()), self._base, Reliance.NOTHING, found)
+            return TeamPlan(Plan(()), self._base, Assumption.NOTHING, found)
         return self._way() or self._nearer()
 
     def _way(self) -> TeamPlan | None:
-        """A plan as if others made way or did their part; the other one first where that was in
-        vain."""
+        """Return a plan that assumes that others step aside or help, or None."""
         base, tried, cut_off = self._base, self._tried, self._cut_off
+        # After a failed plan the other assumption comes first, so that no team repeats the same
+        # mistake.
         for number in range(tried, tried + len(WAYS)):
-            if WAYS[number % len(WAYS)] is Reliance.OTHERS_ASIDE:
+            if WAYS[number % len(WAYS)] is Assumption.OTHERS_ASIDE:
                 start = self._others_aside()
                 found = NOT_FOUND if start is None else self._find(start, self._team)
                 if start is not None and found.plan is not None:
                     here = self._anytime.in_model(base)
                     plan = defer_blocked(found.plan, start, here, self._team)
-                    return TeamPlan(plan, start, Reliance.OTHERS_ASIDE, cut_off=cut_off)
+                    return TeamPlan(plan, start, Assumption.OTHERS_ASIDE, cut_off=cut_off)
             elif self._team != self._players:
                 found = self._find(base, self._players)
                 if found.plan is not None:
@@ -149,32 +326,33 @@ class _Decision:
                     return TeamPlan(
                         found.plan,
                         base,
-                        Reliance.EVERYBODY,
+                        Assumption.EVERYBODY,
                         cut_off=cut_off,
                         aside_untried=untried,
                     )
         return None
 
     def _nearer(self) -> TeamPlan:
-        """A plan by a wider search, where there is time; without any, what leads nearer."""
+        """Return a plan of a wider search if there is time, else one that leads nearer the goal."""
         base, team = self._base, self._team
+        # The wide search takes long. Repeating it from the same state would fail again.
         if not (self._alone or self._effort.hurried or self._tried):
             found = self._search.wide(base, team)
             if found.plan is not None:
-                return TeamPlan(found.plan, base, Reliance.TEAM, found)
+                return TeamPlan(found.plan, base, Assumption.TEAM, found)
         plan = Plan(())
         if not self._cut_off:
             plan = self._search.towards(base, team, self._effort)
-        return TeamPlan(plan, base, Reliance.NOTHING, cut_off=self._cut_off)
+        return TeamPlan(plan, base, Assumption.NOTHING, cut_off=self._cut_off)
 
     def _others_aside(self) -> State | None:
-        """The state in which others have made way; None if that does not help."""
+        """Return the state in which the others have stepped aside, or None if it does not help."""
         here = self._anytime.in_model(self._base)
         aside = with_others_aside(here, [p for p in self._players if p not in self._team])
         return None if aside == here or self._anytime.is_cut_off(aside, self._team) else aside
 
     def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
-        """A plan for some players; where people play on meanwhile, with little work."""
+        """Return a search result for some players, within the limit of the decision."""
         if not self._effort.brief:
             return self._search.best(state, team, self._effort)
         found = self._search.brief(state, team, self._effort, spent=self._spent)

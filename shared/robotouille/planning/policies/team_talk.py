@@ -1,4 +1,4 @@
-"""What planner bots say in the chat, and what they understand (planners.md, "In a team")."""
+"""Chat messages that planner bots send and understand (docs/planners.md)."""
 
 from __future__ import annotations
 
@@ -6,39 +6,25 @@ import re
 from collections.abc import Sequence
 
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.people.wording import Wording
+from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
 
-__all__ = [
-    "TOLD",
-    "VERSION",
-    "Talk",
-    "announced_version",
-    "announcement",
-    "appeal",
-    "appealed",
-    "helpless",
-    "intention",
-    "request",
-    "requested",
-]
-
+# Bots of another version make or follow plans differently, so a team cannot count on them.
 VERSION = 2
-"""Of how planner bots make and follow the plan of a team: those of another one plan differently."""
 
 MAX_SAID = 500
-"""Characters of a chat message."""
+"""Maximum number of characters of a chat message."""
 
+# A request that had no effect is repeated after half a minute at five steps a second.
 ASK_AGAIN, INSIST = 20, 150
-"""Steps between two requests to make way, and until the same one is repeated that was in vain,
-as long as it is so: half a minute at five steps a second."""
+"""Steps between two requests, and between two equal requests."""
 
 TELL_AGAIN, TELL_AGAIN_HURRIED = 6, 25
-"""Steps between two intentions that are told: more where steps pass by themselves."""
+"""Steps between two announcements of the next actions; more if steps pass by themselves."""
 
-TOLD = 3
-"""Actions of an intention."""
+ANNOUNCED_ACTIONS = 3
+"""Number of actions in an announcement."""
 
 _ANNOUNCED = re.compile(r"\(team planner (\d{1,6})\)\s*$")
 _APPEAL = re.compile(r"can you\b.*\?\s*$", re.IGNORECASE)
@@ -46,35 +32,40 @@ _REQUEST = re.compile(r"\b(need|make way|please)\b", re.IGNORECASE)
 
 
 def announcement() -> str:
-    """Says that a bot plans for all that say the same."""
-    return f"I plan together with all who say this (team planner {VERSION})"
+    """Return the message that announces that a bot plans for all bots of its version."""
+    return f"I plan for all bots of my version (team planner {VERSION})"
 
 
 def announced_version(text: str) -> int | None:
-    """The version that an announcement names; None if a text is none."""
+    """Return the version that a text announces, or None."""
     found = _ANNOUNCED.search(text)
     return int(found[1]) if found else None
 
 
 def intention(actions: Sequence[GroundAction], state: State, wording: Wording) -> str:
-    """What a bot is about to do."""
+    """Return the announcement of a bot's next actions."""
     return f"Next: {'; '.join(wording.action(action, state) for action in actions)}"[:MAX_SAID]
 
 
+# Requests and appeals are plain sentences in the words of the window, so that people and models
+# understand them. Bots recognise them with the patterns above.
 def request(station: str, state: State, wording: Wording) -> str:
-    """Asks whoever stands at a station to make way."""
+    """Return the request to leave a station."""
     return f"I need {wording.place(station, state)}, please"
 
 
 def appeal(action: GroundAction, state: State, wording: Wording) -> str:
-    """Asks somebody to do something."""
+    """Return the request to take an action."""
     words = wording.action(action, state)
     return f"Can you {words[0].lower()}{words[1:]}?"
 
 
 def appealed(text: str, player: str, state: State, wording: Wording) -> str | None:
-    """Whom the text of a player asks to do something: the only other one, the one who can do just
-    that, or who holds what is named. None if it asks nobody, or may be meant for several."""
+    """Return the player whom a text asks to act, or None if that is unclear.
+
+    This is the only other player, the only one who can take exactly this action, or the one who
+    holds the named object.
+    """
     if _APPEAL.match(text) is None:
         return None
     others = [other for other in state.world.players if other != player]
@@ -89,17 +80,22 @@ def appealed(text: str, player: str, state: State, wording: Wording) -> str | No
     held = {
         each.host for each in scene(state).values() if _has(text, wording.kind(each.thing.kind))
     }
+    # A sentence that a player can act on at once is the clearest sign. Otherwise the holder of a
+    # named object is meant.
     found = able or [other for other in others if other in held]
     return found[0] if len(found) == 1 else None
 
 
 def requested(text: str, station: str, state: State, wording: Wording) -> bool:
-    """Whether a text asks for a station: by its place as one says it now, by its name, or by what
-    it is called, which may have the number of another."""
+    """Return whether a text asks for a station.
+
+    The text may name the station's place, its name, or its kind without another station's number.
+    """
     if not _REQUEST.search(text):
         return False
     places = wording.places(state).items()
     named = [(len(words), name) for name, words in places if _has(text, words)]
+    # Place names can contain each other, so the longest match wins.
     if named and re.search(r"\d", text) is None:
         return max(named)[1] == station
     kind, number = wording.world.thing(station).kind, re.search(r"\d+$", station)
@@ -114,13 +110,13 @@ def _has(text: str, words: str) -> bool:
     return re.search(rf"\b{re.escape(words)}\b", text, re.IGNORECASE) is not None
 
 
-def helpless() -> str:
-    """Says that a bot has no plan, whoever makes way."""
-    return "I see no way to the goal from here"
+def no_plan_text() -> str:
+    """Return the message that a bot has no plan, whoever makes way."""
+    return "I found no way to the goal from here"
 
 
 class Talk:
-    """The words of one seat; nothing, if it is `silent`."""
+    """Chat messages of one seat, or none if `silent`."""
 
     def __init__(self, *, silent: bool) -> None:
         self._silent = silent
@@ -130,43 +126,43 @@ class Talk:
         self._helpless = False
 
     def speak(self) -> list[str]:
-        """What there is to be said since this was last asked."""
+        """Return the new messages since the last call."""
         said, self._said = self._said, []
         return said
 
     def announce(self) -> None:
-        """Say that this seat plans like others that say so."""
+        """Announce the seat's version to other planner bots."""
         if not self._silent and announcement() not in self._said:
             self._said.append(announcement())
 
-    def may_tell(self, step: int, *, hurried: bool) -> bool:
-        """Whether what comes next was not told a moment ago."""
+    def may_announce_actions(self, step: int, *, hurried: bool) -> bool:
+        """Return whether the last announcement of actions was long enough ago."""
         pause = TELL_AGAIN_HURRIED if hurried else TELL_AGAIN
         return not self._silent and step - self._told >= pause
 
-    def tell(self, text: str, step: int) -> None:
-        """Say what comes next, unless those were the last words."""
+    def announce_actions(self, text: str, step: int) -> None:
+        """Announce the next actions unless the last announcement was the same."""
         if text != self._last_told:
             self._told, self._last_told = step, text
             self._said.append(text)
 
     def may_ask(self, step: int) -> bool:
-        """Whether nothing was asked for a moment ago."""
+        """Return whether the last request was long enough ago."""
         return not self._silent and step - self._asked >= ASK_AGAIN
 
     def ask(self, text: str, step: int) -> None:
-        """Ask somebody for something; for the same thing again only after a while."""
+        """Send a request; repeat the same request only after a longer time."""
         if self.may_ask(step) and (text != self._last_asked or step - self._asked >= INSIST):
             self._asked, self._last_asked = step, text
             self._said.append(text)
 
-    def met(self) -> None:
-        """There is a way: nothing is asked for any more."""
+    def clear_requests(self) -> None:
+        """Forget the last request, because nothing is in the way any more."""
         self._last_asked = ""
         self._helpless = False
 
-    def despair(self) -> None:
-        """Say once that there is no plan at all."""
+    def report_no_plan(self) -> None:
+        """Report once that there is no plan at all."""
         if not (self._silent or self._helpless):
             self._helpless = True
-            self._said.append(helpless())
+            self._said.append(no_plan_text())

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille.planning.search.astar import astar_search
-    from robotouille.planning.search.greedy import greedy_search
+    from robotouille.planning.search.best_first import astar_search, greedy_search
     from robotouille.planning.search.heuristics import BLIND, CriticalPath, Heuristic, LandmarkCut
     from robotouille.planning.search.unsolvable import unreachable_goal
 else:
@@ -15,8 +14,8 @@ else:
     __getattr__ = lazy_exports(
         __name__,
         "robotouille.planning.search.heuristics",
-        "robotouille.planning.search.astar",
-        "robotouille.planning.search.greedy",
+        "robotouille.planning.search.best_first",
+        "robotouille.planning.search.best_first",
         "robotouille.planning.search.unsolvable",
     )
 

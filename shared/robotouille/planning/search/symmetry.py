@@ -1,13 +1,13 @@
-"""Objects that are alike: states that differ only in which is which are reached equally fast.
+"""Symmetry reduction: states that differ only in the names of interchangeable objects.
 
-Two objects are interchangeable if exchanging their names maps the task to itself: type, kind and
-static facts are the same, neither the goal nor the configuration names either, and walks from or
-to them take no time of their own. Exchanging them in facts and timers then maps each course of
-play to another one of equal length, wherever it starts.
+Two objects are interchangeable if exchanging their names maps the task to itself. Their type, kind
+and static facts are equal, neither the goal nor the configuration names one of them, and walks to
+them take the same time. Then exchanging them maps each course of play to another one of equal
+length.
 
-Objects that are pairwise interchangeable form a group. `Symmetry.key` sorts each group's objects
-by what is true of them. Whatever the order, the key is that of a renamed state, so two states
-with one key are equally far from the goal; not all such states get one key.
+Pairwise interchangeable objects form a group. `Symmetry.key` sorts each group's objects by the
+facts about them. Whatever the order, the key describes a renamed state, so states with equal keys
+are equally far from the goal. Not all such states get equal keys.
 """
 
 from __future__ import annotations
@@ -23,22 +23,20 @@ from robotouille.world.grounding.objects import Atom, Object
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["StateKey", "Symmetry", "interchangeable", "state_keys"]
-
 Renaming = tuple[tuple[str, str], ...]
-"""Old names, and the new one of each."""
+"""Old names with their new names."""
 
 MAX_KEPT = 500_000
-"""How many states' keys are kept, since most states are come by again and again."""
+"""Maximum number of cached keys. Most states are reached many times."""
 
 StateKey = tuple[int, int]
-"""What a state has in common with those that need not be told from it."""
+"""Key that equivalent states share."""
 
 Label = tuple[str, int, tuple[str, ...]]
 
 
 def state_keys(world: World, symmetry: bool = True) -> Callable[[int, Timers], StateKey]:
-    """What tells states apart; with `symmetry`, not merely which of like objects is which."""
+    """Return a function from states to keys. With `symmetry`, equivalent states share a key."""
     if symmetry:
         groups = Symmetry(world)
         if groups:
@@ -57,7 +55,7 @@ def state_keys(world: World, symmetry: bool = True) -> Callable[[int, Timers], S
 
 
 def interchangeable(world: World) -> list[tuple[str, ...]]:
-    """The groups of objects of which each two are interchangeable."""
+    """Return the groups of pairwise interchangeable objects."""
     groups: list[list[Object]] = []
     named = _named(world)
     for thing in world.placed:
@@ -73,7 +71,7 @@ def interchangeable(world: World) -> list[tuple[str, ...]]:
 
 
 def _named(world: World) -> set[str]:
-    """The objects that somebody can tell apart by name or place."""
+    """Return the objects that the task distinguishes by name or place."""
     named = {v.fixed for v in world.goal.variables.values() if v.fixed is not None}
     named |= {name for table in world.task.problem.config.values() for name in table}
     if world.task.profile.steps_per_tile:
@@ -97,7 +95,7 @@ def _rename(atom: Atom, names: dict[str, str]) -> Atom:
 
 
 class Symmetry:
-    """Keys of states: equal only if the states differ in nothing but which object is which."""
+    """Keys that are equal only for states that differ in the names of interchangeable objects."""
 
     def __init__(self, world: World) -> None:
         self._table = world.table
@@ -113,7 +111,7 @@ class Symmetry:
         return bool(self._groups)
 
     def key(self, facts: int, timers: Timers) -> StateKey:
-        """What a state has in common with those that differ in names only."""
+        """Return the key of a state."""
         key = self._keys.get((facts, timers))
         if key is None:
             if len(self._keys) > MAX_KEPT:
@@ -142,7 +140,7 @@ class Symmetry:
 
 
 def _timer_value(timers: Timers, names: dict[str, str]) -> Hashable:
-    """The value of timers with objects renamed; their order matters and is kept."""
+    """Return the value of timers with renamed objects, in the timers' order."""
     rows = tuple(
         (action, index, tuple(names.get(name, name) for name in arguments), progress)
         for (action, index, arguments), progress in _rows(timers)
@@ -156,10 +154,10 @@ def _rows(timers: Timers) -> Iterator[tuple[Label, tuple[int, ...]]]:
 
 
 class _Group:
-    """Objects that are alike: which bits are about them, and how to sort them by these.
+    """Interchangeable objects, the bits about them, and their order.
 
-    A *mark* is a number for what is true of an object, its name and those of its group blanked
-    out: the same number for the same things, whichever the object.
+    A *mark* is a number for the facts about an object in which its own name and the group's names
+    are blank. Equal facts have equal marks for all objects.
     """
 
     def __init__(self, table: AtomTable, names: tuple[str, ...], blank: dict[str, str]) -> None:
@@ -176,7 +174,7 @@ class _Group:
         self._renamed: dict[tuple[int, Renaming], int] = {}
 
     def order(self, facts: int, timers: Timers) -> Renaming:
-        """How to rename the objects so that their marks ascend; empty if they do."""
+        """Return the renaming that sorts the objects by their marks; empty if they are sorted."""
         marks: list[Any] = [
             known.get(facts & mask, -1)
             for known, mask in zip(self._alone_marks, self._alone, strict=True)
@@ -195,7 +193,7 @@ class _Group:
         return tuple([(names[old], names[new]) for new, old in enumerate(order) if old != new])
 
     def rename(self, facts: int, renaming: Renaming) -> int:
-        """Facts with the group's objects renamed."""
+        """Return facts with the group's objects renamed."""
         known, mentions = self._renamed, self._table.mentions
         result, together = facts, facts & self._together
         for old, _ in renaming:
@@ -247,7 +245,7 @@ class _Group:
         return known
 
     def _role(self, name: str, timers: Timers) -> Hashable:
-        """What an object has to do with timers."""
+        """Return an object's part in the timers."""
         blank = {**self._blank, name: "="}
         rows = [
             (place, tuple(blank.get(a, a) for a in label[2]), progress)

@@ -1,19 +1,17 @@
-"""Why there is no plan: the parts of a goal that nothing can bring about."""
+"""Parts of a goal that nothing can achieve, which explain why a task is unsolvable."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.search.joint_actions import Transitions
-from robotouille.planning.search.relaxation.relaxed_task import Relaxation
-from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
-from robotouille.planning.search_result import Limits
+from robotouille.planning.plan import Limits
+from robotouille.planning.search.best_first import Transitions
+from robotouille.planning.search.relaxed_operators import TooLargeError
+from robotouille.planning.search.relaxed_task import Relaxation
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.text import describe
 from robotouille.world.world import State, World
-
-__all__ = ["CutOff", "unreachable_goal"]
 
 EXHAUSTIVE = Limits(states=100_000)
 
@@ -21,20 +19,20 @@ EXHAUSTIVE = Limits(states=100_000)
 def unreachable_goal(
     world: World, state: State | None = None, *, limits: Limits = EXHAUSTIVE
 ) -> tuple[str, ...]:
-    """The predicates of the goal, in words, that cannot come true from a state.
-
-    First those that cannot even if nothing is ever undone. If there are none, every state is
-    visited, and those that held in none of them are named; nothing is if the limits are too
-    narrow for that, or if each comes true but never all at once.
-    """
+    """Return the predicates of the goal, in words, that cannot become true from a state."""
     start = world.initial if state is None else state
+    # The relaxation is fast, but misses predicates that only deletions prevent. Then every state is
+    # visited, and predicates that hold in none of them are named. The result is empty if the limits
+    # are too narrow, or if all predicates can hold, but not together.
     terms = _relaxed(world, start) or _visited(world, start, limits)
     return tuple(dict.fromkeys(_in_words(world, term) for term in terms))
 
 
-class CutOff:
-    """Tells of the states of one world whether a team cannot reach the goal while all others stand
-    still. What is asked first takes most time: what is made for it is kept."""
+class ReachabilityCheck:
+    """Test whether a team provably cannot reach the goal while all others stand still.
+
+    The first call takes longest; later calls reuse its relaxation.
+    """
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -42,24 +40,26 @@ class CutOff:
         self._relaxations: dict[tuple[int, int], Relaxation] = {}
 
     def __call__(self, state: State, team: Collection[str]) -> bool:
-        """Whether that is proven: not even if nothing is ever undone. Where players act on one
-        another nothing is."""
+        """Return whether the team provably cannot reach the goal."""
+        # If players can act on one another, standing still cannot be modelled by leaving players
+        # out.
         others = frozenset(self._world.players) - set(team)
         if not others or self._acted_on:
             return False
         facts = state.facts
-        for player in others:  # Who is nowhere and has nothing can do nothing, and leaves nothing.
+        for player in others:  # A player without a place or object cannot act.
             facts &= ~self._world.table.mentions(player)
         try:
             relaxation = self._begin(State(self._world, facts, state.timers))
         except TooLargeError:
             return False
+        # The relaxation never undoes anything, so what it cannot reach is out of reach.
         if not all(relaxation.may_come_true(term) for term in self._world.goal.terms):
             return True
         return not relaxation.may_reach_goal(facts)
 
     def _begin(self, start: State) -> Relaxation:
-        """A relaxation is of the objects that exist, and those that there is room for."""
+        """Return a relaxation for the existing objects and those there is room for."""
         table = self._world.table
         key = start.facts & table.internal, len(table.atoms)
         relaxation = self._relaxations.get(key)
@@ -92,7 +92,7 @@ def _visited(world: World, start: State, limits: Limits) -> list[GoalTerm]:
     frontier = [start]
     expansions = 0
     while frontier and never:
-        if _beyond(limits, expansions, len(known)):
+        if limits.reached(expansions, len(known)):
             return []
         state = frontier.pop()
         expansions += 1
@@ -103,14 +103,6 @@ def _visited(world: World, start: State, limits: Limits) -> list[GoalTerm]:
                 known.add(after)
                 frontier.append(after)
     return never
-
-
-def _beyond(limits: Limits, expansions: int, states: int) -> bool:
-    if limits.expansions is not None and expansions >= limits.expansions:
-        return True
-    if limits.states is not None and states >= limits.states:
-        return True
-    return limits.stop is not None and not expansions % 256 and limits.stop()
 
 
 def _in_words(world: World, term: GoalTerm) -> str:

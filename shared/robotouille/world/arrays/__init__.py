@@ -1,2 +1,1 @@
-"""A task as arrays of fixed length: ground actions in order, masks, vectors, graphs; and its states
-as bytes."""
+"""A task as arrays of fixed length: numbered actions, masks, vectors and graphs."""

@@ -1,4 +1,4 @@
-"""States as vectors of fixed length, and actions as numbers (world.md, "As arrays")."""
+"""States as vectors of fixed length, and actions as numbers (docs/train.md)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
 from robotouille.world.arrays.graph import Graph, GraphLayout
-from robotouille.world.arrays.reachable import Reachable
-from robotouille.world.arrays.slots import Names, Slots
+from robotouille.world.arrays.reachable import Names, Reachable, Slots
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import EXISTS, USED, bits_of
 from robotouille.world.grounding.effects import Effect
@@ -19,30 +18,31 @@ from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
 from robotouille.world.timers import Timers
 
-__all__ = ["VERSION", "Encoding"]
-
 VERSION = 1
-"""Of the layout of vectors and the order of actions. Another one is another order."""
+"""Version of the layout of vectors and of the order of actions."""
 
 MAX_KEPT = 1_000
-"""Sets of created objects for which the places of bits are known; then they are found anew."""
+"""Largest number of sets of created objects whose bit positions are cached."""
 
 EffectLabel = tuple[str, int, tuple[str, ...]]
 
 
 class Encoding:
-    """How a task's states are vectors, and its actions numbers.
+    """Encoding of a task's states as vectors and of its actions as numbers.
 
-    `objects` are those of the problem and one for each slot; `atoms` those whose truth is in a
-    vector, `effects` the special effects whose counters are. All are in a fixed order that depends
-    on the task alone (its digest), the slots and `VERSION`.
+    The order of everything depends only on the task's digest, the slots and `VERSION`.
 
     Args:
-        task: The task; it is given room for the objects that slots are called by.
-        slots: How many created objects of a kind there may be at once; see `Slots`.
+        task: The task. It gets atoms for the objects after which slots are named.
+        slots: Number of created objects of each kind that can exist at once; see `Slots`.
+
+    Attributes:
+        objects: The problem's objects, and one object for each slot.
+        atoms: The atoms whose truth is in a vector.
+        effects: The special effects whose counters are in a vector.
 
     Raises:
-        RobotouilleError: There are slots for what cannot be created.
+        RobotouilleError: `slots` has a kind that cannot be created.
     """
 
     version = VERSION
@@ -78,13 +78,16 @@ class Encoding:
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """What each number of a vector is, in words: `iscut(lettuce1)`, `cook.0(patty1, stove1)`
-        (1 if the effect is active), `cook.0(patty1, stove1)[1]` (a counter), `busy(robot1)`."""
+        """Names of a vector's numbers.
+
+        Examples are `iscut(lettuce1)`, `cook.0(patty1, stove1)` (1 if the effect is active),
+        `cook.0(patty1, stove1)[1]` (a counter) and `busy(robot1)`.
+        """
         return tuple(self._columns())
 
     @cached_property
     def high(self) -> int:
-        """A number that no number of a vector or graph is above; none is below -1."""
+        """Upper bound of the numbers in a vector or graph. The lower bound is -1."""
         totals = (node.total for effect in self.effects for node in effect.counters())
         durations = (a.duration for actions in self._actions.values() for a in actions)
         return max(1, *totals, *durations)
@@ -97,19 +100,20 @@ class Encoding:
 
     @property
     def features(self) -> tuple[str, ...]:
-        """What each number of a graph's node is: `exists`, the types and the predicates of one
-        object, as the domain lists them, and `busy`."""
+        """Names of a graph node's numbers.
+
+        They are `exists`, the domain's types and unary predicates in its order, and `busy`.
+        """
         return self._graph.features
 
     @property
     def relations(self) -> tuple[str, ...]:
-        """What an edge of a graph can be: the domain's predicates of two objects, then its
-        special effects, as `cook.0`."""
+        """Kinds of edges in a graph: binary predicates, then effects such as `cook.0`."""
         return self._graph.relations
 
     @property
     def counters(self) -> int:
-        """How many counters an edge of a graph has."""
+        """Number of counters of a graph's edge."""
         return self._graph.counters
 
     def _columns(self) -> Iterator[str]:
@@ -122,12 +126,12 @@ class Encoding:
     # Actions
 
     def ground_actions(self, player: str) -> tuple[GroundAction, ...]:
-        """All actions of a player that play could come to, as the domain orders them.
+        """Return all actions of a player that play can reach, in the domain's order.
 
-        Those about created objects are about the objects that slots are called by.
+        Actions with created objects have the objects after which slots are named.
 
         Raises:
-            UnknownNameError: There is no such player.
+            UnknownNameError: The task has no such player.
         """
         try:
             return self._actions[player]
@@ -136,14 +140,14 @@ class Encoding:
             raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}") from None
 
     def action(self, facts: int, player: str, number: int) -> GroundAction | None:
-        """The action of a number, about the objects that stand in its slots now.
+        """Return the action of a number, with the objects that fill its slots now.
 
         Returns:
-            The action, valid or not; None where a slot that it is about is empty.
+            The action, valid or not; None if one of its slots is empty.
 
         Raises:
-            UnknownNameError: There is no such player.
-            WrongArgumentError: There is no such number.
+            UnknownNameError: The task has no such player.
+            WrongArgumentError: The player has no such action.
         """
         actions = self.ground_actions(player)
         if not 0 <= number < len(actions):
@@ -162,10 +166,10 @@ class Encoding:
         )
 
     def number(self, facts: int, player: str, action: GroundAction) -> int:
-        """The number of an action in a state: the inverse of `action`.
+        """Return the number of an action in a state: the inverse of `action`.
 
         Raises:
-            UnknownNameError: There is no such player, or play cannot come to such an action.
+            UnknownNameError: The task has no such player, or play cannot reach the action.
         """
         self.ground_actions(player)
         names = self.slots.filled(facts)
@@ -177,18 +181,19 @@ class Encoding:
         try:
             return self._numbers[player][action]
         except KeyError:
-            raise UnknownNameError(f"{action} is none of {player}'s ground actions") from None
+            raise UnknownNameError(f"{player} has no ground action {action}") from None
 
     def mask(
         self, facts: int, player: str, valid: tuple[GroundAction, ...]
     ) -> npt.NDArray[np.bool_]:
-        """Which of a player's actions are valid, as bits in their order."""
+        """Return for each of a player's actions whether it is valid."""
         mask = bytearray(len(self.ground_actions(player)))
         if self.slots.filled(facts):
             for action in valid:
                 mask[self.number(facts, player, action)] = 1
         else:
-            numbers = self._serials[player]  # twice as fast as by the actions themselves
+            # Looking up serial numbers is twice as fast as hashing and comparing the actions.
+            numbers = self._serials[player]
             for action in valid:
                 mask[numbers[action.serial]] = 1
         return np.frombuffer(mask, dtype=np.bool_)
@@ -196,10 +201,10 @@ class Encoding:
     # States
 
     def vector(self, facts: int, timers: Timers) -> npt.NDArray[np.float32]:
-        """A state as `size` numbers: see `columns`.
+        """Return a state as `size` numbers; see `columns`.
 
         Raises:
-            SlotOverflowError: There are more created objects than slots.
+            SlotOverflowError: The state has more created objects than slots.
         """
         names = self.slots.filled(facts)
         vector = np.zeros(self.size, dtype=np.float32)
@@ -217,10 +222,10 @@ class Encoding:
         return vector
 
     def graph(self, facts: int, timers: Timers) -> Graph:
-        """A state as a graph, which says what `vector` says.
+        """Return a state as a graph with the same content as `vector`.
 
         Raises:
-            SlotOverflowError: There are more created objects than slots.
+            SlotOverflowError: The state has more created objects than slots.
         """
         return self._graph.graph(self.vector(facts, timers))
 
@@ -232,12 +237,14 @@ class Encoding:
             if len(self._bits) >= MAX_KEPT:
                 self._bits.clear()
             places = self._bits[key] = self._places(names)
+        # NumPy unpacks all bits at once; testing each atom's bit in Python takes far longer.
         packed = np.frombuffer(facts.to_bytes(count // 8 + 1, "little"), dtype=np.uint8)
         return np.unpackbits(packed, bitorder="little")[places]
 
     def _places(self, names: Names) -> npt.NDArray[np.intp]:
-        """The bit of each atom, with the objects that stand in slots; of none, one that is 0."""
+        """Return the bit of each atom, with the objects that fill the slots."""
         bit = self._task.table.bit
+        # Atoms about empty slots get the bit after the last one, which is always 0.
         none = len(self._task.table.atoms)
         renamed = ((p, *(names.get(a, a) for a in arguments)) for p, *arguments in self.atoms)
         return np.array(

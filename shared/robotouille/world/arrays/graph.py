@@ -1,4 +1,4 @@
-"""States as graphs: objects are nodes, relations edges (world.md, "As arrays")."""
+"""States as graphs with objects as nodes and relations as edges (docs/train.md)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotouille.domain.schema import Creation, Deletion, EffectDef
+from robotouille.domain.schema import EffectDef, InstantEffect
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.effects import Effect
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object
-
-__all__ = ["Graph", "GraphLayout"]
 
 EXISTING, BUSY = "exists", "busy"
 
@@ -22,10 +20,11 @@ EXISTING, BUSY = "exists", "busy"
 class Graph(NamedTuple):
     """A state as a graph.
 
-    `nodes` has a row for each of `Encoding.objects`, with the numbers that `Encoding.features`
-    names. `edges` has a row for each relation that holds: its place in `Encoding.relations`, and
-    the nodes of its subject and its object. `counters` has a row for each edge: an active effect's
-    counters, else zeros.
+    Attributes:
+        nodes: One row for each of `Encoding.objects`, with the numbers of `Encoding.features`.
+        edges: One row for each relation that holds: its index in `Encoding.relations`, and the
+            nodes of its subject and object.
+        counters: One row for each edge: an active effect's counters, otherwise zeros.
     """
 
     nodes: npt.NDArray[np.float32]
@@ -34,7 +33,7 @@ class Graph(NamedTuple):
 
 
 class Link(NamedTuple):
-    """An edge that there may be: the number of the vector that says so, and its counters'."""
+    """Possible edge, with the positions of its truth and its counters in a vector."""
 
     place: int
     relation: str
@@ -44,14 +43,14 @@ class Link(NamedTuple):
 
 
 class GraphLayout:
-    """Which numbers of a vector are which node's features, and which of them are edges.
+    """Mapping from the numbers of a vector to the nodes and edges of a graph.
 
     Args:
         task: The task.
-        objects: Those that are nodes.
-        places: Where each atom and effect is in a vector.
-        busy: Where it is for how long a player is busy.
-        size: The length of a vector.
+        objects: Objects that are nodes.
+        places: Position of each atom and effect in a vector.
+        busy: Position of each player's busy steps in a vector.
+        size: Length of a vector.
     """
 
     def __init__(
@@ -78,7 +77,7 @@ class GraphLayout:
     def _fixed_nodes(
         self, objects: Sequence[Object], static: Sequence[Atom]
     ) -> npt.NDArray[np.float32]:
-        """What is always so of what exists."""
+        """Return the features that do not change while an object exists."""
         fixed = np.zeros((len(objects), len(self.features)), dtype=np.float32)
         for row, thing in enumerate(objects):
             fixed[row, [0, self.features.index(thing.type)]] = 1
@@ -87,7 +86,7 @@ class GraphLayout:
         return fixed
 
     def _rows(self, atom: Atom) -> list[int]:
-        """Which nodes a fact of at most one object is about."""
+        """Return the nodes of a fact about one object; a fact about none is about all nodes."""
         return [self._node[name] for name in atom[1:]] or list(self._node.values())
 
     def _read_nodes(
@@ -104,13 +103,16 @@ class GraphLayout:
                 entries += [(row, column, place) for row in self._rows(what)]
         column = self.features.index(BUSY)
         entries += [(self._node[player], column, place) for player, place in busy.items()]
+        # Play cannot create the objects of some slots; their nodes stay zero.
         never = {i for name, i in self._node.items() if name in created} - {i for i, _ in existing}
         self._fixed[list(never)] = 0
         self._existing = np.array(existing, dtype=np.intp).reshape(-1, 2).T
         self._entries = np.array(entries, dtype=np.intp).reshape(-1, 3).T
 
     def _read_links(self, links: Sequence[Link], size: int) -> None:
-        """Static edges have their truth behind the vector, where a 1 is put; no counter a 0."""
+        """Store the possible edges and the positions of their truth and counters."""
+        # `graph` appends a 1 and a 0 to each vector: the truth of static edges, and the value of
+        # missing counters. Then one indexing operation reads all edges.
         relation = {name: i for i, name in enumerate(self.relations)}
         most = self.counters
         self._places = np.array([link.place for link in links], dtype=np.intp)
@@ -123,7 +125,7 @@ class GraphLayout:
         ).reshape(-1, most)
 
     def graph(self, vector: npt.NDArray[np.float32]) -> Graph:
-        """The graph that says what a vector says."""
+        """Return the graph of a vector."""
         numbers = np.append(vector, np.array([1, 0], dtype=np.float32))
         nodes = self._fixed.copy()
         rows, places = self._existing
@@ -132,6 +134,7 @@ class GraphLayout:
         nodes[rows, columns] = numbers[places]
         found = np.flatnonzero(numbers[self._places])
         edges = self._links[found]
+        # A static relation ends when one of its objects is deleted.
         if len(self._existing[0]):
             there = (nodes[edges[:, 1], 0] > 0) & (nodes[edges[:, 2], 0] > 0)
             found, edges = found[there], edges[there]
@@ -139,7 +142,7 @@ class GraphLayout:
 
 
 def _relations(task: GroundTask) -> Iterator[str]:
-    """Those that the domain knows: so all tasks of a domain number them alike."""
+    """Yield the relations of the domain, so that all its tasks number relations alike."""
     for predicate, types in task.table.types.items():
         yield from (name for name, _ in _named(predicate, types[1:]))
     for schema in task.schemas:
@@ -149,12 +152,12 @@ def _relations(task: GroundTask) -> Iterator[str]:
 
 
 def _size(effect: EffectDef) -> int:
-    """How many counters an effect has."""
-    return 1 if isinstance(effect, Creation | Deletion) else 1 + sum(map(_size, effect.sfx))
+    """Return the number of an effect's counters."""
+    return 1 if isinstance(effect, InstantEffect) else 1 + sum(map(_size, effect.sfx))
 
 
 def _links(what: Atom | Effect, place: int) -> Iterator[Link]:
-    """The edges of a fact or an effect: from its first object to each other one, or to itself."""
+    """Yield the edges of a fact or effect: from its first object to each other, or to itself."""
     if isinstance(what, Effect):
         action, index, arguments = what.label
         counters = range(place + 1, place + 1 + what.size)

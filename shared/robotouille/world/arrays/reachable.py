@@ -1,28 +1,145 @@
-"""What could become true or be done if nothing were ever undone: a delete relaxation, from the
-first state, over the objects of the problem and those in slots.
+"""Atoms, actions and effects that play can reach, by a delete relaxation of the initial state.
 
-A superset of what play can reach, and far smaller than all combinations of objects.
+The relaxation ignores that facts become false. Its result contains everything that play can
+reach, and is far smaller than all combinations of objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from robotouille.world.arrays.slots import Slots
+from robotouille.domain.schema import Creation
+from robotouille.errors import RobotouilleError, SlotOverflowError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.effects import Effect, EffectNode
 from robotouille.world.grounding.ground_task import GroundTask
-from robotouille.world.grounding.objects import Atom, bound
+from robotouille.world.grounding.objects import Atom, Object, bound
 
-__all__ = ["Reachable"]
+Names = Mapping[str, str]
+"""Slots and the objects in them, if their names differ."""
+
+MIN_SLOTS = 4
+"""Default number of slots of a kind."""
+
+MAX_KEPT = 1_000
+"""Largest number of sets of created objects whose slots are cached."""
+
+
+class Slots:
+    """The slots of a task for created objects, and the objects of a state that fill them.
+
+    Vectors have a fixed length, but created objects get new numbers without end. Slots give them
+    fixed places; see docs/decisions/0028-arrays-and-slots.md.
+
+    Args:
+        task: The task. It gets atoms for the objects after which slots are named.
+        capacity: Number of slots of each kind. The default is 4, or the number of the problem's
+            objects of the type with which created objects are in relation, if there are more.
+
+    Raises:
+        RobotouilleError: `capacity` has a kind that cannot be created, or a number below 1.
+    """
+
+    def __init__(self, task: GroundTask, capacity: Mapping[str, int] | None = None) -> None:
+        self._task = task
+        kinds = _created_kinds(task)
+        sizes = {**kinds, **(capacity or {})}
+        if wrong := sorted(set(sizes) - set(kinds)):
+            raise RobotouilleError(f"play cannot create objects of kind {wrong[0]!r}")
+        if empty := [kind for kind, size in sizes.items() if size < 1]:
+            raise RobotouilleError(f"{empty[0]!r} needs at least one slot")
+        first = {kind: _problem_objects(task, kind) for kind in kinds}
+        task.make_room({kind: first[kind] + size for kind, size in sizes.items()})
+        self.by_kind = {
+            kind: tuple(f"{kind}{first[kind] + i}" for i in range(1, size + 1))
+            for kind, size in sizes.items()
+        }
+        self.names = frozenset(name for names in self.by_kind.values() for name in names)
+        self._kept: dict[tuple[int, int], Names] = {}
+
+    def objects(self) -> tuple[Object, ...]:
+        """Return the problem's objects and one object for each slot, by type."""
+        order = {kind: i for i, kind in enumerate(self._task.task.domain.object_types)}
+        there = [
+            thing
+            for thing in self._task.all_objects()
+            if thing.tile is not None or thing.name in self.names
+        ]
+        return tuple(sorted(there, key=lambda thing: order[thing.type]))
+
+    def filled(self, facts: int) -> Names:
+        """Return the slots filled by objects of other names; empty in most states.
+
+        Raises:
+            SlotOverflowError: There are more created objects than slots.
+        """
+        if not self.by_kind:
+            return {}
+        task = self._task
+        key = (facts & task.table.internal, len(task.table.atoms))
+        found = self._kept.get(key)
+        if found is None:
+            if len(self._kept) >= MAX_KEPT:
+                self._kept.clear()
+            found = self._kept[key] = self._work_out(facts)
+        return found
+
+    def _work_out(self, facts: int) -> Names:
+        table = self._task.table
+        found: dict[str, str] = {}
+        for kind, slots in self.by_kind.items():
+            there = [
+                thing.name
+                for thing in self._task.all_objects()
+                if thing.tile is None
+                and thing.kind == kind
+                and facts & table.bit[EXISTS, thing.name]
+            ]
+            if len(there) > len(slots):
+                raise SlotOverflowError(kind, len(there), len(slots))
+            found |= {slot: name for slot, name in zip(slots, there, strict=False) if slot != name}
+            # A slot without an object must not show one that stands in another slot.
+            found |= {slot: "" for slot in slots[len(there) :] if slot in there}
+        return found
+
+
+def _created_kinds(task: GroundTask) -> dict[str, int]:
+    """Return the kinds that play can create, with their default number of slots."""
+    sizes: dict[str, int] = {}
+    for schema in task.schemas:
+        for creation in _creations(schema):
+            kind = creation.created_obj.name
+            types = dict(schema.parameters)
+            beside = {
+                types[name]
+                for condition in creation.fx
+                for name in condition.params
+                if name in types
+            }
+            number = max((sum(o.type == t for o in task.placed) for t in beside), default=0)
+            sizes[kind] = max(sizes.get(kind, MIN_SLOTS), number)
+    return dict(sorted(sizes.items()))
+
+
+def _creations(schema: ActionSchema) -> Iterable[Creation]:
+    effects = list(schema.definition.sfx)
+    for effect in effects:
+        effects += effect.sfx
+        if isinstance(effect, Creation):
+            yield effect
+
+
+def _problem_objects(task: GroundTask, kind: str) -> int:
+    return sum(thing.kind == kind for thing in task.placed)
+
 
 Binding = dict[str, str]
 
 
 class Precondition(NamedTuple):
-    """A precondition, its arguments as places among the action's."""
+    """A precondition, with its arguments as indices into the action's arguments."""
 
     predicate: str
     places: tuple[int, ...]
@@ -30,9 +147,12 @@ class Precondition(NamedTuple):
 
 
 class Reachable:
-    """`facts`, `actions` by key and `effects` by label that play can come to, all in a fixed order.
+    """Atoms, actions and effects that play can reach, in a fixed order.
 
-    `facts` has the bits of the atoms.
+    Attributes:
+        facts: Mask of the atoms.
+        actions: The actions, sorted by key.
+        effects: The effects, sorted by label.
     """
 
     def __init__(self, task: GroundTask, slots: Slots) -> None:
@@ -45,6 +165,8 @@ class Reachable:
         found: dict[GroundAction, None] = {}
         self._effects: dict[Effect, None] = {}
         grown = True
+        # Static and negative preconditions never change in the relaxation, so a fixed point of the
+        # growing sets is reached after a few rounds.
         while grown:
             before = self.facts, len(found), len(self._effects)
             for schema in task.schemas:
@@ -68,7 +190,9 @@ class Reachable:
     # Actions
 
     def _arguments(self, schema: ActionSchema) -> Iterator[tuple[str, ...]]:
-        """Arguments with which all preconditions that have to hold can."""
+        """Yield the arguments for which all preconditions can hold."""
+        # Each precondition is tested as soon as its last argument is chosen, which prunes most
+        # combinations early.
         tests: list[list[Precondition]] = [[] for _ in schema.parameters]
         place = {name: i for i, (name, _) in enumerate(schema.parameters)}
         for condition in schema.definition.precons:
@@ -117,20 +241,21 @@ class Reachable:
             self._reach(effect.root)
 
     def _reach(self, node: EffectNode) -> None:
-        """What a node can make true: a conditional one also what it negates."""
+        """Add what a node can make true; a node that reverts can also negate its results."""
         self.facts |= node.sets
-        if node.kind == "conditional":
+        if node.reverts:
             self.facts |= node.clears
         for child in node.nested:
             self._reach(child)
-        if node.kind == "creation":
+        if node.created is not None:
             self._create(node)
-        elif node.kind == "deletion":
+        elif node.instant:
             self._begin_nested(node, dict(node.binding))
 
     def _create(self, node: EffectNode) -> None:
         if node.created is None:
             raise AssertionError("a creation effect without an object")
+        # Any slot can hold the new object, so what it makes possible is added for all slots.
         for name in self._slots.by_kind[node.created.name]:
             binding = {**dict(node.binding), node.created.param: name}
             self.facts |= self._task.table.mask([(EXISTS, name)])

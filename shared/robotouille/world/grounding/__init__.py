@@ -1,1 +1,1 @@
-"""What a task's objects, facts, actions and effects are, worked out once: schemas made ground."""
+"""A task's objects, facts, actions, effects and goal, compiled once for all its states."""

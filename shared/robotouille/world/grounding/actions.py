@@ -1,8 +1,8 @@
-"""Action schemas, compiled once, and ground actions, made when first needed.
+"""Action schemas and ground actions.
 
-A ground action is four integers: it applies in `facts` if `facts & tested == required`, and turns
-them into `(facts | touched) ^ removed`. One that static facts rule out has `required` outside
-`tested`.
+A ground action is four integers. It is valid if `facts & tested == required`, and the facts after
+it are `(facts | touched) ^ removed`. If static facts rule an action out, `required` has bits
+outside `tested`, so that the test always fails.
 """
 
 from __future__ import annotations
@@ -12,17 +12,15 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from robotouille.domain.checks.derived import parameter_types, placeholders
-from robotouille.domain.schema import ActionDef, Condition, Creation, Deletion, EffectDef
+from robotouille.domain.derived import parameter_types, placeholders
+from robotouille.domain.schema import ActionDef, Condition, Creation, EffectDef, InstantEffect
 from robotouille.domain.task import Task
 from robotouille.world.grounding.effects import Effect
-
-__all__ = ["ActionSchema", "ActionSource", "EffectSchema", "GroundAction", "compile_schemas"]
 
 
 @dataclass(frozen=True, slots=True)
 class EffectSchema:
-    """A special effect of an action; `variables` are the parameters it speaks of."""
+    """A special effect of an action, with the parameters that it mentions (`variables`)."""
 
     definition: EffectDef
     variables: tuple[str, ...]
@@ -31,8 +29,12 @@ class EffectSchema:
 
 @dataclass(frozen=True)
 class ActionSchema:
-    """An action over typed parameters: the acting player's first, if it has one, then the others
-    in the order in which the action's sentence mentions them."""
+    """An action over typed parameters.
+
+    The acting player comes first, if the action has one. The other parameters follow in the order
+    in which the action's sentence mentions them. `born` are the effects that start when one of
+    the action's effects creates or deletes an object.
+    """
 
     index: int
     name: str
@@ -44,7 +46,7 @@ class ActionSchema:
 
     @property
     def all_effects(self) -> tuple[EffectSchema, ...]:
-        """Its own effects, then those that start when one of them creates or deletes."""
+        """The effects and the born effects, in the order of effect numbers."""
         return self.effects + self.born
 
     def bind(self, arguments: tuple[str, ...]) -> dict[str, str]:
@@ -52,7 +54,7 @@ class ActionSchema:
 
 
 class ActionSource(Protocol):
-    """What ground actions come from: a world hands out one for each name and arguments."""
+    """Source of ground actions: a world, which has one object for each name and arguments."""
 
     task: Task
 
@@ -64,13 +66,17 @@ class ActionSource(Protocol):
 class GroundAction:
     """An action with its arguments, e.g. `move(robot1, table1, table2)`.
 
-    `key` orders actions as the domain lists them, then by their arguments' order. `effects` are
-    the special effects it starts, `reads` the atoms on which these depend, `duration` the steps
-    it takes (1 but for timing profiles). `source` is the world whose bits its masks are, `serial`
-    tells it from the others of that world.
+    Actions are equal if their names and arguments are. A world accepts actions of another world
+    of the same task. Copying returns the same object; pickled actions are loaded into the world
+    of the receiving process.
 
-    Actions are equal if their names and arguments are. `pickle` and `copy` work: a copy is the
-    same object, and a world of the same task takes another's actions for its own.
+    Attributes:
+        key: Sort key: the domain's order of actions, then the order of their arguments.
+        effects: The special effects that the action starts.
+        reads: Mask of the atoms on which these effects depend.
+        duration: Number of steps that the action takes.
+        source: The world to which the masks belong.
+        serial: Number of the action in that world.
     """
 
     __slots__ = (
@@ -98,6 +104,7 @@ class GroundAction:
         self.tested = self.required = self.touched = self.removed = self.reads = 0
         self.effects: tuple[Effect, ...] = ()
         self.duration = 1
+        # Actions are hashed far more often than they are made.
         self._hash = hash((self.name, arguments))
 
     def __eq__(self, other: object) -> bool:
@@ -110,13 +117,13 @@ class GroundAction:
 
     @property
     def origin(self) -> str | None:
-        """The station where a walk begins; None for what is no walk."""
+        """The station where a walk begins; None for other actions."""
         travel = self.schema.definition.travel
         return None if travel is None else self.schema.bind(self.arguments)[travel[0]]
 
     @property
     def destination(self) -> str | None:
-        """The station where a walk ends; None for what is no walk."""
+        """The station where a walk ends; None for other actions."""
         travel = self.schema.definition.travel
         return None if travel is None else self.schema.bind(self.arguments)[travel[1]]
 
@@ -137,20 +144,22 @@ class GroundAction:
 
 
 def _from_source(source: ActionSource, name: str, arguments: tuple[str, ...]) -> GroundAction:
+    # The action may mention created objects that this process has not seen yet.
     source.admit(arguments)
     return source.action(name, *arguments)
 
 
 def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
-    """The domain's actions with typed parameters, in the domain's order."""
+    """Return the domain's actions with typed parameters, in the domain's order."""
     predicates = {p.name: p for p in task.domain.predicate_defs}
     schemas = []
     for index, definition in enumerate(task.domain.action_defs):
         types = parameter_types(definition, predicates)
         actor = next((n for n, kind in types.items() if kind in task.domain.player_types), None)
-        said = [n for n in placeholders(definition.language_description) if n in types]
-        order = list(dict.fromkeys([*([actor] if actor else []), *said, *types]))
-        instants = [e for e in _walk(definition.sfx) if isinstance(e, Creation | Deletion)]
+        mentioned = [n for n in placeholders(definition.language_description) if n in types]
+        order = list(dict.fromkeys([*([actor] if actor else []), *mentioned, *types]))
+        # Effects nested in an instant effect start separately, so they need numbers of their own.
+        instants = [e for e in _walk(definition.sfx) if isinstance(e, InstantEffect)]
         born = [nested for effect in instants for nested in effect.sfx]
         schemas.append(
             ActionSchema(
@@ -189,9 +198,9 @@ def _variables(effect: EffectDef) -> Iterator[str]:
 
 
 def _repeats(effect: EffectDef) -> bool:
-    return effect.type == "repetitive" or any(_repeats(e) for e in effect.sfx)
+    return effect.counts == "performances" or any(_repeats(e) for e in effect.sfx)
 
 
 def walking_steps(distance: int, steps_per_tile: int) -> int:
-    """How many steps a walk of `distance` tiles takes; at least one."""
+    """Return the number of steps that a walk of `distance` tiles takes, at least one."""
     return max(1, math.ceil(distance * steps_per_tile))

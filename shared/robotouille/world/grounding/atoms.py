@@ -1,9 +1,9 @@
 """The table of ground atoms: bit *i* of a state's facts is atom *i*.
 
-Only predicates that some action can change have bits; the others are static and answered from a
-set. Bits are handed out in blocks: one for the objects of the problem, then one for each further
-generation of objects that play may create, so that a position never moves and does not depend on
-the course of play.
+Only predicates that some action can change have bits. The others are static and kept in a set.
+Bits are assigned in blocks: one for the objects of the problem, then one for each generation of
+created objects. Bits therefore never move and do not depend on the steps taken; see
+docs/decisions/0004-bits-in-generations.md.
 """
 
 from __future__ import annotations
@@ -11,19 +11,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import product
 
-from robotouille.domain.checks.derived import fluents
+from robotouille.domain.derived import fluents
 from robotouille.domain.schema import DomainFile
 from robotouille.world.grounding.objects import Atom, Object, atom_name
 
-__all__ = ["EXISTS", "USED", "AtomTable", "bits_of"]
-
 EXISTS = "~exists"
 USED = "~used"
-"""Bookkeeping of objects that play can create or delete: there now; ever there."""
+"""Predicates of objects that play can create or delete: exists now, has ever existed.
+
+`USED` keeps the name of a deleted object from being given to another object."""
 
 
 def bits_of(mask: int) -> list[int]:
-    """The positions of the set bits, ascending."""
+    """Return the positions of the set bits, ascending."""
+    # `mask & -mask` is the lowest set bit; most masks have few bits among thousands.
     positions = []
     while mask:
         low = mask & -mask
@@ -33,7 +34,7 @@ def bits_of(mask: int) -> list[int]:
 
 
 class AtomTable:
-    """Ground atoms, their bits, and masks of those that match a pattern."""
+    """Ground atoms, their bits, and masks of the atoms that match a pattern."""
 
     def __init__(
         self, domain: DomainFile, transient: frozenset[str], static: Iterable[Atom]
@@ -55,7 +56,10 @@ class AtomTable:
         self._patterns: dict[tuple[str | None, ...], int] = {}
 
     def add(self, objects: Iterable[Object]) -> None:
-        """Give bits to every atom that mentions one of these objects (at first: or none at all)."""
+        """Assign bits to all atoms about new objects.
+
+        The first call also adds the atoms without objects.
+        """
         new = {thing.name: thing.type for thing in objects}
         for name, kind in new.items():
             self.by_type[kind].append(name)
@@ -81,11 +85,11 @@ class AtomTable:
         return mask
 
     def mentions(self, name: str) -> int:
-        """The mask of every atom about an object."""
+        """Return the mask of all atoms about an object."""
         return self._mentions.get(name, 0)
 
     def matching(self, pattern: tuple[str | None, ...]) -> int:
-        """The mask of the atoms of a predicate whose arguments match; None matches all."""
+        """Return the mask of a predicate's atoms whose arguments match; None matches any."""
         mask = self._patterns.get(pattern)
         if mask is None:
             mask = 0
@@ -100,17 +104,17 @@ class AtomTable:
         return mask
 
     def mask(self, atoms: Iterable[Atom]) -> int:
-        """The bits of the fluent atoms among these; static ones have none."""
+        """Return the mask of atoms; static atoms have no bits."""
         total = 0
         for atom in atoms:
             total |= self.bit.get(atom, 0)
         return total
 
     def test(self, conditions: Iterable[tuple[Atom, bool]]) -> tuple[int, int, bool]:
-        """Masks `tested` and `required`, and whether the conditions can hold at all.
+        """Return masks `tested` and `required`, and whether the conditions can hold at all.
 
-        They cannot where a static fact rules one out, or two contradict each other. A static fact
-        holds as long as the objects it is about exist.
+        They cannot hold if a static fact rules one out, or if two contradict each other. A static
+        fact holds while the objects that it mentions exist, so their existence is tested instead.
         """
         required = forbidden = 0
         possible = True
@@ -128,19 +132,19 @@ class AtomTable:
         return required | forbidden, required, possible and not required & forbidden
 
     def true_atoms(self, facts: int) -> list[Atom]:
-        """Every atom that holds, static ones included, in no particular order."""
+        """Return all true atoms, static ones included, in no particular order."""
         atoms = [self.atoms[i] for i in bits_of(facts & ~self.internal)]
         return atoms + [atom for atom in self.static if self._exists(atom, facts)]
 
     def true_names(self, facts: int) -> list[str]:
-        """The names of `true_atoms`."""
+        """Return the names of `true_atoms`."""
         names = self._names
         names += map(atom_name, self.atoms[len(names) :])
         found = [names[i] for i in bits_of(facts & ~self.internal)]
         return found + [name for name, atom in self._static_names if self._exists(atom, facts)]
 
     def _existence(self, atom: Atom) -> int:
-        """The bits that say that everything an atom is about is there."""
+        """Return the mask of the facts that an atom's objects exist."""
         return self.mask((EXISTS, name) for name in atom[1:])
 
     def _exists(self, atom: Atom, facts: int) -> bool:
@@ -148,7 +152,7 @@ class AtomTable:
         return facts & needed == needed
 
     def holds(self, atom: Atom, facts: int) -> bool:
-        """Whether an atom is true, be it static or not."""
+        """Return whether an atom, static or not, is true."""
         bit = self.bit.get(atom)
         if bit is not None:
             return facts & bit != 0

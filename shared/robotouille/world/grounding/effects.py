@@ -1,8 +1,8 @@
-"""Special effects: five kinds that nest, and their counters (world.md, "Special effects").
+"""Special effects and their updates (docs/episodes.md, "Special effects"; paper, section 2).
 
-An `Effect` is a special effect with its arguments. Its progress is a tuple with one integer for
-each node of its tree, in depth-first order. `EffectRun` performs updates, slowly and plainly;
-`timers.py` remembers what they did.
+An `Effect` is a special effect bound to objects. Its progress is a tuple of integers, one for each
+node of its tree in depth-first order. `EffectRun` performs the updates of one step in the most
+direct way; `timers.py` caches their results.
 """
 
 from __future__ import annotations
@@ -10,23 +10,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robotouille.domain.schema import Condition, CreatedObject, Creation, Deletion, EffectDef
+from robotouille.domain.schema import Condition, CreatedObject, Creation, EffectDef, InstantEffect
 from robotouille.world.grounding.atoms import EXISTS, USED, AtomTable
 from robotouille.world.grounding.objects import bound
-
-__all__ = ["DONE", "HOLDING", "Effect", "EffectNode", "EffectRun", "compile_effect"]
 
 PAUSED, HOLDING, DONE = 0, 1, -1
 
 
 @dataclass(frozen=True, slots=True)
 class EffectNode:
-    """One node of an effect's tree, its conditions and results as masks.
+    """Node of an effect's tree, with its conditions and results as bit masks.
 
-    `total` is the number of updates after which a delayed or repetitive node takes effect.
+    Its kind sets `counts`, `instant`, `reverts` and `pauses` (see `domain.schema.SpecialEffect`).
+    `total` is the number of updates after which a counting node takes effect.
     """
 
     kind: str
+    counts: str
+    instant: bool
+    reverts: bool
+    pauses: bool
     slot: int
     subject: str
     total: int
@@ -44,10 +47,10 @@ class EffectNode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effect:
-    """A special effect with its arguments; the same effect and arguments are the same object.
+    """Special effect bound to objects; equal effects are the same object.
 
-    `label` is `(action, index of the effect in it, its arguments)`; `reads` the atoms on which
-    the course of an update depends.
+    `label` is `(action, index of the effect in the action, arguments)`. `reads` masks the atoms
+    that an update tests.
     """
 
     label: tuple[str, int, tuple[str, ...]]
@@ -62,11 +65,12 @@ class Effect:
 
     @property
     def start(self) -> tuple[int, ...]:
+        """Progress before the first update."""
         return (0,) * self.size
 
     def counters(self) -> list[EffectNode]:
-        """The nodes that count steps or performances, outermost first."""
-        return [node for node in _walk(self.root) if node.kind in ("delayed", "repetitive")]
+        """Return the nodes that count steps or performances, outermost first."""
+        return [node for node in _walk(self.root) if node.counts]
 
 
 def _walk(node: EffectNode) -> list[EffectNode]:
@@ -80,7 +84,7 @@ def compile_effect(
     table: AtomTable,
     count: Callable[[EffectDef, str], int],
 ) -> Effect:
-    """Bind an effect's parameters to objects; `count` says how long a node takes."""
+    """Bind an effect's parameters to objects; `count` returns the updates of a counting node."""
     slots = iter(range(10_000))
     root = _compile_node(definition, binding, table, count, slots.__next__)
     nodes = _walk(root)
@@ -102,18 +106,22 @@ def _compile_node(
         (bound(c, binding), c.is_true) for c in getattr(definition, "conditions", ())
     )
     creation = definition if isinstance(definition, Creation) else None
-    instant = isinstance(definition, Creation | Deletion)
+    instant = isinstance(definition, InstantEffect)
     sets = clears = 0
+    # A creation's results mention an object that has no name before the creation happens.
     if creation is None:
         sets = table.mask(bound(c, binding) for c in definition.fx if c.is_true)
         clears = table.mask(bound(c, binding) for c in definition.fx if not c.is_true)
-    timed = definition.type in ("delayed", "repetitive")
     subject = binding.get(definition.param, definition.param)
     return EffectNode(
         kind=definition.type,
+        counts=definition.counts,
+        instant=definition.instant,
+        reverts=definition.reverts,
+        pauses=definition.pauses,
         slot=slot,
         subject=subject,
-        total=count(definition, subject) if timed else 0,
+        total=count(definition, subject) if definition.counts else 0,
         tested=tested,
         required=required,
         possible=possible,
@@ -132,11 +140,11 @@ def _compile_node(
 
 
 class EffectRun:
-    """Updates of effects within one step: facts in, facts out, and what was written.
+    """Updates of effects within one step: reads and changes `facts`, and records what it wrote.
 
-    `create(kind, type, facts)` names a new object; `born` compiles an effect nested in a creation
-    or deletion, which completes at once: what is nested in it starts as an effect of its own. Of
-    an object once deleted nothing becomes true any more.
+    `create(kind, type, facts)` returns the name of a new object. `born` compiles an effect nested
+    in a creation or deletion: since those complete at once, nested effects start as effects of
+    their own. No fact about a deleted object becomes true again.
     """
 
     def __init__(
@@ -150,85 +158,105 @@ class EffectRun:
         self.written = 0
         self.deleted: list[str] = []
         self.started: list[Effect] = []
-        self._table = table
-        self._create = create
+        self.table = table
+        self.create = create
         self._born = born
 
     def write(self, sets: int, clears: int) -> None:
-        """Make facts true and false; where both are asked for, true wins."""
+        """Make facts true and false; an atom in both masks becomes true."""
         for name in self.deleted:
-            sets &= ~self._table.mentions(name)
+            sets &= ~self.table.mentions(name)
         self.facts = (self.facts & ~clears) | sets
         self.written |= sets | clears
 
     def concerns_deleted(self, effect: Effect) -> bool:
-        """Whether an effect is about an object that has been deleted: then it has ended."""
+        """Return whether a deleted object is among an effect's arguments, which ends the effect."""
         return any(name in effect.label[2] for name in self.deleted)
 
     def update(self, effect: Effect, progress: tuple[int, ...], active: bool) -> tuple[int, ...]:
-        """One update of an effect; returns its new progress (root `DONE` when it completed)."""
+        """Update an effect once and return its new progress; the root is `DONE` on completion."""
         counters = list(progress)
         self._update(effect.root, counters, active)
         return tuple(counters)
 
+    def update_nested(self, node: EffectNode, progress: list[int], active: bool) -> bool:
+        """Update a node's nested effects and return whether all have completed."""
+        # All are updated even if an early one is unfinished: nested effects run in parallel.
+        finished = [self._update(child, progress, active) for child in node.nested]
+        return all(finished)
+
+    def start_nested(self, node: EffectNode, binding: dict[str, str]) -> None:
+        """Start the effects nested in an instant one as effects of their own."""
+        born = (self._born(definition, binding) for definition in node.sfx)
+        self.started += [effect for effect in born if not self.concerns_deleted(effect)]
+
     def _update(self, node: EffectNode, progress: list[int], active: bool) -> bool:
         if progress[node.slot] == DONE:
             return True
-        finished = {
-            "conditional": self._conditional,
-            "delayed": self._counting,
-            "repetitive": self._counting,
-            "creation": self._creation,
-            "deletion": self._deletion,
-        }[node.kind](node, progress, active)
+        finished = UPDATES[node.kind](self, node, progress, active)
         if finished:
             progress[node.slot] = DONE
         return finished
 
-    def _nested(self, node: EffectNode, progress: list[int], active: bool) -> bool:
-        finished = [self._update(child, progress, active) for child in node.nested]
-        return all(finished)
 
-    def _conditional(self, node: EffectNode, progress: list[int], active: bool) -> bool:
-        if node.possible and self.facts & node.tested == node.required:
-            progress[node.slot] = HOLDING
-            self.write(node.sets, node.clears)
-            return self._nested(node, progress, active)
-        if progress[node.slot] == HOLDING:
-            progress[node.slot] = PAUSED
-            self.write(node.clears, node.sets)
-        return False
+def _update_conditional(
+    run: EffectRun, node: EffectNode, progress: list[int], active: bool
+) -> bool:
+    if node.possible and run.facts & node.tested == node.required:
+        progress[node.slot] = HOLDING
+        run.write(node.sets, node.clears)
+        return run.update_nested(node, progress, active)
+    if progress[node.slot] == HOLDING:
+        progress[node.slot] = PAUSED
+        run.write(node.clears, node.sets)
+    return False
 
-    def _counting(self, node: EffectNode, progress: list[int], active: bool) -> bool:
+
+def _update_counting(run: EffectRun, node: EffectNode, progress: list[int], active: bool) -> bool:
+    if progress[node.slot] < node.total:
+        # A delay counts the steps that pass, a repetition the performances of its action.
+        if active != (node.counts == "performances"):
+            return False
+        progress[node.slot] += 1
         if progress[node.slot] < node.total:
-            if active != (node.kind == "repetitive"):
-                return False
-            progress[node.slot] += 1
-            if progress[node.slot] < node.total:
-                return False
-            self.write(node.sets, node.clears)
-        return self._nested(node, progress, active)
+            return False
+        run.write(node.sets, node.clears)
+    return run.update_nested(node, progress, active)
 
-    def _creation(self, node: EffectNode, progress: list[int], active: bool) -> bool:
-        if node.created is None:
-            raise AssertionError("a creation effect without an object")
-        name = self._create(node.created.name, node.created.type, self.facts)
-        binding = {**dict(node.binding), node.created.param: name}
-        born = self._table.mask(((EXISTS, name), (USED, name)))
-        sets = self._table.mask(bound(c, binding) for c in node.fx if c.is_true)
-        clears = self._table.mask(bound(c, binding) for c in node.fx if not c.is_true)
-        self.write(sets | born, clears & ~sets)
-        self._start_nested(node, binding)
-        return True
 
-    def _start_nested(self, node: EffectNode, binding: dict[str, str]) -> None:
-        born = (self._born(definition, binding) for definition in node.sfx)
-        self.started += [effect for effect in born if not self.concerns_deleted(effect)]
+def _update_creation(run: EffectRun, node: EffectNode, progress: list[int], active: bool) -> bool:
+    if node.created is None:
+        raise AssertionError("a creation effect without an object")
+    name = run.create(node.created.name, node.created.type, run.facts)
+    binding = {**dict(node.binding), node.created.param: name}
+    # USED stays true after a deletion, so that a name is never given to a second object.
+    born = run.table.mask(((EXISTS, name), (USED, name)))
+    sets = run.table.mask(bound(c, binding) for c in node.fx if c.is_true)
+    clears = run.table.mask(bound(c, binding) for c in node.fx if not c.is_true)
+    run.write(sets | born, clears & ~sets)
+    run.start_nested(node, binding)
+    return True
 
-    def _deletion(self, node: EffectNode, progress: list[int], active: bool) -> bool:
-        gone = self._table.mentions(node.subject) & ~self._table.mask([(USED, node.subject)])
-        self.write(node.sets, node.clears)
-        self.write(0, gone)
-        self.deleted.append(node.subject)
-        self._start_nested(node, dict(node.binding))
-        return True
+
+def _update_deletion(run: EffectRun, node: EffectNode, progress: list[int], active: bool) -> bool:
+    gone = run.table.mentions(node.subject) & ~run.table.mask([(USED, node.subject)])
+    run.write(node.sets, node.clears)
+    run.write(0, gone)
+    run.deleted.append(node.subject)
+    run.start_nested(node, dict(node.binding))
+    return True
+
+
+Update = Callable[[EffectRun, EffectNode, list[int], bool], bool]
+UPDATES: dict[str, Update] = {
+    "conditional": _update_conditional,
+    "delayed": _update_counting,
+    "repetitive": _update_counting,
+    "creation": _update_creation,
+    "deletion": _update_deletion,
+}
+"""Update of each kind of special effect: changes the run's facts and the node's progress.
+
+It returns whether the node has completed. `active` tells an update caused by performing the action
+from one caused by the passing of a step.
+"""

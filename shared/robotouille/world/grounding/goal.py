@@ -1,6 +1,6 @@
-"""Goal test: find objects that make every predicate of the goal true, by backtracking.
+"""The goal test: a backtracking search for objects that make all goal predicates true.
 
-A goal is never expanded into all its combinations (world.md, "Goals").
+A goal is never expanded into all combinations of objects; see docs/episodes.md, "Goals".
 """
 
 from __future__ import annotations
@@ -16,21 +16,19 @@ from robotouille.domain.task import Task
 from robotouille.world.grounding.atoms import EXISTS, AtomTable, bits_of
 from robotouille.world.grounding.objects import Atom, Object
 
-__all__ = ["Fit", "Goal", "Order", "Variable"]
-
 Binding = dict[int | str, str]
 Domains = dict[int | str, frozenset[str]]
 Order = tuple[tuple[int, tuple[int, ...]], ...]
 Rows = list[tuple[GoalTerm, list[tuple[str, ...]]]]
-"""Predicates of a goal, each with the choices of objects that make it true."""
+"""Predicates of a goal with the arguments for which each of them is true."""
 
 MAX_KEPT = 20_000
-"""Parts of states of which a goal knows whether it holds; then it learns anew."""
+"""Largest number of cached results. A full cache is cleared."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """An unknown of the goal: any object of a kind (or type), or one particular object."""
+    """Variable of a goal: any object of a kind or type, or one particular object (`fixed`)."""
 
     id: int | str
     kind: str
@@ -39,14 +37,14 @@ class Variable:
 
 
 class Fit(NamedTuple):
-    """Which predicates of a goal hold at once, and for which objects."""
+    """Predicates of a goal that hold at the same time, and the objects for which they hold."""
 
     holding: tuple[bool, ...]
     chosen: Binding
 
 
 class Goal:
-    """The goal of a task over the atoms of its world."""
+    """Goal of a task over the atoms of its world."""
 
     def __init__(
         self, task: Task, table: AtomTable, objects: Callable[[], tuple[Object, ...]]
@@ -72,7 +70,7 @@ class Goal:
         self.refresh()
 
     def refresh(self) -> None:
-        """Take account of objects that have been added to the world."""
+        """Include objects that have been added to the world."""
         self._candidates = {v.id: self._candidates_of(v) for v in self.variables.values()}
         self._mask = {term: self._possible(term) for term in self.terms}
         self._static = {
@@ -93,10 +91,12 @@ class Goal:
                 self.relevant |= self._table.mask((EXISTS, name) for name in names)
 
     def reached(self, facts: int) -> bool:
-        """Whether the goal holds. Most states fail here, one of its predicates being nowhere."""
+        """Return whether the goal holds."""
+        # In most states, some predicate of the goal is true of no objects at all.
         for mask in self._necessary:
             if not facts & mask:
                 return False
+        # Other facts cannot matter, so states that differ only in them share a result.
         relevant = facts & self.relevant
         known = self._known.get(relevant)
         if known is None:
@@ -106,23 +106,25 @@ class Goal:
         return known
 
     def forget(self) -> None:
-        """Know of no state any more whether the goal holds."""
+        """Clear the cache of `reached`."""
         self._known.clear()
 
     def holding(self, facts: int) -> tuple[bool, ...]:
-        """Which predicates of the goal hold, in the problem's order.
+        """Return for each predicate of the goal whether it holds, in the problem's order.
 
-        One holds if some choice of objects makes it true together with all before it that hold.
-        So all of them hold exactly where the goal does.
+        A predicate holds if some choice of objects makes it true together with all earlier
+        predicates that hold. All predicates hold exactly if the goal does.
         """
         return self.fit(facts).holding
 
     def fit(self, facts: int, order: Order | None = None) -> Fit:
-        """Which predicates hold, and for which objects, where others come first than in the
-        problem's order.
+        """Return which predicates hold, and for which objects.
 
         Args:
-            order: The numbers of predicates; with each those without which it does not count.
+            facts: The state's facts.
+            order: The predicates' numbers in the order in which they are tried. Each has the
+                numbers of predicates that must hold for it to count. By default, it is the
+                problem's order.
         """
         key = facts & self.relevant, order or self._in_order
         known = self._fits.get(key)
@@ -141,6 +143,7 @@ class Goal:
                 continue
             term = self.terms[number]
             rows = [*held, (term, self._rows(term, facts))]
+            # Usually the earlier choices can stay; otherwise all of them are reconsidered.
             found = self._extended(chosen, *rows[-1]) or self._choice(rows)
             if found is not None:
                 held, chosen = rows, found
@@ -150,7 +153,7 @@ class Goal:
     def _extended(
         self, chosen: Binding, term: GoalTerm, choices: list[tuple[str, ...]]
     ) -> Binding | None:
-        """A choice of objects that makes one predicate true beside what is chosen already."""
+        """Extend a choice so that it makes one more predicate true; None if that is impossible."""
         for names in choices:
             more = {i: name for i, name in zip(term.ids, names, strict=True) if i not in chosen}
             both = {**chosen, **more}
@@ -160,31 +163,31 @@ class Goal:
         return None
 
     def _is_free(self, chosen: Binding, identifier: int | str, name: str) -> bool:
-        """Whether an object stands for nothing else of its kind."""
+        """Return whether no variable of the same kind is bound to an object."""
         kind = self.variables[identifier].kind
         return all(name != taken or self.variables[i].kind != kind for i, taken in chosen.items())
 
     def _choice(self, rows: Rows) -> Binding | None:
-        """Some choice of objects that makes these predicates true."""
+        """Return a choice of objects that makes these predicates true, or None."""
         names = dict.fromkeys(identifier for term, _ in rows for identifier in term.ids)
         domains: Domains = {name: frozenset(self._candidates[name]) for name in names}
         return next(self._search(domains, rows), None)
 
     def assignments(self, facts: int) -> Iterator[Binding]:
-        """Every choice of objects that makes the goal true in `facts`."""
+        """Yield every choice of objects that makes the goal true."""
         rows = [(term, self._rows(term, facts)) for term in self.terms]
         yield from self._search({i: frozenset(c) for i, c in self._candidates.items()}, rows)
 
     def candidates(self, identifier: int | str) -> tuple[str, ...]:
-        """The objects that a variable can stand for."""
+        """Return the objects to which a variable can be bound."""
         return self._candidates[identifier]
 
     def atoms(self, binding: Binding) -> list[Atom]:
-        """The goal's predicates under a choice of objects."""
+        """Return the goal's atoms for a choice of objects."""
         return [(t.predicate, *(binding[i] for i in t.ids)) for t in self.terms]
 
     def possible_mask(self, term: GoalTerm) -> int:
-        """The atoms that one predicate of the goal could be met by."""
+        """Return the mask of the atoms that can satisfy one predicate of the goal."""
         return self._mask[term]
 
     def _possible(self, term: GoalTerm) -> int:
@@ -210,7 +213,7 @@ class Goal:
         )
 
     def _rows(self, term: GoalTerm, facts: int) -> list[tuple[str, ...]]:
-        """The choices of objects for one predicate that make it true."""
+        """Return the arguments for which a predicate of the goal is true."""
         if term.predicate in self._table.static_predicates:
             atoms = [atom for atom in self._static[term] if self._table.holds(atom, facts)]
         else:
@@ -218,7 +221,7 @@ class Goal:
         return [atom[1:] for atom in atoms if self._suits(term, atom[1:])]
 
     def _suits(self, term: GoalTerm, names: tuple[str, ...]) -> bool:
-        """Whether equal ids are equal objects, and different ids of a kind different ones."""
+        """Return whether equal ids get one object and different ids of a kind different objects."""
         for (one, name), (other, taken) in combinations(zip(term.ids, names, strict=True), 2):
             alike = self.variables[one].kind == self.variables[other].kind
             if name != taken if one == other else name == taken and alike:
@@ -226,7 +229,7 @@ class Goal:
         return True
 
     def _search(self, domains: Domains, rows: Rows) -> Iterator[Binding]:
-        """Choose for the variable with the fewest choices left, and draw conclusions first."""
+        """Narrow the choices, then branch on the variable with the fewest choices left."""
         narrowed = self._narrow(domains, rows)
         if narrowed is None:
             return
@@ -241,10 +244,10 @@ class Goal:
                 yield from self._search({**domains, chosen: frozenset((name,))}, rows)
 
     def _narrow(self, domains: Domains, rows: Rows) -> tuple[Domains, Rows] | None:
-        """Drop choices that contradict another predicate; None where nothing is left.
+        """Remove choices that contradict another predicate; return None if none is left.
 
-        This, and the test that there are enough objects of each kind, spares the search from
-        trying all the orders of objects that are alike.
+        Together with the test that there are enough objects of each kind, this keeps the search
+        from trying all permutations of interchangeable objects.
         """
         domains, rows = dict(domains), list(rows)
         before = None
@@ -270,7 +273,10 @@ class Goal:
 
 
 def _make_different(domains: Domains, group: list[int | str]) -> bool:
-    """Take decided objects from the other variables of a kind; whether there are enough."""
+    """Remove decided objects from the other variables; return whether enough objects are left.
+
+    The test is a bipartite matching of variables and objects by augmenting paths.
+    """
     for identifier in group:
         if len(domains[identifier]) == 1:
             for other in group:

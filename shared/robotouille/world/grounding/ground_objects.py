@@ -1,8 +1,8 @@
-"""The objects of a task and their atoms: those of the problem, and those that play may create.
+"""The objects of a task, including objects that play can create, and their atoms.
 
-This is the only thing about a world that grows by need and changes what others compute from it
-(`GroundObjects._grown`). It grows by generations: each has one more object of every kind that can
-be created, and a block of atoms about them behind all others, so that no bit ever moves.
+The objects of a world can grow, and then values computed from them are out of date
+(`GroundObjects._grown`). Growth adds generations: one more object of every kind that can be
+created, with its atoms after all others, so that no bit ever moves.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 
-from robotouille.domain.checks.derived import parameter_types
+from robotouille.domain.derived import parameter_types
 from robotouille.domain.schema import Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
 from robotouille.errors import UnknownNameError, WrongWorldError, did_you_mean
@@ -18,14 +18,12 @@ from robotouille.world.grounding.atoms import EXISTS, USED, AtomTable
 from robotouille.world.grounding.floor import Floor
 from robotouille.world.grounding.objects import Object, initial_facts, place_objects
 
-__all__ = ["MAX_CREATED", "GroundObjects"]
-
 MAX_CREATED = 500
-"""Objects of one kind for which a course of play from elsewhere is given room."""
+"""Largest number of one created kind that names from outside can make a world reserve."""
 
 
 class GroundObjects:
-    """The objects and atoms of a task, and which objects there are in some facts."""
+    """The objects and atoms of a task, and the objects that exist in a state."""
 
     def __init__(self, task: Task) -> None:
         self.task = task
@@ -41,20 +39,21 @@ class GroundObjects:
         existing = [o.name for o in self.placed if o.type in transient]
         born = [(flag, name) for name in existing for flag in (EXISTS, USED)]
         self.initial_facts = self.table.mask([*facts, *born])
+        # The first created objects have atoms from the start, so most episodes never add any.
         if self._creations:
             self._add_generation()
 
     @cached_property
     def floor(self) -> Floor:
-        """The kitchen's floor, for walking."""
+        """The kitchen's floor."""
         problem, stations = self.task.problem, set(self.task.domain.station_types)
         return Floor(problem.width, problem.height, self.placed, stations)
 
     def thing(self, name: str) -> Object:
-        """The object of a name.
+        """Return an object by its name.
 
         Raises:
-            UnknownNameError: There is none.
+            UnknownNameError: There is no such object.
         """
         thing = self._things.get(name) if isinstance(name, str) else None
         if thing is None:
@@ -63,21 +62,21 @@ class GroundObjects:
 
     @property
     def thing_names(self) -> frozenset[str]:
-        """The names of all objects there is room for."""
+        """Names of all objects, including objects that may not exist yet."""
         return frozenset(self._things)
 
     def all_objects(self) -> tuple[Object, ...]:
-        """The objects of the problem, and those that play may create and has room for so far."""
+        """Return the objects of the problem and the created objects that have atoms so far."""
         return tuple(self._things.values())
 
     def objects_in(self, facts: int) -> tuple[Object, ...]:
-        """The objects that exist in a state, by type, then as numbered."""
+        """Return the objects that exist in a state, by type, then by number."""
         there = [o for o in self._things.values() if self.exists(o, facts)]
         order = {kind: i for i, kind in enumerate(self.task.domain.object_types)}
         return tuple(sorted(there, key=lambda o: order[o.type]))
 
     def used_objects(self, facts: int) -> list[str]:
-        """The created objects that exist or did: their names are never given again."""
+        """Return the names of created objects that exist or existed; they are never reused."""
         return [
             name
             for name, thing in self._things.items()
@@ -85,14 +84,18 @@ class GroundObjects:
         ]
 
     def _check_existence(self, facts: int) -> None:
-        """Raises WrongWorldError for facts about an object that does not exist in them."""
-        for name, there, about in self._said_of_transients:
+        """Check that facts mention only objects that exist in them.
+
+        Raises:
+            WrongWorldError: They mention another object.
+        """
+        for name, there, about in self._transient_masks:
             if facts & about and not facts & there:
                 raise WrongWorldError(f"facts about {name}, which does not exist in them")
 
     @cached_property
-    def _said_of_transients(self) -> tuple[tuple[str, int, int], ...]:
-        """Of each object that may come or go: that it exists, and all else there is to say."""
+    def _transient_masks(self) -> tuple[tuple[str, int, int], ...]:
+        """Each object that can be created or deleted, with masks of its existence and its atoms."""
         table = self.table
         return tuple(
             (name, table.bit[(EXISTS, name)], table.mentions(name) & ~table.internal)
@@ -101,7 +104,7 @@ class GroundObjects:
         )
 
     def exists(self, thing: Object, facts: int) -> bool:
-        """Whether an object is there."""
+        """Return whether an object exists in a state."""
         return thing.type not in self.table.transient or bool(
             facts & self.table.bit[(EXISTS, thing.name)]
         )
@@ -110,37 +113,38 @@ class GroundObjects:
 
     @property
     def table_sizes(self) -> tuple[int, ...]:
-        """The sizes that the table of atoms had: at first, and after each generation."""
+        """The number of atoms at first and after each generation."""
         return tuple(self._sizes)
 
     def table_size(self, facts: int) -> int:
-        """How many atoms of the table one must know to read these facts.
+        """Return the number of atoms that are needed to read these facts.
 
-        It depends on the facts alone, not on what other courses of play have created.
+        It depends only on the facts, not on what other episodes of the world have created.
         """
         length = facts.bit_length()
         return next(size for size in self._sizes if length <= size)
 
     def make_room(self, wanted: Mapping[str, int]) -> None:
-        """Give bits to as many objects of each creatable kind as are wanted."""
+        """Assign bits to at least the wanted number of objects of each creatable kind."""
         for kind, _ in self._creations:
             while sum(o.kind == kind for o in self._things.values()) < wanted.get(kind, 0):
                 self._add_generation()
         self._grown()
 
     def make_room_for_another(self) -> None:
-        """Give bits to one more object of every kind that can be created, if any can."""
+        """Assign bits to one more object of every kind that can be created."""
         if self._creations:
             self._add_generation()
             self._grown()
 
     def admit(self, names: Iterable[str]) -> None:
-        """Make room for the created objects among these names, as somebody else's course of play
-        may have. A name that can be none of this world is left alone.
+        """Make room for the created objects among names that come from another process.
+
+        Names that cannot belong to this world are ignored.
 
         Raises:
-            UnknownNameError: A name is no string.
-            WrongWorldError: An object would be more than `MAX_CREATED` of its kind.
+            UnknownNameError: A name is not a string.
+            WrongWorldError: A number is greater than `MAX_CREATED`, which would fill the memory.
         """
         creatable = {kind for kind, _ in self._creations}
         wanted: dict[str, int] = {}
@@ -152,22 +156,24 @@ class GroundObjects:
             if name in self._things or kind not in creatable or not digits:
                 continue
             if len(digits) > 6 or int(digits) > MAX_CREATED:
-                raise WrongWorldError(f"{name} would be more than {MAX_CREATED} of a kind")
+                raise WrongWorldError(
+                    f"{name} exceeds the limit of {MAX_CREATED} objects of a kind"
+                )
             wanted[kind] = max(wanted.get(kind, 0), int(digits))
         if wanted:
             self.make_room(wanted)
 
     def _make_room_for(self, facts: int, most: int | None = None) -> None:
-        """Have an atom for every bit of some facts, if they can be of this task at all, and need
-        no more than `most` generations of created objects."""
-        # Each generation in use has a name that was given: no facts need more room than that.
+        """Add generations until every bit of some facts has an atom, but at most `most`."""
+        # Facts have a `USED` bit for each created object, so valid facts never need more
+        # generations than they have bits. Invalid facts must not make the table grow forever.
         given = facts.bit_count() if self._creations else 0
         most = given if most is None else min(given, most)
         while facts.bit_length() > len(self.table.atoms) and len(self._sizes) <= most:
             self.make_room_for_another()
 
     def _next_created(self, kind: str, type_: str, facts: int) -> str:
-        """The name of the next object of a kind; its number was never used in this course."""
+        """Return the name of the next created object, whose number was not used before."""
         while True:
             for thing in self._things.values():
                 made = thing.tile is None and (thing.kind, thing.type) == (kind, type_)
@@ -184,10 +190,10 @@ class GroundObjects:
             new.append(thing)
         self.table.add(new)
         self._sizes.append(len(self.table.atoms))
-        self.__dict__.pop("_said_of_transients", None)
+        self.__dict__.pop("_transient_masks", None)
 
     def _grown(self) -> None:
-        """There is room for more objects: what was computed from all of them is out of date."""
+        """Discard values that were computed from all objects. Subclasses extend this."""
 
 
 def _nested(effects: tuple[EffectDef, ...]) -> Iterator[EffectDef]:

@@ -1,7 +1,7 @@
 """A grounded task: its objects and atoms, ground actions and effects, and its goal.
 
-What is compiled from a task, and knows nothing of states, timers or texts. Ground actions and
-effects are made when first needed.
+It is compiled from the task alone, without states or timers. Ground actions and effects are made
+when first needed, because most combinations of arguments never occur.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ from robotouille.world.grounding.effects import Effect, EffectRun, compile_effec
 from robotouille.world.grounding.goal import Goal
 from robotouille.world.grounding.ground_objects import GroundObjects
 from robotouille.world.grounding.objects import bound
-
-__all__ = ["GroundTask"]
 
 
 class GroundTask(GroundObjects):
@@ -48,26 +46,26 @@ class GroundTask(GroundObjects):
         self.goal.refresh()
 
     def descriptor(self, predicate: str, argument: int) -> str:
-        """How to say a predicate of its n-th argument; empty where nothing is said."""
+        """Return a predicate's sentence about its n-th argument, or an empty text."""
         return self._descriptors[predicate].get(str(argument), "")
 
     # Actions
 
     def action(self, name: str, *arguments: str) -> GroundAction:
-        """A ground action by name and arguments, applicable anywhere or not.
+        """Return a ground action by name and arguments, whether or not it can ever be valid.
 
         Args:
-            name: As the domain has it, e.g. `move`.
+            name: Name of the action in the domain, e.g. `move`.
             *arguments: Objects: the acting player first, then in the order of the sentence.
 
         Raises:
-            UnknownNameError: There is no such action or object, or the arguments are too few, too
-                many or of the wrong type.
+            UnknownNameError: There is no such action or object, or the number or a type of the
+                arguments is wrong.
         """
         try:
             return self._named[name, arguments]
         except (KeyError, TypeError):
-            pass  # new, or a list where a name should be
+            pass  # The action is new, or an argument is not hashable and so not a name.
         schema = self._schema.get(name) if isinstance(name, str) else None
         if schema is None:
             raise UnknownNameError(f"no action {name!r}{did_you_mean(name, self._schema)}")
@@ -82,7 +80,7 @@ class GroundTask(GroundObjects):
         return action
 
     def ground_action(self, schema: ActionSchema, arguments: tuple[str, ...]) -> GroundAction:
-        """The one ground action of a schema and arguments of the right types."""
+        """Return the ground action of a schema and arguments of the right types."""
         key = (schema.index, arguments)
         action = self._ground.get(key)
         if action is None:
@@ -91,7 +89,7 @@ class GroundTask(GroundObjects):
 
     @property
     def known_actions(self) -> tuple[GroundAction, ...]:
-        """The ground actions that have been needed so far."""
+        """The ground actions that have been made so far."""
         return tuple(self._ground.values())
 
     def _make_action(self, schema: ActionSchema, arguments: tuple[str, ...]) -> GroundAction:
@@ -108,6 +106,7 @@ class GroundTask(GroundObjects):
         conditions += [((EXISTS, a), True) for a in arguments if (EXISTS, a) in self.table.bit]
         action.tested, action.required, possible = self.table.test(conditions)
         if not possible:
+            # No facts have a bit under the mask 0, so this test always fails.
             action.tested, action.required = 0, 1
         sets = self.table.mask(bound(c, binding) for c in definition.immediate_fx if c.is_true)
         clears = self.table.mask(
@@ -137,7 +136,12 @@ class GroundTask(GroundObjects):
     # Effects
 
     def effect(self, action: str, index: int, arguments: tuple[str, ...]) -> Effect:
-        """A special effect by its label; UnknownNameError or WrongWorldError if there is none."""
+        """Return a special effect by its label.
+
+        Raises:
+            UnknownNameError: There is no such action or object.
+            WrongWorldError: The action has no such effect, or it takes other arguments.
+        """
         known = self._effects.get((action, index, arguments))
         if known is not None:
             return known
@@ -155,11 +159,11 @@ class GroundTask(GroundObjects):
         return self._effect(effect.definition, (action, index, effect.variables), binding)
 
     def effect_run(self, facts: int) -> EffectRun:
-        """A fresh run of effect updates on `facts`."""
+        """Return a new run of effect updates on `facts`."""
         return EffectRun(facts, self.table, self._next_created, self.born_effect)
 
     def born_effect(self, definition: EffectDef, binding: dict[str, str]) -> Effect:
-        """The effect that starts when one in which it is nested creates or deletes."""
+        """Return the effect that starts when the effect around it creates or deletes an object."""
         return self._effect(definition, self._nested_labels[id(definition)], binding)
 
     def _effect(
@@ -177,9 +181,10 @@ class GroundTask(GroundObjects):
         return effect
 
     def _count(self, definition: EffectDef, subject: str) -> int:
-        """The updates after which a delayed or repetitive effect takes place (world.md, "Delays").
+        """Return the number of updates after which a counting effect takes place.
 
-        A delay of n ends with the n-th step after the one that starts it: n + 1 passive updates.
+        A delay of n ends with the n-th step after the step that starts it. That step also has a
+        passive update, so there are n + 1 (docs/episodes.md, "Delays").
         """
         steps: int = definition.default  # type: ignore[union-attr]
         config: str | None = definition.config  # type: ignore[union-attr]
@@ -187,6 +192,6 @@ class GroundTask(GroundObjects):
             table = self.task.problem.config.get(config, {})
             kind = self._things[subject].kind if subject in self._things else subject
             steps = table.get(subject, table.get(kind, table.get("default", steps)))
-        if definition.type == "repetitive":
+        if definition.counts == "performances":
             return max(1, steps)
         return steps * self.task.profile.delay_factor + 1

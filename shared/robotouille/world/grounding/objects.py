@@ -1,7 +1,8 @@
 """The objects of a problem, their names, and the facts that their positions imply.
 
-Objects of a kind are numbered in the order of their position (docs/formats.md, "Names"). Which
-facts follow from positions is data: the domain's `layout` rules.
+Objects of a kind are numbered by position (docs/file_formats.md, "Names"). The domain's `layout`
+rules define the facts that follow from positions
+(docs/decisions/0003-layout-and-delays-are-data.md).
 """
 
 from __future__ import annotations
@@ -14,19 +15,17 @@ from itertools import pairwise
 from robotouille.domain.schema import Condition, LayoutRule, ObjectDef
 from robotouille.domain.task import Task
 
-__all__ = ["Atom", "Object", "atom_name", "bound", "initial_facts", "place_objects"]
-
 Atom = tuple[str, ...]
 """A ground predicate: its name, then the names of its arguments."""
 
 
 def atom_name(atom: Atom) -> str:
-    """`item_on(lettuce1, table2)`."""
+    """Return an atom's name, such as `item_on(lettuce1, table2)`."""
     return f"{atom[0]}({', '.join(atom[1:])})"
 
 
 def bound(condition: Condition, binding: Mapping[str, str]) -> Atom:
-    """A condition with its parameters replaced by objects."""
+    """Return a condition with its parameters replaced by objects."""
     return (condition.predicate, *(binding[name] for name in condition.params))
 
 
@@ -34,8 +33,8 @@ def bound(condition: Condition, binding: Mapping[str, str]) -> Atom:
 class Object:
     """An object: `lettuce1` of kind `lettuce` and type `item`.
 
-    `tile` is where the problem puts it, None for an object created during play; `facing` is the
-    tile in front of a player.
+    `tile` is the object's place in the problem; None for objects created during play. `facing` is
+    the tile in front of a player.
     """
 
     name: str
@@ -49,11 +48,13 @@ class Object:
 
 
 def place_objects(task: Task) -> tuple[Object, ...]:
-    """All objects of a task, by type in the domain's order, then in the order of their names."""
+    """Return all objects of a task, by type in the domain's order, then in the order of names."""
     placed: list[Object] = []
     for kind in task.domain.object_types:
         definitions = list(task.problem.objects.get(kind, ()))
         if kind in task.domain.player_types:
+            # One problem file serves all numbers of seats: unused players are left out
+            # (docs/decisions/0009-one-file-for-all-seat-counts.md).
             definitions = definitions[: task.seats]
         numbers: Counter[str] = Counter()
         for definition in _numbered(definitions, task.problem.published):
@@ -63,10 +64,8 @@ def place_objects(task: Task) -> tuple[Object, ...]:
 
 
 def _numbered(definitions: list[ObjectDef], published: bool) -> list[ObjectDef]:
-    """In the order in which names are given: by x, then y, then from the bottom of a stack up.
-
-    The published simulator does not look at stack levels: on one tile, the file's order counts.
-    """
+    """Sort objects in the order in which they are numbered: by x, y and stack level."""
+    # The published simulator ignores stack levels: on one tile, it numbers in the file's order.
     if published:
         return sorted(definitions, key=lambda o: (o.x, o.y))
     return sorted(definitions, key=lambda o: (o.x, o.y, o.stack_level))
@@ -91,7 +90,7 @@ def _object(definition: ObjectDef, kind: str, number: int) -> Object:
 
 
 def initial_facts(task: Task, objects: Iterable[Object]) -> frozenset[Atom]:
-    """Every fact of the initial state: kinds, given predicates, and what positions imply."""
+    """Return the initial facts: kinds, the problem's predicates, and what positions imply."""
     objects = tuple(objects)
     types = {p.name: p.param_types for p in task.domain.predicate_defs}
     facts: set[Atom] = set()
@@ -104,6 +103,7 @@ def initial_facts(task: Task, objects: Iterable[Object]) -> frozenset[Atom]:
     for rule in rules:
         if rule.when is not None:
             facts.update(_implied(rule, types[rule.predicate], objects, stations))
+    # `unless` rules come last because they depend on the other facts.
     for rule in rules:
         if rule.unless is not None:
             facts.update(_default(rule, types, objects, facts))
@@ -133,7 +133,7 @@ def _implied(
 def _stacks(
     objects: tuple[Object, ...], kind: str, stations: set[str]
 ) -> Iterator[tuple[Object, list[Object]]]:
-    """Each station that carries objects of a type, with them from the bottom up."""
+    """Yield each station that carries objects of a type, with the objects from the bottom up."""
     by_tile: defaultdict[tuple[int, int] | None, list[Object]] = defaultdict(list)
     for thing in objects:
         if thing.type == kind:

@@ -1,14 +1,14 @@
-"""What is wrong with a domain or a problem, or with what they look like, although it loads."""
+"""Checks for mistakes in domains, problems, key bindings and renderings that load."""
 
-from robotouille.world.lint.companions import lint_input
 from robotouille.world.lint.linting import (
     lint_domain,
     lint_domain_file,
+    lint_input,
     lint_task,
     reachable_facts,
+    sound_task,
 )
 from robotouille.world.lint.looks import lint_look, lint_rendering
-from robotouille.world.lint.sound import sound_task
 
 __all__ = [
     "lint_domain",

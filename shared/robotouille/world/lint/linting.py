@@ -1,44 +1,130 @@
-"""What is wrong with a domain or a problem although it loads.
+"""Checks of domains and problems that load but cannot work, and of the files that belong to them.
 
-Reachability is tested in the delete relaxation: facts are never taken away, delays pass at once,
-objects are created as soon as they can be. What is unreachable there is unreachable indeed.
+Reachability is tested in the delete relaxation: facts are never removed, delays pass at once, and
+objects are created as soon as possible. Anything unreachable there is truly unreachable.
+
+A kitchen can be played without its input file and its rendering, so most findings about those two
+are warnings (a named file or picture is missing) or notes (what the window uses instead).
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Set
+from collections.abc import Iterable, Iterator, Set
 from itertools import product
 from pathlib import Path
 
-from robotouille.domain.checks.derived import fluents
-from robotouille.domain.checks.problem_checks import check_problem
-from robotouille.domain.extends import in_own_words
+from robotouille.domain.derived import created_kinds, fluents
+from robotouille.domain.domain_checks import check_input
 from robotouille.domain.files import read_json
-from robotouille.domain.schema import ActionDef, Creation, DomainFile, EffectDef
+from robotouille.domain.input_bindings import INPUT_FILES, made_up_keys
+from robotouille.domain.problem_checks import check_problem
+from robotouille.domain.related_files import (
+    faults_in_extending_file,
+    input_path,
+    read_extending,
+    rendering_path,
+)
+from robotouille.domain.rendering import RENDERING_FILES
+from robotouille.domain.schema import ActionDef, Creation, DomainFile, EffectDef, InputFile
 from robotouille.domain.task import DOMAIN_FILES, Task
-from robotouille.errors import Fault
+from robotouille.errors import Fault, FileError
+from robotouille.installation import data_folder
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Object, bound
-from robotouille.world.lint.companions import lint_companions
+from robotouille.world.lint.looks import lint_names, lint_pictures
 from robotouille.world.scene import scene
 from robotouille.world.world import World
 
-__all__ = ["lint_domain", "lint_domain_file", "lint_task", "reachable_facts"]
+
+def lint_companions(
+    domain: DomainFile, beside: Path | None, kinds: Iterable[str] = ()
+) -> list[Fault]:
+    """Check the input file and the rendering of a domain, next to a file or shipped.
+
+    `kinds` are the kinds of a problem's objects.
+    """
+    return [*_inputs(domain, beside), *_rendering(domain, beside, kinds)]
+
+
+def lint_input(inputs: InputFile, domain: DomainFile, name: str) -> list[Fault]:
+    """Report names that the domain does not have, and actions that the file does not name."""
+    faults = check_input(inputs, domain)
+    for action, key in made_up_keys(inputs, domain).items():
+        unbound = f"{action!r} has no click and no key in {name}: {key.upper()} is used"
+        message = f"{unbound}; to choose another, add it to {domain.name}.input.json"
+        faults.append(Fault("keyboard_actions", message, "note"))
+    return faults
+
+
+def _is_own(domain: DomainFile, path: Path) -> bool:
+    """Return whether a rendering is the domain's own, not the kitchen's in its place."""
+    named = Path(domain.rendering_json or "").name
+    return path.name in (named, f"{domain.name}.json", f"{domain.name}.rendering.json")
+
+
+def _inputs(domain: DomainFile, beside: Path | None) -> Iterator[Fault]:
+    path = input_path(domain, beside)
+    if path is None:
+        if domain.input_json is not None:
+            yield _missing("input_json", domain.input_json, "all keys are chosen automatically")
+        return
+    try:
+        faults = lint_input(read_extending(path, INPUT_FILES), domain, path.name)
+    except FileError as error:
+        faults = list(error.faults)
+    yield from _in(path, faults)
+
+
+def _rendering(domain: DomainFile, beside: Path | None, kinds: Iterable[str]) -> Iterator[Fault]:
+    path = rendering_path(domain, beside)
+    own = _is_own(domain, path)
+    if not own and domain.rendering_json is not None:
+        yield _missing("rendering_json", domain.rendering_json, "it looks like the kitchen")
+    try:
+        rendering = read_extending(path, RENDERING_FILES)
+    except FileError as error:
+        yield from _in(path, error.faults)
+        return
+    yield from _in(path, lint_pictures(rendering, beside))
+    if not own:
+        return
+    if path.parent != data_folder("renderings"):
+        yield from _in(path, lint_names(path, rendering, domain, beside, kinds))
+    # Shipped renderings are not to be changed: name a file of the domain's own instead.
+    file = path.name if path.parent == beside else f"{domain.name}.rendering.json"
+    needed = dict.fromkeys((*kinds, *created_kinds(domain)))
+    for kind in needed:
+        if not rendering.shows(kind):
+            words = f"{kind!r} has no picture, so a tile with its name is drawn: "
+            yield Fault("", f"{words}add one to {file}", "note")
+
+
+def _missing(field: str, name: str, result: str) -> Fault:
+    message = f"there is no file {Path(name).name!r} next to it or shipped, so {result}"
+    return Fault(field, f"{message}: write the file or remove the field", "warning")
+
+
+def _in(path: Path, faults: Iterable[Fault]) -> Iterator[Fault]:
+    """Yield findings with the name of the file they are about."""
+    for fault in faults:
+        file = f"{path.resolve().parent.name}/{path.name}"
+        place = f"{file}: {fault.path}" if fault.path else file
+        yield Fault(place, fault.message, fault.severity)
 
 
 def lint_domain_file(domain: DomainFile, path: Path) -> list[Fault]:
-    """Findings on the domain that was read from a file, and on the files that belong to it."""
+    """Check the domain read from a file, and the files that belong to it."""
     raw, whole = read_json(path), domain.model_dump(mode="json")
     faults = lint_domain(domain)
     if raw.get("extends") is not None:
-        faults = in_own_words(faults, raw, whole, DOMAIN_FILES)
+        faults = faults_in_extending_file(faults, raw, whole, DOMAIN_FILES)
     return faults + lint_companions(domain, path.parent)
 
 
 def lint_domain(domain: DomainFile) -> list[Fault]:
-    """Actions that can never apply, whatever the problem."""
+    """Report actions that can never apply, whatever the problem."""
     changing = fluents(domain)
     implied = {rule.predicate for rule in domain.layout or ()}
     arity = {p.name: len(p.param_types) for p in domain.predicate_defs}
@@ -63,8 +149,7 @@ def _contradictions(action: ActionDef) -> list[str]:
 
 
 def lint_task(task: Task) -> list[Fault]:
-    """Warnings of the loader, bad placements, unreachable stations, impossible goals, and what
-    is missing for the window."""
+    """Check a task for bad placements, unreachable stations, impossible goals and missing files."""
     world = World(task)
     placement = list(_placement(world))
     kinds = dict.fromkeys(thing.kind for thing in world.placed)
@@ -76,6 +161,7 @@ def lint_task(task: Task) -> list[Fault]:
         *_invisible(world, {fault.path for fault in placement}),
         *lint_companions(task.domain, task.folder, kinds),
     ]
+    # With objects in wrong places, goals look impossible for the wrong reason.
     if not any(fault.severity == "error" for fault in placement):
         faults += _goal(world)
     return faults
@@ -95,7 +181,7 @@ def _placement(world: World) -> Iterator[Fault]:
     for player in (o for o in world.placed if o.type in domain.player_types):
         target = player.facing or player.tile
         if target not in blocked:
-            message = f"faces {target}, where there is no station: a player begins at one"
+            message = f"faces {target}, where there is no station; players start at a station"
             yield Fault(player.name, message)
         if player.facing is not None and player.tile in blocked:
             yield Fault(player.name, f"stands inside {blocked[player.tile]} at {player.tile}")
@@ -108,7 +194,7 @@ def _placement(world: World) -> Iterator[Fault]:
 
 
 def _loose(world: World, hosts: set[object]) -> Iterator[Fault]:
-    """Things on a bare floor, and two things where there is room for one."""
+    """Report objects on the bare floor, and two objects in one place."""
     domain = world.task.domain
     places: dict[tuple[object, str, int], Object] = {}
     for thing in world.placed:
@@ -133,7 +219,7 @@ def _stations(world: World) -> Iterator[Fault]:
 
 
 def _invisible(world: World, known: Set[str]) -> Iterator[Fault]:
-    """Things that no fact puts on a tile or on something that is there."""
+    """Report objects that no fact puts on a tile or on a visible object."""
     placed = scene(world.initial)
     shown = {name for thing in placed.values() for name in thing.contents}
     for name, thing in placed.items():
@@ -175,11 +261,12 @@ def _goal(world: World) -> Iterator[Fault]:
 
 
 def reachable_facts(world: World) -> int:
-    """The facts that can become true at all, in the delete relaxation, as a mask."""
+    """Return the mask of facts that can ever become true, in the delete relaxation."""
     facts = world.initial.facts
-    # A fact that is false at first can be false; one that some action takes away can be, too.
+    # Facts that can be false: those false at first, and those that some action removes.
     absent = ~facts
     pending = [(schema, arguments) for schema in world.schemas for arguments in _all(world, schema)]
+    # A fixed point: each round applies what the facts of the round before allow.
     while True:
         before = (facts, absent)
         waiting = []
@@ -202,7 +289,7 @@ def reachable_facts(world: World) -> int:
 
 
 def _all(world: World, schema: ActionSchema) -> Iterator[tuple[str, ...]]:
-    """The arguments that static conditions allow."""
+    """Yield the argument tuples that static conditions allow."""
     table = world.table
     pools = []
     static = [c for c in schema.definition.precons if c.predicate in table.static_predicates]
@@ -219,12 +306,13 @@ def _all(world: World, schema: ActionSchema) -> Iterator[tuple[str, ...]]:
 
 
 def _effect_results(world: World, effect: EffectDef, binding: dict[str, str]) -> tuple[int, int]:
-    """Everything an effect may ever make true, and make false."""
+    """Return the masks of all facts that an effect may ever make true, and false."""
     table = world.table
     if isinstance(effect, Creation) and effect.created_obj.param not in binding:
         return _creation_results(world, effect, binding)
     sets = table.mask(bound(c, binding) for c in effect.fx if c.is_true)
     clears = table.mask(bound(c, binding) for c in effect.fx if not c.is_true)
+    # A conditional effect also undoes its facts when its condition stops holding.
     if effect.type == "conditional":
         sets, clears = sets | clears, sets | clears
     for nested in effect.sfx:
@@ -235,7 +323,7 @@ def _effect_results(world: World, effect: EffectDef, binding: dict[str, str]) ->
 
 
 def _creation_results(world: World, effect: Creation, binding: dict[str, str]) -> tuple[int, int]:
-    """The results of creating any of the objects that there is room for."""
+    """Return the results of creating any of the spare objects."""
     made = effect.created_obj
     sets = clears = 0
     for thing in world.all_objects():
@@ -245,3 +333,19 @@ def _creation_results(world: World, effect: Creation, binding: dict[str, str]) -
             sets |= more | world.table.mask([(EXISTS, thing.name), (USED, thing.name)])
             clears |= less
     return sets, clears
+
+
+def sound_task(task: Task) -> Task:
+    """Return the task if lint finds no errors in its file.
+
+    Shipped tasks and tasks that were not read from a file are not checked.
+
+    Raises:
+        FileError: Lint found errors; the exception has all of them.
+    """
+    if task.folder is None or task.folder.resolve().is_relative_to(data_folder("problems")):
+        return task
+    errors = [fault for fault in lint_task(task) if fault.severity == "error"]
+    if errors:
+        raise FileError(task.source, errors)
+    return task

@@ -1,48 +1,122 @@
-"""What is wrong with how things look: pictures, folders and names that are not there.
+"""Checks of renderings: pictures, folders and names that do not exist.
 
-A rendering is judged by what it says itself, and not by what it takes over from a shipped one. It
-may speak of a larger kitchen than the one at hand, or of several: a name is wrong if none of the
-domains that it is for has it.
+Only what a rendering says itself is checked, not what it takes from a shipped one. A rendering may
+serve several domains, or a larger kitchen than this one: a name is wrong if none of them has it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from string import Formatter
+from typing import Any, Literal
 
-from robotouille.domain.checks.derived import created_kinds, domain_kinds, parameter_types
-from robotouille.domain.companions import (
+from robotouille.domain.derived import created_kinds, domain_kinds, parameter_types
+from robotouille.domain.files import is_file, read_json
+from robotouille.domain.related_files import (
     KITCHEN_RENDERING,
+    chain_of,
     companion_folder,
+    read_extending,
     rendering_path,
     shipped_rendering,
 )
-from robotouille.domain.extends import chain_of, read_extending
-from robotouille.domain.files import is_file, read_json
 from robotouille.domain.rendering import RENDERING_FILES, RenderingFile
-from robotouille.domain.rendering.names import DomainName, domain_names
+from robotouille.domain.rendering.art import Art
+from robotouille.domain.rendering.rendering_file import Language
 from robotouille.domain.schema import DomainFile
 from robotouille.domain.task import Task, read_domain
 from robotouille.errors import Fault, FileError, did_you_mean
-from robotouille.resources import data_folder
+from robotouille.installation import data_folder
 
-__all__ = ["lint_look", "lint_names", "lint_pictures", "lint_rendering"]
+
+@dataclass(frozen=True, slots=True)
+class DomainName:
+    """Name that a rendering takes from its domain.
+
+    Attributes:
+        place: Where the name stands in the file.
+        definition: Fields that lead to its definition.
+        about: Kind of a picture, or action of a parameter.
+    """
+
+    what: Literal["kind", "predicate", "action", "parameter"]
+    name: str
+    place: str
+    definition: tuple[str, ...]
+    about: str = ""
+
+
+def domain_names(rendering: RenderingFile) -> Iterator[DomainName]:
+    """Yield every name that a rendering takes from its domain."""
+    for field in ("progress", "during"):
+        for action in getattr(rendering, field):
+            yield DomainName("action", action, f"{field}.{action}", (field, action))
+    for kind in rendering.player:
+        yield DomainName("kind", kind, f"player.{kind}", ("player", kind))
+    for role in ("item", "station", "container"):
+        for kind, entity in getattr(rendering, role).entities.items():
+            definition = (role, "entities", kind)
+            place = ".".join((*definition, "assets"))
+            yield DomainName("kind", kind, place, definition)
+            for where, art in entity.assets.parts(place):
+                yield from _of_picture(art, where, definition, kind)
+            for name, art in entity.assets.named.items():
+                if art.named:  # Pictures of a container while it holds this kind.
+                    yield DomainName("kind", name, f"{place}.{name}", definition)
+    yield from _of_language(rendering.language)
+
+
+def _of_picture(
+    art: Art, place: str, definition: tuple[str, ...], kind: str
+) -> Iterator[DomainName]:
+    for trait in art.predicates:
+        yield DomainName("predicate", trait.name, place, definition, kind)
+        for param in filter(None, trait.params):
+            yield DomainName("kind", param, place, definition)
+    for action in art.during:
+        yield DomainName("action", action, place, definition, kind)
+
+
+def _of_language(language: Language) -> Iterator[DomainName]:
+    for kind, names in language.kinds.items():
+        definition = ("language", "kinds", kind)
+        place = ".".join(definition)
+        yield DomainName("kind", kind, place, definition)
+        for each in names:
+            if each.when is not None:
+                yield DomainName("predicate", each.when, place, definition)
+    for action, words in language.actions.items():
+        definition = ("language", "actions", action)
+        place = ".".join(definition)
+        yield DomainName("action", action, place, definition)
+        for name in _in_braces(words.do) | _in_braces(words.how):
+            yield DomainName("parameter", name, place, definition, action)
+    for predicate in language.predicates:
+        definition = ("language", "predicates", predicate)
+        yield DomainName("predicate", predicate, ".".join(definition), definition)
+
+
+def _in_braces(template: str) -> set[str]:
+    try:
+        return {name for _, name, _, _ in Formatter().parse(template) if name}
+    except ValueError:
+        return set()
 
 
 def lint_look(task: Task | None, look: str = "") -> list[FileError]:
-    """What is wrong with how a task will look, or other tasks, in the look of that name: what a
-    window had better tell before it opens.
+    """Check how tasks will look in a rendering, so that a window can warn before it opens.
 
-    Without any every picture is there. With some, what is missing is drawn as a tile with its name,
-    or left out.
+    Without a task, only the named rendering is checked. Missing pictures are drawn as tiles with a
+    name, or left out.
 
     Raises:
-        RobotouilleError: There is no such look, or a rendering cannot be used at all.
+        RobotouilleError: There is no such rendering, or it cannot be used at all.
     """
     domain, beside, kinds = (task.domain, task.folder, _kinds(task)) if task else (None, None, ())
     paths = [rendering_path(task.domain, task.folder)] if task else []
-    # Those that are shipped have been looked at.
+    # Shipped renderings are checked before a release.
     paths = [path for path in paths if not _is_shipped(path)]
     if look:
         paths.append(shipped_rendering(look))
@@ -57,19 +131,22 @@ def lint_look(task: Task | None, look: str = "") -> list[FileError]:
 def lint_rendering(
     path: Path, domain: DomainFile | None, beside: Path | None, kinds: Iterable[str] = ()
 ) -> list[Fault]:
-    """All that a rendering names and that is not there; FileError where it cannot be used at all.
+    """Report everything that a rendering names and that does not exist.
 
     Args:
-        domain: The one whose own rendering it is, or which it is chosen for.
-        beside: A folder of pictures and problems, whose kinds are known.
-        kinds: Those of a problem.
+        domain: Domain that the rendering belongs to, or is chosen for.
+        beside: Folder of pictures and problems. Their kinds count as known.
+        kinds: Kinds of a problem.
+
+    Raises:
+        FileError: The rendering cannot be used at all.
     """
     rendering = read_extending(path, RENDERING_FILES)
     return [*lint_pictures(rendering, beside), *lint_names(path, rendering, domain, beside, kinds)]
 
 
 def lint_pictures(rendering: RenderingFile, beside: Path | None) -> list[Fault]:
-    """Pictures that a rendering names and that are not there, each with the nearest that is."""
+    """Report pictures that do not exist, each with the nearest name that does."""
     folders = rendering.folders(beside)
     where = " or ".join(f"{folder.resolve().parent.name}/{folder.name}" for folder in folders)
     known = {path.name for folder in folders if folder.is_dir() for path in folder.iterdir()}
@@ -92,10 +169,9 @@ def lint_names(
     beside: Path | None,
     kinds: Iterable[str] = (),
 ) -> list[Fault]:
-    """Folders, renderings, kinds, predicates and actions that a rendering says and that are
-    nowhere, each with the nearest that is; see `lint_rendering`.
+    """Report folders, renderings, kinds, predicates and actions that do not exist.
 
-    Pictures of what the domain or the problem has depend on what that domain has.
+    Arguments are as for `lint_rendering`. Conditions of pictures must fit the domain of the kind.
     """
     own = _own_files(path)
     faults = [fault for raw in own.values() for fault in _folders(raw, beside)]
@@ -104,13 +180,13 @@ def lint_names(
         where = next((file for file, raw in own.items() if _says(raw, said.definition)), None)
         words = known.fault(said) if where is not None else ""
         if words and where is not None:
-            extended = f" (in {where.name}, extended here)" if where != path else ""
+            extended = f" (in {where.name})" if where != path else ""
             faults.append(Fault(said.place, words + extended, "warning"))
     return faults
 
 
 class _Known:
-    """What there is to be named in a rendering."""
+    """Names that a rendering may use."""
 
     def __init__(
         self,
@@ -134,7 +210,7 @@ class _Known:
             for action in each.action_defs:
                 names = self._parameters.setdefault(action.name, set())
                 names.update(parameter_types(action, predicates))
-        # A chosen one may show the same kinds of several domains.
+        # A shipped rendering may show the same kind for several domains.
         self._domain = domain = None if _is_shipped(path) else domain
         self._beside = beside
         self._own: dict[str, set[str]] = {}
@@ -147,7 +223,7 @@ class _Known:
             self._needed = {*kinds, *created_kinds(domain), *listed}
 
     def fault(self, said: DomainName) -> str:
-        """What is wrong with a name, in words; nothing if it is known."""
+        """Return what is wrong with a name; empty if the name is known."""
         if said.what == "parameter":
             names = self._parameters.get(said.about, {said.name})
             near = did_you_mean(said.name, names)
@@ -160,23 +236,23 @@ class _Known:
             whose = f"{self._domain.name} has no {said.what} {said.name!r}{near}"
             return "" if said.name in names else whose
         names = self._names[said.what]
+        # Reading the folder's problems is slow, so that it waits until a name is unknown.
         if said.what == "kind" and said.name not in names and self._beside is not None:
             names |= _kinds_beside(self._beside)
             self._beside = None
         if said.name in names:
             return ""
-        words = "nothing is of the kind" if said.what == "kind" else f"there is no {said.what}"
-        return f"{words} {said.name!r}{did_you_mean(said.name, names)}"
+        return f"there is no {said.what} {said.name!r}{did_you_mean(said.name, names)}"
 
 
 def _own_files(path: Path) -> dict[Path, Any]:
-    """A rendering and those that it extends, without the ones that are a shipped domain's own."""
+    """Return the raw rendering and those it extends, except shipped domains' own."""
     first, *others = chain_of(path, RENDERING_FILES)
     return {p: read_json(p) for p in (first, *(p for p in others if _domain_file(p) is None))}
 
 
 def _domain_file(rendering: Path) -> Path | None:
-    """The shipped domain that looks like a shipped rendering."""
+    """Return the shipped domain that a shipped rendering belongs to."""
     path = data_folder("domains") / rendering.name
     return path if _is_shipped(rendering) and is_file(path) else None
 
@@ -186,7 +262,7 @@ def _is_shipped(rendering: Path) -> bool:
 
 
 def _shipped_domains(path: Path, rendering: RenderingFile) -> Iterator[DomainFile]:
-    """Those that a rendering is for, and the kitchen, from which much is taken."""
+    """Yield the domains that a rendering serves, and the kitchen, on which most are based."""
     folder = data_folder("renderings")
     chain = chain_of(path, RENDERING_FILES)
     also = [folder / KITCHEN_RENDERING, *(folder / f"{name}.json" for name in rendering.redraws)]
@@ -206,7 +282,6 @@ def _kinds_of(domain: DomainFile) -> Iterator[str]:
 
 
 def _kinds_beside(folder: Path) -> set[str]:
-    """The kinds of things in all problems of a folder."""
     found = set()
     for path in folder.glob("*.json"):
         try:
@@ -230,7 +305,7 @@ def _says(raw: Any, definition: tuple[str, ...]) -> bool:
 
 
 def _folders(raw: Any, beside: Path | None) -> Iterator[Fault]:
-    """Folders of pictures and redrawn renderings that a file names and that are not there."""
+    """Report missing picture folders and unknown names in `redraws`."""
     inherited = enumerate(raw.get("inherited_assets", ()))
     named = [("assets", raw["assets"])] if "assets" in raw else []
     for place, name in [*named, *((f"inherited_assets[{i}]", name) for i, name in inherited)]:

@@ -1,4 +1,4 @@
-; tiny_kitchen@1, with durative actions: delays do not pause. See docs/pddl.md.
+; tiny_kitchen@1, durative encoding: delays do not pause. See docs/planners.md.
 ; Bound: at most 2 of water are created.
 (define (domain robotouille)
   (:requirements :strips :typing :negative-preconditions :equality :conditional-effects :durative-actions :fluents)

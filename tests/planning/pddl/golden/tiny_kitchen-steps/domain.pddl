@@ -1,5 +1,5 @@
-; tiny_kitchen@1, in steps: a plan costs the steps that it takes.
-; See docs/pddl.md.
+; tiny_kitchen@1, step encoding: a plan's cost is its number of steps.
+; See docs/planners.md.
 ; Bound: at most 2 of water are created.
 (define (domain robotouille)
   (:requirements :strips :typing :negative-preconditions :equality :conditional-effects :action-costs)

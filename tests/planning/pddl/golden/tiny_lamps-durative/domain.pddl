@@ -1,4 +1,4 @@
-; tiny_lamps@1, with durative actions: delays do not pause. See docs/pddl.md.
+; tiny_lamps@1, durative encoding: delays do not pause. See docs/planners.md.
 (define (domain lamps)
   (:requirements :strips :typing :negative-preconditions :equality :conditional-effects :durative-actions :fluents)
   (:types

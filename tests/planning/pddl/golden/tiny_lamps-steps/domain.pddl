@@ -1,5 +1,5 @@
-; tiny_lamps@1, in steps: a plan costs the steps that it takes.
-; See docs/pddl.md.
+; tiny_lamps@1, step encoding: a plan's cost is its number of steps.
+; See docs/planners.md.
 (define (domain lamps)
   (:requirements :strips :typing :negative-preconditions :equality :conditional-effects :action-costs)
   (:types

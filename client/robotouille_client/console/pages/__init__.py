@@ -1,1 +1,0 @@
-"""What reports have in common: figures, and the style of pages that need nothing beside them."""

@@ -1,1 +1,0 @@
-"""What a load test found: values, terminal, page and plots."""

@@ -1,1 +1,0 @@
-"""One process of the load tester, and the bots in it."""

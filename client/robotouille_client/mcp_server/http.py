@@ -1,0 +1,236 @@
+"""Streamable HTTP: access control and the HTTP service."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import h11
+import uvicorn
+from mcp.server.transport_security import TransportSecuritySettings
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse, PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from robotouille_client.mcp_server.open_games import SESSION_HEADER, bearer
+
+if TYPE_CHECKING:
+    from mcp.server.mcpserver import MCPServer
+
+    from robotouille_client.mcp_server.open_games import OpenGames
+
+PATH = "/mcp"
+MAX_BODY_BYTES = 65_536
+MAX_SESSIONS = 256
+MAX_CONNECTIONS = 512
+REQUEST_SECONDS = 10.0
+"""Time limit for the head of a request, and for its body."""
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host name or address can be reached from this machine only."""
+    return host in LOOPBACK
+
+
+def http_app(
+    server: MCPServer[OpenGames],
+    games: OpenGames,
+    *,
+    allowed_hosts: Sequence[str] = (),
+    idle_seconds: float,
+) -> ASGIApp:
+    """Return the ASGI application.
+
+    Args:
+        games: The open games of the server.
+        allowed_hosts: Host names in addition to those of loopback. With any, every request needs
+            a bearer token.
+        idle_seconds: Time after which an unused MCP session is closed.
+    """
+    app = server.streamable_http_app(
+        streamable_http_path=PATH,
+        max_request_body_size=MAX_BODY_BYTES,
+        max_sessions=MAX_SESSIONS,
+        session_idle_timeout=idle_seconds,
+        transport_security=_guard(allowed_hosts),
+    )
+    leaving = _WholeRequests(_SessionsLeave(app, games))
+    return _TokenRequired(leaving) if allowed_hosts else leaving
+
+
+def _guard(allowed_hosts: Sequence[str]) -> TransportSecuritySettings:
+    # Without this check, a web page could reach the server through DNS rebinding: a name of its
+    # own that resolves to this machine.
+    local = [f"[{host}]" if ":" in host else host for host in LOOPBACK]
+    names = [*local, *allowed_hosts]
+    return TransportSecuritySettings(
+        enable_dns_rebinding_protection=True,
+        allowed_hosts=[form for name in names for form in (name, f"{name}:*")],
+        allowed_origins=[
+            *(form for name in local for form in (f"http://{name}", f"http://{name}:*")),
+            *(form for name in allowed_hosts for form in (f"https://{name}", f"https://{name}:*")),
+        ],
+    )
+
+
+class _WholeRequests:
+    """Middleware that waits for the whole request before it calls the application.
+
+    Slow or vanished clients then open no session and cause no traceback.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        try:
+            async with asyncio.timeout(REQUEST_SECONDS):
+                body = await _body(receive)
+        except TimeoutError:
+            await PlainTextResponse("Request Timeout", 408)(scope, receive, send)
+            return
+        if body is None:
+            return
+        if len(body) > MAX_BODY_BYTES:
+            await PlainTextResponse("Request body too large", 413)(scope, receive, send)
+            return
+        whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def again() -> Message:
+            return whole.pop() if whole else await receive()
+
+        await self._app(scope, again, send)
+
+
+async def _body(receive: Receive) -> bytes | None:
+    """Return the request's body, too much of it if it is too long, or None without a client."""
+    body = bytearray()
+    while len(body) <= MAX_BODY_BYTES:
+        message = await receive()
+        if message["type"] != "http.request":
+            return None
+        body += message.get("body", b"")
+        if not message.get("more_body", False):
+            break
+    return bytes(body)
+
+
+class _SessionsLeave:
+    """Middleware that leaves the games of an MCP session when its client ends it (DELETE)."""
+
+    def __init__(self, app: ASGIApp, games: OpenGames) -> None:
+        self._app = app
+        self._games = games
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        ended = scope["type"] == "http" and scope["method"] == "DELETE"
+        session = Headers(scope=scope).get(SESSION_HEADER) if ended else None
+        status = 500
+
+        async def sent(message: Message) -> None:
+            nonlocal status
+            status = message.get("status", status)
+            await send(message)
+
+        await self._app(scope, receive, sent)
+        if session and status < 300:
+            await self._games.end_session(session)
+
+
+class _TokenRequired:
+    """Middleware that refuses requests without a bearer token.
+
+    The game server checks the token itself.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and not bearer(Headers(scope=scope).get("authorization")):
+            refusal = JSONResponse(
+                {
+                    "error": "invalid_token",
+                    "error_description": "send a role token as bearer token",
+                },
+                status_code=401,
+                headers={"www-authenticate": 'Bearer error="invalid_token"'},
+            )
+            await refusal(scope, receive, send)
+            return
+        await self._app(scope, receive, send)
+
+
+def listening_socket(host: str, port: int) -> socket.socket:
+    """Return a listening socket.
+
+    Raises:
+        OSError: The address cannot be used.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    return socket.create_server((host, port), family=family, backlog=128)
+
+
+class _Impatient(H11Protocol):
+    """HTTP connection that is closed if its client does not send a whole request in time.
+
+    A few hundred silent connections would otherwise block all other clients.
+    """
+
+    _check: asyncio.TimerHandle
+    _awaited: object = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._awaited = self._waits_for()
+        self._check_later()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._check.cancel()
+        super().connection_lost(exc)
+
+    def _waits_for(self) -> object:
+        # The request whose head or body is missing, or None while a request is being answered.
+        state = self.conn.their_state
+        return (self.cycle, state) if state in (h11.IDLE, h11.SEND_BODY) else None
+
+    def _check_later(self) -> None:
+        self._check = self.loop.call_later(REQUEST_SECONDS, self._check_now)
+
+    def _check_now(self) -> None:
+        before, self._awaited = self._awaited, self._waits_for()
+        if before is not None and before == self._awaited:
+            self.transport.abort()
+        else:
+            self._check_later()
+
+
+class HttpService(uvicorn.Server):
+    """HTTP server that runs until SIGINT or SIGTERM."""
+
+    def __init__(self, app: ASGIApp, games: OpenGames) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                http=_Impatient,
+                log_level="warning",
+                access_log=False,
+                server_header=False,
+                limit_concurrency=MAX_CONNECTIONS,
+                timeout_graceful_shutdown=3,
+            )
+        )
+        self._games = games
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Leave all games and stop."""
+        # First the games: this answers the calls that wait for them.
+        await self._games.close_all()
+        await super().shutdown(sockets)

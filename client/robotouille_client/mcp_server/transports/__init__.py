@@ -1,1 +1,0 @@
-"""How clients of the Model Context Protocol reach us: a pipe, or HTTP."""

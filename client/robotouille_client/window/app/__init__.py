@@ -1,0 +1,1 @@
+"""The app: menu, games, replays and settings in one window."""

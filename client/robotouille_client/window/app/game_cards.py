@@ -1,0 +1,214 @@
+"""Cards of a game: the result, and the question whether to leave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pygame
+
+from robotouille.certification.certificate import load_certificate
+from robotouille.certification.step_limit import retimed_length
+from robotouille.domain.loading import load_task
+from robotouille.domain.task import Task, Timing
+from robotouille.errors import RobotouilleError
+from robotouille_client.window.forms.form import Form, FormLayout
+from robotouille_client.window.forms.rows import MenuChoice
+from robotouille_client.window.forms.widgets import Button, DrawContext, Row, Words
+from robotouille_client.window.pictures.shapes import box
+from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, TEXT, TRACK, Colour
+from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.view import View
+
+_KINDS: tuple[tuple[str, str, Colour], ...] = (
+    ("acted", "acted", GOOD),
+    ("busy", "busy", ACCENT),
+    ("waiting", "waited", BAD),
+    ("idle", "idle", TRACK),
+    ("away", "away", FAINT),
+    ("substituted", "played by a bot", FAINT),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SeatShare:
+    """One seat's steps by activity."""
+
+    name: str
+    steps: Mapping[str, int]
+
+    @classmethod
+    def of(cls, name: str, row: Mapping[str, Any]) -> SeatShare:
+        """Read a seat's row of an outcome in JSON; activities that the server omits count as 0."""
+        return cls(name, {kind: int(row.get(kind, 0)) for kind, _, _ in _KINDS})
+
+    @property
+    def words(self) -> str:
+        """Activities in words, such as `acted 12, busy 40`."""
+        parts = [f"{words} {self.steps[kind]}" for kind, words, _ in _KINDS if self.steps[kind]]
+        return ", ".join(parts) or "did nothing"
+
+
+class ShareRow(Row):
+    """Name of a seat, with a bar of its steps and the same in words."""
+
+    focusable = False
+
+    def __init__(self, share: SeatShare) -> None:
+        super().__init__(share.name)
+        self._share = share
+
+    def lines(self, context: DrawContext, width: int) -> int:
+        return 2 + len(context.text.wrap(self._share.words, context.size - 2, width))
+
+    def draw(self, target: pygame.Surface, area: pygame.Rect, context: DrawContext) -> None:
+        name, top = (
+            context.text.fit(self.label, context.size, area.width),
+            area.y + context.size // 3,
+        )
+        target.blit(context.text.line(name, context.size, TEXT), (area.x, top))
+        y = top + context.text.height(context.size)
+        # The counts come from a server, so their sum may be zero or less than one of them.
+        whole = max(1, *self._share.steps.values(), sum(self._share.steps.values()))
+        x = float(area.x)
+        for kind, _, colour in _KINDS:
+            width = area.width * (max(0, self._share.steps[kind]) / whole)
+            if width >= 1:
+                piece = pygame.Rect(round(x), y, round(width), max(6, context.size // 2))
+                target.blit(box(piece.size, colour, 2), piece)
+            x += width
+        y += max(6, context.size // 2) + 3
+        for words in context.text.wrap(self._share.words, context.size - 2, area.width):
+            target.blit(context.text.line(words, context.size - 2, FAINT), (area.x, y))
+            y += context.text.height(context.size - 2)
+
+
+def end_card(
+    view: View, outcome: Mapping[str, Any] | None, buttons: Sequence[tuple[str, object]]
+) -> Form:
+    """Return the card for the end of a game.
+
+    Args:
+        view: The last view.
+        outcome: The outcome in JSON; None if it is unknown.
+        buttons: Labels and answers. The first button has the focus.
+    """
+    rows: list[Row] = []
+    if outcome is not None:
+        rows.append(Words(f"{outcome_words(outcome)}."))
+        if words := best_words(view.world.task):
+            rows.append(Words(words))
+        names = {seat.player: seat.name for seat in view.seats}
+        for seat in outcome.get("seats", ()):
+            player = str(seat.get("player", ""))
+            you = " (you)" if player == view.me else ""
+            rows.append(ShareRow(SeatShare.of((names.get(player) or player) + you, seat)))
+    elif view.farewell is not None:
+        rows.append(Words(f"{view.farewell.title}. {view.farewell.text}"))
+    rows += [Button(label, answer) for label, answer in buttons]
+    title = "Well done!" if view.won else "Game over" if outcome is None else "Not this time"
+    layout = FormLayout(accent=GOOD if view.won else BAD, shrinks=True)
+    return Form(title, rows, cancel=MenuChoice.MENU, layout=layout)
+
+
+def best_words(task: Task) -> str:
+    """Return the length of the shortest known plan in words; empty if none is known.
+
+    In the `benchmark` timing that plan may be proven to be the shortest. In the `people` timing,
+    where walks and work take longer, it is only a good one. Tasks from a server have no certificate
+    file, so the shipped task of the same name is used if its content is the same.
+    """
+    try:
+        shipped = load_task(task.name, seats=task.seats, timing=task.timing)
+        certificate = load_certificate(load_task(task.name, seats=task.seats))
+    except (RobotouilleError, OSError):
+        return ""
+    length = retimed_length(shipped) if shipped.digest == task.digest else None
+    if length is None:
+        return ""
+    if task.timing is Timing.BENCHMARK and certificate.optimal:
+        return f"Best possible: {length} steps."
+    return f"A great game takes {length} steps."
+
+
+REVIEW_BUTTONS = (("Watch the replay", MenuChoice.WATCH), ("Save a video", MenuChoice.VIDEO))
+"""Buttons for a game whose recording was kept."""
+LEAVE_BUTTONS = (("Menu", MenuChoice.MENU), ("Quit", MenuChoice.QUIT))
+
+
+class GameCards:
+    """Cards of one game.
+
+    Args:
+        outcome: Function that returns the outcome; None if it is unknown.
+        buttons: Function that returns the labels and answers of the end card's buttons.
+        pause: Function that pauses or resumes the game.
+        menu: True if there is a menu. Without it, leaving the game closes the window.
+        message: Function that returns a new message for the card, or "".
+        ended: Function called when the game has ended, before its card is shown.
+    """
+
+    def __init__(
+        self,
+        outcome: Callable[[], Mapping[str, Any] | None],
+        buttons: Callable[[], Sequence[tuple[str, object]]],
+        pause: Callable[[bool], None] = lambda paused: None,
+        *,
+        menu: bool = True,
+        message: Callable[[], str] = lambda: "",
+        ended: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._outcome = outcome
+        self._buttons = buttons
+        self._menu = menu
+        self._new_message = message
+        self._ended = ended
+        self._pause = pause
+        self._message = ""
+        self._chosen: object = None
+        self._card: Form | None = None
+
+    def end_card(self, view: View) -> Form:
+        self._ended()
+        form = end_card(view, self._outcome(), self._buttons())
+        form.message = self._message
+        row = next((row for row in form.rows if row.answer == self._chosen), None)
+        if row is not None and self._chosen is not None:
+            form.focus(row)
+        self._card = form
+        return form
+
+    def returned(self, message: str, chosen: object) -> None:
+        """Set the message and focus of the card when the player returns to it."""
+        self._message, self._chosen = message, chosen
+
+    def leave_card(self, view: View) -> Form:
+        self._pause(True)
+        rows = [
+            Button("Keep playing", MenuChoice.STAY),
+            Button("Leave", MenuChoice.MENU if self._menu else MenuChoice.QUIT),
+        ]
+        if self._menu:
+            rows.append(Button("Quit", MenuChoice.QUIT))
+        return Form("Leave this game?", rows, cancel=MenuChoice.STAY)
+
+    def stay(self) -> None:
+        self._pause(False)
+
+    def pause(self, paused: bool) -> None:
+        self._pause(paused)
+
+    def message(self) -> str:
+        if self._card is not None:
+            _set_buttons(self._card, self._buttons())
+        return self._new_message()
+
+
+def _set_buttons(card: Form, buttons: Sequence[tuple[str, object]]) -> None:
+    # Buttons that stay are kept as they are, so that the focus does not jump.
+    shown = {row.answer: row for row in card.rows if row.answer is not None}
+    if list(shown) == [answer for _, answer in buttons]:
+        return
+    words = [row for row in card.rows if row.answer is None]
+    card.set_rows([*words, *(shown.get(a) or Button(label, a) for label, a in buttons)])

@@ -1,0 +1,273 @@
+"""Menu for a game: the task with its picture, the players and the pace."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from functools import lru_cache, partial
+
+from pygame import Surface
+
+from robotouille.certification.step_limit import retimed_length
+from robotouille.domain.loading import load_task, task_names
+from robotouille.domain.task import Task, Timing
+from robotouille.planning.policies.standing import seat_out_of_the_way
+from robotouille.world.world import State
+from robotouille_client.bots.kinds import BotKind
+from robotouille_client.window.app.local_game import GameSetup
+from robotouille_client.window.app.settings import Settings
+from robotouille_client.window.app.thumbnails import Thumbnails
+from robotouille_client.window.forms.form import Form, FormLayout
+from robotouille_client.window.forms.picker import EntryText, Picker, PickerEntry
+from robotouille_client.window.forms.widgets import Button, Choice, Row, Slider, Words
+from robotouille_client.window.sources.texts import (
+    dish_title,
+    family_title,
+    rate_words,
+    task_title,
+)
+
+FIRST_FAMILIES = ("training", "synchronous", "asynchronous", "multi_agent")
+"""Families from easy to hard; others follow them."""
+
+
+class TaskPicker:
+    """List of tasks; the form's result is a task's name, or `back`."""
+
+    def __init__(self, settings: Settings, chosen: str) -> None:
+        self._best = settings.best
+        self._pictures = Thumbnails(settings.preferences.rendering)
+        self._lengths: dict[str, int | None] = {}
+        self._wanted: dict[str, None] = {}
+        self.form = Picker(
+            "Choose a task",
+            [self._entry(name) for name in listed_tasks()],
+            [Button("Back", "back")],
+            chosen=chosen,
+            idle=self._load,
+        )
+
+    def _entry(self, name: str) -> PickerEntry:
+        return PickerEntry(
+            name,
+            lambda: EntryText(_dish(name), self._detail(name)),
+            group=family_title(name),
+            picture=lambda room: self._pictures.at(name, room),
+            about=lambda: self._about(name),
+        )
+
+    def _detail(self, name: str) -> str:
+        """Return the line below a task, such as `2 to 4 players · 35 steps · your best 40`."""
+        words = [players_words(_task(name))]
+        length = self._length(name)
+        if length is not None:
+            words.append(f"{length} steps")
+        best = best_of(self._best, name)
+        if best is not None:
+            words.append(f"your best {best}")
+        return " · ".join(words)
+
+    def _about(self, name: str) -> str:
+        """Return the goal, the length of a good game and the player's best."""
+        words = [_task(name).goal_description]
+        length, best = self._length(name), best_of(self._best, name)
+        if length is not None:
+            words.append(f"A great game takes {length} steps.")
+        words.append("Not solved yet." if best is None else f"Your best: {best} steps.")
+        return "\n".join(words)
+
+    def _length(self, name: str) -> int | None:
+        """Return the length of a good game; None if it is unknown or not computed yet."""
+        if name not in self._lengths:
+            # Reinserting moves the name to the end, from which `_load` takes the next one.
+            self._wanted.pop(name, None)
+            self._wanted[name] = None
+        return self._lengths.get(name)
+
+    def _load(self) -> bool:
+        """Compute a length or draw a picture, the last requested first."""
+        length = bool(self._wanted)
+        if length:
+            name, _ = self._wanted.popitem()
+            # Retiming a plan simulates it, which is too slow for every entry at once.
+            self._lengths[name] = retimed_length(load_task(name, timing=Timing.PEOPLE))
+        return self._pictures.load() or length
+
+
+def listed_tasks() -> list[str]:
+    """Return the shipped tasks, with the families from easy to hard."""
+
+    def rank(name: str) -> int:
+        family = name.partition("/")[0]
+        known = family in FIRST_FAMILIES
+        return FIRST_FAMILIES.index(family) if known else len(FIRST_FAMILIES)
+
+    return sorted(task_names(), key=lambda name: (rank(name), name))
+
+
+def best_of(best: Mapping[str, int], name: str) -> int | None:
+    """Return the player's fewest steps for a task with any number of players."""
+    found = [steps for task, steps in best.items() if task.partition("@")[0] == name]
+    return min(found, default=None)
+
+
+def players_words(task: Task) -> str:
+    """Return the number of players, such as `2 to 4 players`."""
+    counts = task.problem.seats or (task.seats,)
+    low, high = min(counts), max(counts)
+    if low == high:
+        return "1 player" if low == 1 else f"{low} players"
+    return f"{low} to {high} players"
+
+
+def _dish(name: str) -> str:
+    number = name.rpartition("/")[2].partition("_")[0]
+    dish = dish_title(name, _task(name).goal_description)
+    return f"{number} {dish}" if number.isdigit() else dish
+
+
+# Each drawing of the list asks for the same tasks several times.
+@lru_cache(maxsize=128)
+def _task(name: str) -> Task:
+    return load_task(name)
+
+
+Ask = Callable[[Form], Awaitable[object]]
+"""Function that shows a form until it has a result."""
+
+PARTNERS = (("plan ahead", BotKind.PLANNER), ("act at random", BotKind.RANDOM))
+
+
+def pace_words(rate: float) -> str:
+    """Return a pace in words, such as `5 steps a second (normal)`."""
+    kind = "easy" if rate < 4 else "normal" if rate <= 6 else "hard"
+    return f"{rate_words(rate)} ({kind})"
+
+
+class TaskChoice:
+    """Rows for the task, its goal and the number of players.
+
+    Args:
+        words: Function that describes a number of players.
+        changed: Function called after a change of the task or the players.
+        you: Function that returns the player to mark in the picture.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        words: Callable[[int], str],
+        changed: Callable[[], None] = lambda: None,
+        you: Callable[[State], str] | None = None,
+    ) -> None:
+        names = listed_tasks()
+        last = next((name for name in names if name.startswith(settings.task)), names[0])
+        self._settings = settings
+        self._words = words
+        self._changed = changed
+        self._you = you
+        self._pictures = Thumbnails(settings.preferences.rendering)
+        options = [(task_title(name), name) for name in names]
+        self._task = Choice("Task", options, last, lambda _: self._follow(), opens="task")
+        self._goal = Words("")
+        self._seats = Choice("Players", [("1", None)], changed=lambda _: changed())
+        self._offer(settings.seats)
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The rows for a form, without the players if there is only one choice."""
+        several = len(self._seats.options) > 1
+        return (self._task, self._goal, *([self._seats] if several else []))
+
+    @property
+    def task(self) -> str:
+        return str(self._task.value)
+
+    @property
+    def seats(self) -> int:
+        """The chosen number of players."""
+        return int(str(self._seats.value))
+
+    def picture(self, room: tuple[int, int]) -> Surface | None:
+        """Return the picture of the kitchen once it is drawn."""
+        # With one player, no mark is needed, and the list's picture of the task can be shared.
+        if self._you is None or self.seats == 1:
+            return self._pictures.at(self.task, room)
+        load = partial(load_task, self.task, seats=self.seats)
+        return self._pictures.at(f"{self.task} for {self.seats}", room, load, self._you)
+
+    def load(self) -> bool:
+        """Draw the kitchen; return whether it was not drawn before."""
+        return self._pictures.load()
+
+    async def pick(self, ask: Ask) -> None:
+        """Let the player choose a task from the list."""
+        picked = await ask(TaskPicker(self._settings, self.task).form)
+        if picked != "back":
+            self._task.choose(picked)
+            self._follow()
+
+    def remember(self) -> None:
+        """Save the choice for the next time."""
+        self._settings.task, self._settings.seats = self.task, self.seats
+
+    def _follow(self) -> None:
+        self._offer(self.seats)
+        self._changed()
+
+    def _offer(self, wanted: int) -> None:
+        """Update the goal and the numbers of players to the task."""
+        task = load_task(self.task)
+        self._goal.label = task.goal_description
+        counts = task.problem.seats or (task.seats,)
+        self._seats.options = tuple((self._words(count), count) for count in counts)
+        self._seats.choose(wanted)
+
+
+class PlayMenu:
+    """Menu for a local game."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._partner = Choice("Bots", PARTNERS, settings.partner)
+        self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
+        self._ends = (Button("Start", "start"), Button("Back", "back"))
+        self._task = TaskChoice(settings, _team_words, self._arrange, seat_out_of_the_way)
+        self.form = self._made()
+
+    @property
+    def setup(self) -> GameSetup:
+        """The chosen game."""
+        return GameSetup(
+            task=self._task.task,
+            seats=self._task.seats,
+            partner=BotKind(str(self._partner.value)),
+            rate=self._rate.value,
+        )
+
+    async def ask(self, ask: Ask) -> GameSetup | None:
+        """Show the menu until the player starts a game, and remember it; None to go back."""
+        while (answer := await ask(self.form)) == "task":
+            await self._task.pick(ask)
+            # A form with a result is finished, so the menu continues in a new one.
+            self.form = self._made()
+        if answer != "start":
+            return None
+        self._task.remember()
+        self._settings.partner, self._settings.rate = str(self._partner.value), self._rate.value
+        return self.setup
+
+    def _made(self) -> Form:
+        layout = FormLayout(self._task.picture, pinned=1)
+        return Form("Play here", self._rows(), layout=layout, idle=self._task.load)
+
+    def _arrange(self) -> None:
+        self.form.set_rows(self._rows())
+
+    def _rows(self) -> tuple[Row, ...]:
+        start, back = self._ends
+        partners = (self._partner,) if self._task.seats > 1 else ()
+        return (start, *self._task.rows, *partners, self._rate, back)
+
+
+def _team_words(seats: int) -> str:
+    return {1: "just you", 2: "you and a bot"}.get(seats, f"you and {seats - 1} bots")

@@ -1,1 +1,0 @@
-"""The kitchen: where everything is, how it moves, and what comes out of it."""

@@ -1,1 +1,0 @@
-"""The panel beside the kitchen: what is to be done, by whom, and how that goes."""

@@ -1,0 +1,200 @@
+"""Geometry of a drawn state: where pictures, effects and labels go."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import pygame
+
+from robotouille.world.grounding.floor import Tile
+from robotouille_client.window.drawing.motion import Pose
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import SceneSprites, SpritePiece
+
+# Tiles by which a player is drawn above its tile.
+RAISED = 0.12
+
+# Top of a player's picture below the top of its tile, in tiles.
+HEAD = -0.14
+
+# Size of an object that swims in another, as a share of its container's.
+_SWIMMING = 0.36
+
+_BODY = (0.2, HEAD, 0.6, 0.96)
+_WORKTOP = (0.06, 0.14, 0.88, 0.56)
+# Share of a picture's square that an object usually fills.
+_SEEN = 0.76
+
+# Size of a held object, as a share of its usual size.
+_HELD_SCALE = 0.85
+
+# Number of size changes of a moving object. Each size is another picture to draw.
+_SIZES = 2
+_HELD = {
+    "front": (0.0, 0.18),
+    "right": (0.35, 0.09),
+    "left": (-0.35, 0.09),
+    "back": (0.0, -0.58),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """Centre of a picture in pixels, and the size of a tile there."""
+
+    x: float
+    y: float
+    tile: float
+
+    def up(self, tiles: float) -> Spot:
+        """Return the spot some tiles higher."""
+        return Spot(self.x, self.y - tiles * self.tile, self.tile)
+
+    def towards(self, other: Spot, share: float) -> Spot:
+        """Return a spot between two, with one of a few tile sizes."""
+        return Spot(
+            self.x + (other.x - self.x) * share,
+            self.y + (other.y - self.y) * share,
+            self.tile + (other.tile - self.tile) * round(share * _SIZES) / _SIZES,
+        )
+
+
+def sizes_of_tiles(tile: int) -> tuple[float, ...]:
+    """Return the tile sizes in use: on stations, in hands, then on the way between the two."""
+    full, held = float(tile), tile * _HELD_SCALE
+    between = (held + (full - held) * n / _SIZES for n in range(1, _SIZES))
+    return full, held, *between
+
+
+def size_in(holder: float) -> int:
+    """Return the size in pixels of an object that swims in a container of a size."""
+    return max(1, round(_SWIMMING * holder))
+
+
+def hands(layout: Layout, pose: Pose) -> Spot:
+    """Return the spot of the lowest object that a player holds."""
+    dx, dy = _HELD[pose.facing]
+    x, y = layout.corner(pose.at)
+    return Spot(
+        x + (0.5 + dx) * layout.tile,
+        y + (0.5 - RAISED + dy) * layout.tile,
+        layout.tile * _HELD_SCALE,
+    )
+
+
+def pile_spot(
+    layout: Layout, stage: SceneSprites, host: str, poses: dict[str, Pose]
+) -> Spot | None:
+    """Return the spot of the lowest object on a station, on the floor or in a player's hands."""
+    if host in poses:
+        return hands(layout, poses[host])
+    tile = stage.placed[host].tile
+    if tile is None:
+        return None
+    x, y = layout.corner(tile)
+    return Spot(
+        x + layout.tile / 2, y + (0.5 - stage.bases[host]) * layout.tile, float(layout.tile)
+    )
+
+
+def spots(layout: Layout, stage: SceneSprites, poses: dict[str, Pose]) -> dict[str, Spot]:
+    """Return the spots of all players, stations and objects."""
+    found = {}
+    for name, pose in poses.items():
+        x, y = layout.corner(pose.at)
+        found[name] = Spot(
+            x + layout.tile / 2, y + (0.5 - RAISED) * layout.tile, float(layout.tile)
+        )
+    for name in stage.stations:
+        tile = stage.placed[name].tile
+        if tile is not None:
+            found[name] = _middle(layout, tile)
+    for host, pieces in stage.piles.items():
+        base = pile_spot(layout, stage, host, poses)
+        if base is not None:
+            found.update((piece.name, base.up(piece.rise)) for piece in pieces)
+    for name, placed in stage.placed.items():
+        if name not in found and placed.host in found:
+            found[name] = found[placed.host]
+    return found
+
+
+def occupied(layout: Layout, stage: SceneSprites, poses: dict[str, Pose]) -> list[pygame.Rect]:
+    """Return the areas that no label may cover: players, held objects, stations in use."""
+    areas = [player_area(layout, pose) for pose in poses.values()]
+    for host, pieces in stage.piles.items():
+        base = pile_spot(layout, stage, host, poses)
+        if base is not None:
+            areas += [_covered(piece, base) for piece in pieces]
+    used = {stage.placed[name].at for name in poses} | set(stage.piles)
+    for name in stage.stations:
+        tile = stage.placed[name].tile
+        if name in used and tile is not None:
+            areas.append(_part(layout.corner(tile), _WORKTOP, layout.tile))
+    return areas
+
+
+def extent(
+    layout: Layout, stage: SceneSprites, name: str, poses: dict[str, Pose]
+) -> pygame.Rect | None:
+    """Return the area of an object with everything on it, or None if it is not visible."""
+    if name in poses:
+        return player_area(layout, poses[name])
+    placed = stage.placed.get(name)
+    if placed is None or placed.tile is None:
+        return None
+    base = pile_spot(layout, stage, name, poses) if name in stage.piles else None
+    pieces = stage.piles[name] if base is not None else ()
+    return layout.cell(placed.tile).unionall([_covered(p, base) for p in pieces if base])
+
+
+def player_area(layout: Layout, pose: Pose) -> pygame.Rect:
+    """Return the area of a player."""
+    return _part(layout.corner(pose.at), _BODY, layout.tile)
+
+
+def workplaces(layout: Layout, stage: SceneSprites, plain: Collection[str]) -> list[pygame.Rect]:
+    """Return the worktops of all stations except the plain ones."""
+    tiles = (stage.placed[name].tile for name in stage.stations if name not in plain)
+    return [_part(layout.corner(tile), _WORKTOP, layout.tile) for tile in tiles if tile is not None]
+
+
+def ways(
+    stage: SceneSprites,
+    now: Mapping[str, Spot],
+    earlier: Mapping[str, Spot],
+    travels: Collection[str],
+) -> list[pygame.Rect]:
+    """Return the areas that moving objects pass through. They stay the same for the whole step."""
+    areas = []
+    for pieces in stage.piles.values():
+        for piece in pieces:
+            if piece.name in travels and piece.name in now and piece.name in earlier:
+                start = _around(piece, earlier[piece.name])
+                areas.append(start.union(_around(piece, now[piece.name])))
+    return areas
+
+
+def _middle(layout: Layout, tile: Tile) -> Spot:
+    x, y = layout.corner(tile)
+    return Spot(x + layout.tile / 2, y + layout.tile * 0.4, float(layout.tile))
+
+
+def _covered(piece: SpritePiece, base: Spot) -> pygame.Rect:
+    return _around(piece, base.up(piece.rise))
+
+
+def _around(piece: SpritePiece, spot: Spot) -> pygame.Rect:
+    side = max(1, round(piece.scale * spot.tile * _SEEN))
+    area = pygame.Rect(0, 0, side, side)
+    area.center = (round(spot.x), round(spot.y))
+    return area
+
+
+def _part(
+    corner: tuple[float, float], part: tuple[float, float, float, float], tile: int
+) -> pygame.Rect:
+    """Return a part of a tile, given in tiles."""
+    x, y, width, height = (value * tile for value in part)
+    return pygame.Rect(round(corner[0] + x), round(corner[1] + y), round(width), round(height))

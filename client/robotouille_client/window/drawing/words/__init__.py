@@ -1,1 +1,0 @@
-"""Words over the kitchen, and where they have room."""

@@ -1,0 +1,306 @@
+"""Keyboard and mouse input during a game, and the texts that only the local player sees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pygame
+
+from robotouille.domain.rendering import language_of
+from robotouille.world.scene import scene
+from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
+from robotouille_client.window.input.commands import DIRECTIONS, FIXED, Command, KeyMap
+from robotouille_client.window.input.controls import Button, Controls
+from robotouille_client.window.input.hints import PlayHints
+from robotouille_client.window.input.input_controller import MAX_CHOICES, InputController
+from robotouille_client.window.options import WindowStyle
+from robotouille_client.window.view import GameSource, View
+
+MAX_LENGTH = 200
+
+
+class ChatLine:
+    """Line of chat being typed. `typed` is None while nobody types."""
+
+    def __init__(self) -> None:
+        self.typed: str | None = None
+        self._swallow = ""
+
+    def open(self, key: str) -> None:
+        """Start a line.
+
+        The letter of the key that opened it arrives later as text, and is ignored then.
+        """
+        self.typed = ""
+        self._swallow = key if len(key) == 1 else ""
+
+    def text(self, text: str) -> None:
+        """Add letters."""
+        if self.typed is None:
+            return
+        swallow, self._swallow = self._swallow, ""
+        if swallow and text.casefold() == swallow:
+            return
+        letters = "".join(letter for letter in text if letter.isprintable())
+        self.typed = (self.typed + letters)[:MAX_LENGTH]
+
+    def key(self, name: str) -> str:
+        """Handle a key; return the line if the key sent it."""
+        self._swallow = ""
+        said = ""
+        if name == "backspace":
+            self.typed = (self.typed or "")[:-1]
+        elif name == "escape":
+            self.typed = None
+        elif name in ("return", "enter"):
+            said, self.typed = (self.typed or "").strip(), None
+        return said
+
+
+_NOTICE_SECONDS = 3.0
+_BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
+
+
+class PlayInput:
+    """Keys, clicks and commands during a game.
+
+    Args:
+        target: Function that finds the object at a point of the window.
+        key_at: Function that finds the key drawn at a point of the window.
+        may_leave: True to show the key for leaving.
+    """
+
+    def __init__(
+        self,
+        keys: KeyMap,
+        style: WindowStyle,
+        *,
+        target: Callable[[tuple[int, int], View], str | None],
+        key_at: Callable[[tuple[int, int]], str],
+        may_leave: bool,
+        clock: Callable[[], float],
+    ) -> None:
+        self.controller = InputController(keys, clock)
+        self._hints = PlayHints(self.controller, alone=style.strip is None, may_leave=may_leave)
+        self._style = style
+        self._target = target
+        self._key_at = key_at
+        self._clock = clock
+        self._chat = ChatLine()
+        self._controls: Controls | None = None
+        self._help = False
+        self._pointer: tuple[int, int] | None = None
+        self._notice = ""
+        self._notice_until = 0.0
+
+    @property
+    def typing(self) -> bool:
+        """True if a line of chat is open."""
+        return self._chat.typed is not None
+
+    @property
+    def helping(self) -> bool:
+        return self._help
+
+    def show_notice(self, notice: str) -> None:
+        """Show a notice for a few seconds, if it is not empty."""
+        if notice:
+            self._notice = notice
+            self._notice_until = self._clock() + _NOTICE_SECONDS
+
+    def hover(self, view: View) -> str | None:
+        """Return the object under the mouse."""
+        if view.frozen or self._pointer is None:
+            return None
+        return self._target(self._pointer, view)
+
+    def tick(self, source: GameSource, view: View) -> None:
+        """Send the actions that are due."""
+        self.show_notice(self.controller.tick(source, view))
+
+    def close(self) -> None:
+        """Close the help and the list, and release held keys. A line of chat stays open."""
+        self._help, self.controller.choices = False, None
+        self.controller.release()
+
+    # Events
+
+    def point(self, event: pygame.Event) -> None:
+        """Follow the mouse, including events that are not for the game."""
+        if event.type in (pygame.MOUSEMOTION, pygame.MOUSEBUTTONDOWN):
+            self._pointer = event.pos
+        elif event.type == pygame.WINDOWLEAVE:
+            self._pointer = None
+        elif event.type == pygame.WINDOWFOCUSLOST:
+            self.controller.release()
+
+    def handle(self, event: pygame.Event, source: GameSource, view: View) -> Command | None:
+        """Handle an event; return a command that is not for the game."""
+        if event.type == pygame.MOUSEBUTTONDOWN:
+            # While a line of chat is open, keys edit the line, so the drawn keys do nothing.
+            key = "" if self.typing else self._key_at(event.pos).casefold()
+            if key and event.button == 1:
+                return self._key(key, source, view)
+            self._click(_BUTTONS.get(event.button), source, view)
+        elif event.type == pygame.TEXTINPUT:
+            self._chat.text(event.text)
+        elif event.type == pygame.KEYUP:
+            self.controller.release(self.controller.keys.command(_name(event)))
+        elif event.type == pygame.KEYDOWN:
+            return self._key(_name(event), source, view)
+        return None
+
+    def command(
+        self, command: Command, source: GameSource, view: View, key: str = ""
+    ) -> Command | None:
+        """Run a command; return it if it is not for the game."""
+        if command is Command.CANCEL:
+            return None if self._cancel() else command
+        if command is Command.MENU:
+            self.close()
+            return command
+        if command in (Command.USE, Command.ENTER) and self._be_ready(source, view):
+            return None
+        if self.controller.choices is not None and self._in_list(command, source, view):
+            return None
+        if command is Command.HELP:
+            self._help = not self._help
+        # Commands of gamepads have no key. They cannot type, so they do not open the chat.
+        elif command is Command.CHAT or (command is Command.ENTER and key):
+            self._chat.open(key)
+        elif view.me is None or command is Command.SOUND:
+            return command
+        elif command in DIRECTIONS:
+            self.show_notice(self.controller.walk(self.controls(view), command, source, view))
+        elif command in (Command.USE, Command.ENTER):
+            self.show_notice(self.controller.use(self.controls(view), key, source, view))
+        elif command is Command.LIST:
+            self.controller.open_list(view)
+        else:
+            return command
+        return None
+
+    def _be_ready(self, source: GameSource, view: View) -> bool:
+        """Switch between ready and not ready; return False if the game does not ask for it."""
+        if view.lobby is None or not view.asks_if_ready:
+            return False
+        source.be_ready(not view.lobby.ready)
+        return True
+
+    def _cancel(self) -> bool:
+        """Close what is open or drop queued actions; return whether there was anything."""
+        if self._chat.typed is not None:
+            self._chat.typed = None
+            return True
+        if self._help or self.controller.choices is not None:
+            self._help, self.controller.choices = False, None
+            return True
+        return self.controller.queue.clear()
+
+    def _in_list(self, command: Command, source: GameSource, view: View) -> bool:
+        if command in (Command.UP, Command.DOWN):
+            self.controller.choose(1 if command is Command.DOWN else -1)
+        elif command in (Command.LEFT, Command.RIGHT):
+            self.controller.choose(MAX_CHOICES if command is Command.RIGHT else -MAX_CHOICES)
+        elif command in (Command.USE, Command.ENTER):
+            self.show_notice(self.controller.pick(self.controls(view), None, source, view))
+        else:
+            return False
+        return True
+
+    def _click(self, button: Button | None, source: GameSource, view: View) -> None:
+        target = self.hover(view)
+        if self._help:
+            self._help = False
+        elif button == "left" and view.lobby is not None and view.lobby.ready is False:
+            self._be_ready(source, view)
+        elif target is None or view.me is None or button is None:
+            return
+        elif button == "right" and self._uses(target, view):
+            self.show_notice(self.controller.use(self.controls(view), "", source, view))
+        else:
+            self.show_notice(
+                self.controller.click(self.controls(view), target, button, source, view)
+            )
+
+    def _uses(self, target: str, view: View) -> bool:
+        """Return whether a right click is on the player's own station and has no binding."""
+        clicks = self.controls(view).bindings.mouse_click_actions
+        bound = any(click.input_instructions.button == "right" for click in clicks)
+        return not bound and view.me is not None and scene(view.state)[view.me].at == target
+
+    def _key(self, name: str, source: GameSource, view: View) -> Command | None:
+        if self._chat.typed is not None:
+            said = self._chat.key(name)
+            if said and (view.outcome or view.farewell):
+                self.show_notice(f"Not sent, the game is over: {said}")
+            elif said:
+                source.say(said)
+            return None
+        command = self.controller.keys.command(name)
+        if self.controller.choices is not None:
+            if name in tuple("123456789"):
+                self.show_notice(self.controller.pick(self.controls(view), int(name), source, view))
+                return None
+        elif self._is_bound(name, command, view):
+            self.show_notice(self.controller.key(self.controls(view), name, source, view))
+            return None
+        return self.command(command, source, view, name) if command else None
+
+    def _is_bound(self, name: str, command: Command | None, view: View) -> bool:
+        """Return whether a key belongs to the domain.
+
+        The input file's bindings come first, except for the use key. The use key also tries the
+        file's binding first, but has more to offer if that action is not possible.
+        """
+        if view.me is None or name in FIXED or name not in self.controls(view).keys:
+            return False
+        return command is not Command.USE
+
+    def controls(self, view: View) -> Controls:
+        """Return the controls for a view's world."""
+        # The next game may show another world in the same window.
+        if self._controls is None or self._controls.world is not view.world:
+            look = self._style.look
+            language = look.rendering.language if look else language_of(view.world.task)
+            bindings = look.bindings if look else None
+            language = language.with_words(self._style.words)
+            self._controls = Controls(view.world, bindings, language)
+        self._controls.names = {seat.player: seat.name for seat in view.seats}
+        return self._controls
+
+    # Drawing
+
+    def overlay(self, view: View, hover: str | None) -> UiOverlay:
+        """Return what the player sees over the view."""
+        told, controls = self._hints, self.controls(view)
+        tips, hints = told.advice(controls, view, hover)
+        choices, more = told.choices(controls, view)
+        return UiOverlay(
+            pointer=self._pointer,
+            tips=tips,
+            prompt=self._notice if self._clock() < self._notice_until else "",
+            typing=self._chat.typed,
+            help=told.help(controls, view) if self._help else (),
+            hints=hints,
+            keys=told.permanent_keys(controls, view),
+            queued=self.controller.queue.labels,
+            mark=self._mark(view),
+            choices=choices,
+            chosen=self.controller.chosen % MAX_CHOICES,
+            more=more,
+        )
+
+    def _mark(self, view: View) -> ActionMark | None:
+        if self.controller.choices:
+            there = self.controller.choices[self.controller.chosen].destination
+            return ActionMark(there, "asked") if there else None
+        sent = self.controller.queue.sent  # Read once: it becomes None as time passes.
+        if view.me is None or sent is None:
+            return None
+        station = self.controller.target(view.state, view.me)
+        return ActionMark(station, sent.fate) if station else None
+
+
+def _name(event: pygame.Event) -> str:
+    return pygame.key.name(event.key).casefold()

@@ -1,1 +1,0 @@
-"""What has happened in an episode so far, by steps."""

@@ -1,0 +1,187 @@
+"""History of a live game, which grows with every step."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+
+from robotouille.domain.rendering import Language, language_of
+from robotouille.episode import Clock, Controller
+from robotouille.episode.tallies import Activity, activity
+from robotouille.planning.policies.team_talk import announced_version
+from robotouille.replay.timeline import Interlude
+from robotouille.world.world import State
+from robotouille_client.game import Game
+from robotouille_client.sansio.game_events import (
+    ActRejected,
+    Announced,
+    ChatReceived,
+    GameEnded,
+    GameEvent,
+    RosterChanged,
+    StateChanged,
+)
+from robotouille_client.window.replay.history import (
+    Entry,
+    EntryKind,
+    History,
+    HistoryWording,
+    recorded_rate,
+)
+from robotouille_client.window.sources.texts import outcome_words, speaker
+from robotouille_client.window.view import SeatView
+
+# States kept. In a longer game, the beginning is dropped.
+MAX_STATES = 20_000
+_FORGOTTEN_AT_ONCE = 1000
+
+
+class LiveHistory(History):
+    """History of a game from the step at which its participant or spectator joined.
+
+    It knows only what the server sends to them: of others' rejected requests, just the number.
+
+    Args:
+        now: Clock in seconds.
+        language: Words of the log. Default: the domain's own.
+    """
+
+    def __init__(
+        self, game: Game, now: Callable[[], float], language: Language | None = None
+    ) -> None:
+        super().__init__(game.world)
+        self._game = game
+        self._now = now
+        self._began = now()
+        self._wording = HistoryWording(game.world, language or language_of(game.world.task))
+        self._states: list[State] = []
+        self._seats: list[tuple[SeatView, ...]] = []
+        self._entries: dict[int, list[Entry]] = defaultdict(list)
+        self._rejected = self._rejections()
+        self._turn = game.turn
+        self._paused = False
+        self.max_steps = game.clock.get("max_steps")
+        self.rate = recorded_rate(game.clock)
+        self.first = game.step
+        while self.length < game.step:
+            self._add_step(0, {})
+        # Steps before the spectator came count for the step number, but have no states.
+        self._states = [game.state]
+        self._seats = [()]
+
+    @property
+    def outcome(self) -> Mapping[str, object] | None:
+        return self._game.outcome
+
+    def state(self, step: int) -> State:
+        return self._states[min(max(0, step - self.first), len(self._states) - 1)]
+
+    def seats(self, step: int) -> tuple[SeatView, ...]:
+        return self._seats[min(max(0, step - self.first), len(self._seats) - 1)]
+
+    def entries(self, step: int) -> tuple[Entry, ...]:
+        return tuple(self._entries.get(step, ()))
+
+    def set_seats(self, seats: tuple[SeatView, ...]) -> None:
+        """Set the seats of the last step."""
+        self._seats[-1] = seats
+
+    def observe(self, event: GameEvent) -> None:
+        """Record an event of the game."""
+        match event:
+            case StateChanged() if event.step > self.length:
+                self._take(event)
+            case ChatReceived() if announced_version(event.text) is None:
+                self._said.append((self.length, speaker(event.name, event.seat), event.text))
+                self._note(EntryKind.SAID, event.text, event.seat)
+            case Announced():
+                self._said.append((self.length, "", event.text))
+                self._note(EntryKind.ANNOUNCED, event.text)
+                self.interludes.append(Interlude(self.length, f"The operator: {event.text}"))
+            case ActRejected() if event.seat:
+                self._reject(event)
+            case RosterChanged():
+                if event.pause is not None and not self._paused:
+                    self._note(EntryKind.PAUSED, f"paused: {event.pause.reason}")
+                self._paused = event.pause is not None
+            case GameEnded() if event.outcome:
+                self._note(EntryKind.ENDED, outcome_words(event.outcome))
+
+    def _note(self, kind: EntryKind, words: str, player: str = "") -> None:
+        entry = Entry(self.length, kind, player, words)
+        self._entries[entry.step].append(entry)
+        self._mark([entry])
+
+    def _reject(self, event: ActRejected) -> None:
+        context = (self._states[-1], self._names())
+        does = self._wording.attempt({"player": event.seat, "action": event.action}, *context)
+        why = self._wording.unmet(event.unmet, *context)
+        entry = Entry(self.length, EntryKind.REJECTED, event.seat, does, why)
+        self._entries[entry.step].append(entry)
+        self._mark([entry])
+
+    def _names(self) -> dict[str, str]:
+        return {seat.player: seat.name for seat in self._game.seats if seat.name}
+
+    def _take(self, event: StateChanged) -> None:
+        """Add a step. Missed steps before it are added without their states and actions."""
+        before, seats = self._states[-1], self._seats[-1]
+        # After a resync, the server reports only the newest state.
+        while self.length < event.step - 1:
+            self._add_step(self._time(), {})
+            self._states.append(before)
+            self._seats.append(seats)
+        did = self._did(event) if event.previous is not None else {}
+        self._add_step(self._time(), did)
+        self._states.append(event.state)
+        self._seats.append(seats)
+        for player, action, applied in event.did:
+            kind = EntryKind.ACTION if applied else EntryKind.REJECTED
+            does = self._wording.action(action, before, self._names())
+            entry = Entry(event.step, kind, player, does)
+            self._entries[event.step].append(entry)
+            self._mark([entry])
+        self._turn = event.turn
+        self._forget()
+
+    def _forget(self) -> None:
+        """Drop the oldest states if there are too many."""
+        if len(self._states) < MAX_STATES + _FORGOTTEN_AT_ONCE:
+            return
+        del self._states[:_FORGOTTEN_AT_ONCE], self._seats[:_FORGOTTEN_AT_ONCE]
+        self.first += _FORGOTTEN_AT_ONCE
+        self._entries = defaultdict(
+            list, {step: entries for step, entries in self._entries.items() if step >= self.first}
+        )
+
+    def _did(self, event: StateChanged) -> dict[str, Activity]:
+        """Return what each seat did in a step, as far as the server reported it."""
+        applied = {player: applied for player, _, applied in event.did}
+        before, rejected = self._rejected, self._rejections()
+        self._rejected = rejected
+        return {
+            seat.player: activity(
+                _controller(seat.controller),
+                applied.get(seat.player),
+                event.previous is not None and event.previous.busy_steps(seat.player) > 0,
+                rejected[seat.player] > before.get(seat.player, 0) or seat.player in event.waits,
+                self._turn is not None and self._turn != seat.player,
+            )
+            for seat in self._game.seats
+        }
+
+    def _rejections(self) -> dict[str, int]:
+        return {seat.player: seat.rejected for seat in self._game.seats}
+
+    def _time(self) -> int:
+        if self._game.clock.get("clock") == Clock.REALTIME:
+            return round(1000 * (self.length + 1) / self.rate)
+        return round(1000 * (self._now() - self._began))
+
+
+def _controller(name: str) -> Controller:
+    """Return a seat's controller. Controllers of a newer server count as bots."""
+    try:
+        return Controller(name)
+    except ValueError:
+        return Controller.BOT

@@ -1,1 +1,0 @@
-"""What is played: here, on a server, and to learn it."""

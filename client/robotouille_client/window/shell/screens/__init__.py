@@ -1,1 +1,0 @@
-"""The screens of the menu: what each asks, and what was answered."""

@@ -1,1 +1,0 @@
-"""What is asked of a catalogue: queries that only read, files and pictures of answers, a report."""

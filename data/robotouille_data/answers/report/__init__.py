@@ -1,1 +1,0 @@
-"""A study's first look: one page of a catalogue's episodes, compared by a label."""

@@ -1,1 +1,0 @@
-"""What the data is written as: tables, chat, arrays and Minari's data sets."""

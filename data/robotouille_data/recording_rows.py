@@ -1,0 +1,366 @@
+"""Rows of the catalogue from the frames of a recording."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from robotouille.episode.rules import Clock
+from robotouille.errors import RecordingError
+from robotouille.replay.container import MAX_FILE, frames_with_ends, is_closed, plain
+from robotouille.replay.file_names import iso_time
+from robotouille.replay.frame_schema import check_frame
+from robotouille_data.recorded_seats import (
+    ACTIVITIES,
+    REACHED,
+    UNKNOWN,
+    RecordedSeat,
+    Repeats,
+    StepsLeft,
+    fewest_steps,
+    occupied_predicates,
+    player_names,
+    steps_left,
+    workless_actions,
+)
+from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, STEPS
+
+Row = tuple[Any, ...]
+INT32, INT64 = 2**31 - 1, 2**63 - 1
+OF_THEIR_OWN = frozenset({"note", "t", "player", "name", "text", "action"})
+"""Fields of a note that have columns of their own. All others go into `details`."""
+
+
+class RowBuilder:
+    """Builder that turns the frames of one recording into rows.
+
+    `steps` and `events` hold the rows so far. The caller may take rows and clear the lists.
+
+    A frame that contradicts an earlier one, such as a fact without a table entry or a player
+    without a seat, raises LookupError, TypeError, ValueError or AttributeError in any method.
+    Missing steps and numbers out of range raise RecordingError.
+    """
+
+    def __init__(self, header: Mapping[str, Any], episode_id: int) -> None:
+        self.steps: list[Row] = []
+        self.events: list[Row] = []
+        self._header = header
+        self._id = episode_id
+        self._seats = {
+            player: RecordedSeat(number, player)
+            for number, player in enumerate(player_names(header))
+        }
+        domain = header["task"]["domain"]
+        self._by_turns = header["rules"]["clock"] == Clock.TURN
+        self._workless = workless_actions(domain)
+        self._occupied = occupied_predicates(domain)
+        self._repeats = Repeats(len(header["tables"]["atoms"]))
+        self._busy: dict[str, int] = {}
+        self._step = self._time = self._number = self._blocking = 0
+        self._outcome: Mapping[str, Any] | None = None
+
+    # Frames are read without simulating the game: the recorded changes are enough for all rows.
+    def add(self, frame: dict[str, Any]) -> None:
+        """Add the next frame after the header."""
+        match frame["kind"]:
+            case "step":
+                self._take(frame)
+            case "notes":
+                for note in frame["notes"]:
+                    self._note(note)
+            # Later states are checkpoints for seeking and repeat what the steps say.
+            case "state" if frame["step"] == 0:
+                self._busy = frame["busy"]
+                self._repeats.begin(frame)
+            case "footer":
+                self._outcome = frame["outcome"]
+
+    def _take(self, frame: dict[str, Any]) -> None:
+        number, time = frame["step"], _bounded(frame["t"])
+        # A gap would shift activities and staleness without any visible error.
+        if number != self._step + 1:
+            raise RecordingError(f"step {self._step + 1} is missing")
+        moves = self._moves(frame)
+        turn = self._step % len(self._seats) if self._by_turns else None
+        busy, waits = self._busy, frame.get("waits", ())
+        for player, seat in self._seats.items():
+            move = moves.get(player)
+            applied = None if move is None else move[2]
+            others_turn = turn is not None and turn != seat.number
+            # `waits` lists players without an action that declared that they wait.
+            seat.refused = seat.refused or player in waits
+            did = seat.activity(applied, busy.get(player, 0) > 0, others_turn)
+            action = (None, None, None, None, None) if move is None else move
+            self.steps.append(
+                (self._id, number, seat.number, time, did, seat.controller._value_, *action)
+            )
+            seat.refused = False
+            # A rejected move already counts as blocking in `_moves`; do not count its step twice.
+            if applied is not False:
+                self._blocking += seat.blocked
+            seat.blocked = 0
+        self._busy = frame.get("busy", busy)
+        actions = tuple(
+            (m["player"], *m["action"]) for m in frame["moves"] if moves[m["player"]][2]
+        )
+        self._repeats.step(frame, actions, self._busy)
+        self._step, self._time = number, time
+
+    def _moves(self, frame: Mapping[str, Any]) -> dict[str, Row]:
+        """Return the action, arguments, applied, ms and staleness of each player in a step."""
+        unmet = frame.get("unmet", {})
+        found = {}
+        for place, move in enumerate(frame["moves"]):
+            seat = self._seats[move["player"]]
+            name, *arguments = move["action"]
+            applied = str(place) not in unmet
+            milliseconds, basis = _bounded(move["ms"]), move.get("basis")
+            stale = None if basis is None else _bounded(self._step - basis, INT32)
+            # Moves of a substitute have number 0. Their times say nothing about the participant.
+            if move["seq"] > 0:
+                seat.thinking += milliseconds
+                seat.lost += not applied
+                seat.rejected += not applied
+                if stale is not None:
+                    seat.based += 1
+                    seat.stale += stale
+            if applied:
+                seat.work += name not in self._workless
+            else:
+                self._blocking += 1
+            words = _clean(" ".join(arguments))
+            found[move["player"]] = _clean(name), words, applied, milliseconds, stale
+        return found
+
+    def _note(self, note: dict[str, Any]) -> None:
+        seat = self._seats.get(note.get("player", ""))
+        match note["note"]:
+            case "roster" if seat:
+                seat.sit(note)
+            case "rejected" if seat:
+                seat.refuse(note, self._occupied)
+            case "said" if seat:
+                seat.said += 1
+            case "started":
+                # Requests before the start were not for a step, so nobody waited because of them.
+                for each in self._seats.values():
+                    each.refused = False
+        details = {key: value for key, value in note.items() if key not in OF_THEIR_OWN}
+        text = note.get("text") or note.get("action", "")
+        self.events.append((
+            self._id, self._number, self._step, _bounded(note["t"]), note["note"],
+            None if seat is None else seat.number, _clean(note.get("name", "")), _clean(text),
+            _json(details),
+        ))  # fmt: skip
+        self._number += 1
+
+    # The end
+
+    def episode(self) -> Row:
+        """Return the row of the episode."""
+        header, rules, end = self._header, self._header["rules"], self._outcome
+        # A footer that disagrees means that frames were lost or the file was edited.
+        if end is not None and end["steps"] != self._step:
+            raise RecordingError(f"{self._step} steps recorded, but the footer has {end['steps']}")
+        real_time = rules["clock"] == Clock.REALTIME
+        return (
+            self._id,
+            _clean(header["episode"]),
+            "unfinished" if end is None else "ended",
+            _clean(iso_time(header["created"])),
+            _clean(header["software"]),
+            _clean(header["task"]["name"]),
+            _clean(header["digest"]),
+            _clean(header["task"]["timing"]),
+            _bounded(header["seed"]),
+            _clean(rules["clock"]),
+            _finite(rules["step_rate"]) if real_time and "step_rate" in rules else None,
+            _bounded(rules["max_steps"], INT32),
+            _clean(str(rules.get("absence", ""))),
+            len(self._seats),
+            None if end is None else _clean(end["reason"]),
+            None if end is None else _clean(end.get("detail", "")),
+            self._step,
+            self._time / 1000 if end is None else _finite(end["seconds"]),
+            _clean(header.get("code", "")),
+            _clean(header.get("owner", "")),
+        )
+
+    def seats(self) -> list[Row]:
+        """Return the rows of the seats in order."""
+        work = sum(seat.work for seat in self._seats.values())
+        treatments = self._header.get("treatments", {})
+        return [
+            (
+                self._id,
+                seat.number,
+                _clean(seat.player),
+                _clean(seat.name),
+                _clean(seat.kind),
+                _clean(seat.participant),
+                *(seat.did[each] for each in ACTIVITIES),
+                seat.lost,
+                seat.invalid,
+                seat.malformed,
+                seat.rejected,
+                seat.said,
+                _bounded(seat.thinking),
+                seat.stale / seat.based if seat.based else None,
+                seat.work / work if work else 0.0,
+                _clean(treated.get("shown_as") or ""),
+                _bounded(treated.get("delay_ms", 0), INT32),
+            )
+            for seat in self._seats.values()
+            for treated in [treatments.get(seat.player, {})]
+        ]
+
+    def labels(self) -> list[Row]:
+        """Return the rows of the header's labels."""
+        labels = self._header.get("labels") or {}
+        cleaned = {_clean(name): _clean(value) for name, value in labels.items()}
+        return [(self._id, name, value) for name, value in sorted(cleaned.items())]
+
+    @property
+    def success(self) -> bool | None:
+        """True if the goal was reached, None if the episode has not ended."""
+        return None if self._outcome is None else self._outcome["reason"] == "goal"
+
+    def measures(self, left: StepsLeft = UNKNOWN) -> Row:
+        """Return the row of the team's measures.
+
+        Args:
+            left: Steps to go of a failed episode.
+        """
+        success = self.success
+        fewest = fewest_steps(self._header["task"])
+        rate = self._step / fewest if success and fewest else None
+        blocking = self._blocking + sum(seat.blocked for seat in self._seats.values())
+        left = REACHED if success else left
+        return self._id, success, fewest, rate, self._repeats.count, blocking, *left
+
+
+def _bounded(number: int, limit: int = INT64) -> int:
+    """Check that a column can hold the number."""
+    if not -limit <= number <= limit:
+        raise RecordingError(f"number out of range: {number}")
+    return number
+
+
+def _finite(number: float) -> float:
+    """Check that the number is finite. SQLite stores NaN as null, PostgreSQL does not."""
+    if not math.isfinite(found := float(number)):
+        raise RecordingError(f"number out of range: {found}")
+    return found
+
+
+def _clean(text: str) -> str:
+    """Replace NUL, which PostgreSQL cannot store, so that both databases have equal rows."""
+    return text.replace("\0", "\N{REPLACEMENT CHARACTER}") if "\0" in text else text
+
+
+def _json(value: object) -> str:
+    text = json.dumps(value, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
+    return text.replace("\\u0000", "\N{REPLACEMENT CHARACTER}") if "\\u0000" in text else text
+
+
+MAX_ROWS = 100_000
+"""Rows held in memory. A longer recording gives its rows in several parts."""
+
+TableRows = tuple[sa.Table, Sequence[Row]]
+
+
+def read_content(path: Path) -> bytes:
+    """Return the bytes of a file.
+
+    Raises:
+        RecordingError: The file is too large for a recording, or not a regular file. Reading a
+            pipe might never end.
+        OSError: The file cannot be read now.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise RecordingError("not a regular file")
+    with path.open("rb") as file:
+        content = file.read(MAX_FILE + 1)
+    if len(content) > MAX_FILE:
+        raise RecordingError(f"larger than {MAX_FILE:,} bytes")
+    return content
+
+
+def content_digest(content: bytes) -> str:
+    """Return the SHA-256 of a file's content."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def episode_id(digest: str) -> int:
+    """Return the episode id for a recording with this digest.
+
+    The id has 63 bits so that a signed integer column can hold it.
+    """
+    return int(digest[:16], 16) >> 1
+
+
+def recorded_rows(
+    content: bytes, number: int, *, steps_to_go: bool = False
+) -> Iterator[list[TableRows]]:
+    """Yield the rows of a recording in parts. The last part has the summary rows.
+
+    Args:
+        number: The episode id.
+        steps_to_go: Compute the steps to go of a failed episode, which takes a search.
+
+    Raises:
+        RecordingError: The content is damaged or not a recording. Discard the earlier parts.
+    """
+    stream, fault = plain(content)
+    if fault:
+        raise RecordingError(fault)
+    try:
+        rows = None
+        for rows in _builders(stream, number, closed=is_closed(content)):
+            if len(rows.steps) + len(rows.events) >= MAX_ROWS:
+                yield [(STEPS, rows.steps), (EVENTS, rows.events)]
+                rows.steps, rows.events = [], []
+        if rows is None:
+            raise RecordingError("no header")
+        sought = steps_to_go and rows.success is False
+        summary = _summary(rows, steps_left(content) if sought else UNKNOWN)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise RecordingError(f"inconsistent frames: {error!r}") from None
+    yield summary
+
+
+def _builders(stream: bytes, number: int, *, closed: bool) -> Iterator[RowBuilder]:
+    """Yield the builder after each frame."""
+    rows, ended, end = None, False, 0
+    for place, (frame, end) in enumerate(frames_with_ends(stream)):
+        check_frame(frame, place)
+        if ended:
+            raise RecordingError(f"damaged at byte {end}: a frame after the footer")
+        if rows is not None:
+            rows.add(frame)
+        elif frame["kind"] == "header":
+            rows = RowBuilder(frame, number)
+        else:
+            return
+        ended = frame["kind"] == "footer"
+        yield rows
+    if closed and not (ended and end == len(stream)):
+        raise RecordingError("damaged: the file is closed but has no footer")
+
+
+def _summary(rows: RowBuilder, left: StepsLeft) -> list[TableRows]:
+    return [
+        (STEPS, rows.steps),
+        (EVENTS, rows.events),
+        (SEATS, rows.seats()),
+        (LABELS, rows.labels()),
+        (MEASURES, [rows.measures(left)]),
+        (EPISODES, [rows.episode()]),
+    ]

@@ -1,1 +1,0 @@
-"""From a recording to rows, by its frames alone, but where steps to go are asked for."""

@@ -1,0 +1,1 @@
+"""Report on a study: one page that compares episodes by a label."""

@@ -1,1 +1,0 @@
-"""Teams: how the models of several seats are asked, and what they say to each other."""

@@ -1,0 +1,184 @@
+"""HTML page of a report."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from robotouille.html_report.figures import ReportFigure
+from robotouille.html_report.page import (
+    Block,
+    Cell,
+    Details,
+    Heading,
+    Page,
+    Section,
+    Table,
+    TableRow,
+    render_page,
+)
+from robotouille_evaluation.metrics import outcomes
+from robotouille_evaluation.metrics.rows import ResultRow
+from robotouille_evaluation.report import published
+from robotouille_evaluation.report.grouping import datasets, interval, named, part_played, tasks
+from robotouille_evaluation.report.tables import WORDS, percent
+
+COLUMNS = ("instance", "result", "steps", "fewest", "budget", "to go", "repeated", "wrong", "calls",
+           "failure", "recording")  # fmt: skip
+TABLES_HINT = (
+    "Rows with a mark are published results for reference, measured on other instances "
+    f"({published.SOURCE})."
+)
+GRAPHS_HINT = (
+    "The work that each task needs. Work with a dashed border continues by itself: start it first "
+    "and do other things until it is done."
+)
+EPISODES_HINT = (
+    "All episodes by data set, player and task. `robotouille replay play RECORDING` shows a "
+    "recording, `replay notes` and `replay steps` list its contents, and `replay said` prints the "
+    "prompts and answers of a model. Paths are relative to the folder in which this report was "
+    "made."
+)
+FOOTER = "docs/metrics.md defines each metric."
+
+
+def results_page(
+    rows: Sequence[ResultRow],
+    tables: Sequence[Table],
+    figures: Sequence[ReportFigure],
+    graphs: Sequence[ReportFigure] = (),
+    title: str = "Robotouille: results",
+    folders: Mapping[str, Path] | None = None,
+) -> str:
+    """Return the HTML of the page. Equal arguments give equal text.
+
+    Args:
+        folders: The folder of each run by its name, for the paths of recordings.
+    """
+    graph_blocks = [Details(_graph_title(each.name), "", [each]) for each in graphs]
+    sections = [
+        Section("figures", "Figures", "", figures),
+        Section("tables", "Tables", TABLES_HINT, tables),
+        *([Section("graphs", "Tasks", GRAPHS_HINT, graph_blocks)] if graphs else []),
+        Section("episodes", "Episodes", EPISODES_HINT, list(_episodes(rows, folders or {}))),
+    ]
+    page = Page(title, _about(rows), list(_cards(rows)), list(_notes(rows)), sections, FOOTER)
+    return render_page(page)
+
+
+def _graph_title(name: str) -> str:
+    return name.removeprefix("graph_").replace("_", " ")
+
+
+# Summary
+
+
+def _about(rows: Sequence[ResultRow]) -> str:
+    variants = sorted({row.variant or "none" for row in rows})
+    parts = {
+        "run": sorted({row.run for row in rows}),
+        "pack": sorted({f"{r.pack.name} {r.pack.version} ({r.pack.digest[:12]})" for r in rows}),
+        "step budget": sorted({row.budget.rule for row in rows}),
+        "timing": sorted({row.timing for row in rows}),
+        "variant": [] if variants == ["none"] else variants,
+    }
+    return " · ".join(f"{name}: {_some(values)}" for name, values in parts.items() if values)
+
+
+def _some(words: Sequence[str], most: int = 4) -> str:
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(words[:most]) + more
+
+
+def _cards(rows: Sequence[ResultRow]) -> Iterator[tuple[str, str]]:
+    yield f"{len(rows):,}", "episodes"
+    yield f"{len({(row.dataset, row.task) for row in rows})}", "tasks"
+    for dataset, episodes in datasets(rows).items():
+        rate, best = max(
+            (outcomes.success_rate(group) or 0.0, name) for name, group in named(episodes).items()
+        )
+        part = part_played(dataset, episodes)
+        where = dataset.replace("_", "-") + (f" ({part})" if part else "")
+        yield f"{100 * rate:.3g} %", f"best success, {where}: {best}"
+    if total := sum(outcomes.tokens(rows)):
+        yield f"{total / 1e6:,.3g} M", "tokens"
+    if cost := outcomes.cost(rows):
+        yield f"${cost:,.2f}", "cost"
+
+
+def _notes(rows: Sequence[ResultRow]) -> Iterator[str]:
+    broken = [row for row in rows if row.error]
+    unproven = sum(not row.optimum.proven for row in rows)
+    if broken:
+        first = f"the first: {broken[0].error}"[:300]
+        yield f"{len(broken):,} episodes ended with an error and count as failed; {first}"
+    if unproven:
+        yield f"{unproven:,} episodes have no optimality rate: their optimum is not proven"
+    if len({row.pack.digest for row in rows}) > 1:
+        yield "the results come from several packs, and players are listed separately for each"
+    if len({row.budget.rule for row in rows}) > 1:
+        yield "there are several rules for step budgets; players are listed separately for each"
+
+
+# Episodes
+
+
+def _episodes(rows: Sequence[ResultRow], folders: Mapping[str, Path]) -> Iterator[Block]:
+    players = named(rows)
+    for dataset in datasets(rows):
+        yield Heading(dataset.replace("_", "-"))
+        for name, group in players.items():
+            own = [row for row in group if row.dataset == dataset]
+            if own:
+                inner = [_task(task, some, folders) for task, some in tasks(own).items()]
+                yield Details(name, _success(own), inner)
+
+
+def _success(rows: Sequence[ResultRow]) -> str:
+    return f"{len(rows)} episodes, {percent(interval(rows, outcomes.succeeded))}"
+
+
+def _task(task: str, rows: Sequence[ResultRow], folders: Mapping[str, Path]) -> Details:
+    ordered = sorted(rows, key=lambda row: (row.instance, row.seed, row.run))
+    lines = [_episode(row, folders.get(row.run, Path())) for row in ordered]
+    return Details(
+        task.rpartition("/")[2], _success(rows), [Table(COLUMNS, lines, words=WORDS)]
+    )  # fmt: skip
+
+
+def _episode(row: ResultRow, folder: Path) -> TableRow:
+    won = outcomes.succeeded(row)
+    result = "solved" if won else row.outcome.ended_by.replace("_", " ")
+    failure = row.measures.failure
+    why = f"{failure.category}: {failure.subcategory}" if failure else ""
+    if failure and failure.steps:
+        why += f" (steps {_some([str(step) for step in failure.steps], 6)})"
+    instance = f"{row.instance.rpartition('/')[2]}, seed {row.seed}"
+    if row.attempts > 1:
+        instance += f", attempt {row.attempts}"
+    path = "" if row.recording is None else shlex.quote(str(folder / row.recording))
+    numbers = (
+        row.outcome.steps,
+        row.optimum.steps if row.optimum.proven else f"≥ {row.optimum.bound}",
+        row.budget.steps,
+        _to_go(row),
+        row.repetitions,
+        row.counts.invalid + row.counts.malformed,
+        row.counts.calls,
+    )
+    return TableRow((
+        instance, Cell(result, css="won" if won else "lost"), *map(str, numbers),
+        row.error or why, Cell(path, code=bool(path)),
+    ))  # fmt: skip
+
+
+def _to_go(row: ResultRow) -> str:
+    least, most = row.measures.to_go_least, row.measures.to_go_most
+    if row.measures.out_of_reach:
+        return "out of reach"
+    if least is None:
+        return ""
+    if most is None:
+        return f"≥ {least:.2f}"
+    return f"{least:.2f}" if least == most else f"{least:.2f}–{most:.2f}"

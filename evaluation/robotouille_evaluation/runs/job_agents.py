@@ -1,0 +1,200 @@
+"""Strategies, teams and policies that play the seats of a job."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+
+from robotouille import GroundAction, State, World
+from robotouille.errors import RobotouilleError
+from robotouille.planning import Plan
+from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.policies import (
+    Did,
+    PlannerOptions,
+    PlannerPolicy,
+    Policy,
+    RandomPolicy,
+    Script,
+    TeamPolicy,
+)
+from robotouille_evaluation.agents.joint_team import JointTeam
+from robotouille_evaluation.agents.making import make_strategy, team_strategy
+from robotouille_evaluation.agents.proposal import (
+    AgentObservation,
+    Complete,
+    Proposal,
+    ProposalSteps,
+    Strategy,
+)
+from robotouille_evaluation.agents.team import IndependentTeam, Team, TurnsTeam
+from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.runs.job_list import EpisodeJob
+from robotouille_evaluation.runs.text_episode import TextView
+
+
+class PolicyAgent:
+    """Strategy that does what a policy chooses, including nothing."""
+
+    retries_left = 0
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+
+    def retry(self) -> bool:
+        """Return False: a policy does not start again."""
+        return False
+
+    def observe(self, did: Did) -> None:
+        """Pass on what all players did in a step."""
+        self._policy.observe(did)
+
+    def propose(self, observation: AgentObservation) -> ProposalSteps:
+        """Return one action without a request."""
+        if observation.state is None:
+            raise RobotouilleError("a policy needs the state, not only its text")
+        action = self._policy.act(observation.state)
+        sentence = action.sentence if action is not None else ""
+        return Proposal((sentence,), anticipates=_anticipates(self._policy))
+        yield  # Unreachable, but strategies are generators.
+
+
+class Replanner:
+    """Policy that plans again after a random reversal.
+
+    It computes the state that the players' actions lead to. Any other state shows a reversal.
+
+    Args:
+        plan: Returns a policy that plans from the next state on.
+    """
+
+    def __init__(self, plan: Callable[[], Policy]) -> None:
+        self._plan = plan
+        self._policy = plan()
+        self._expected: State | None = None
+
+    @property
+    def anticipating(self) -> bool:
+        """True if another player's action in the same step makes the last one possible."""
+        return _anticipates(self._policy)
+
+    def observe(self, did: Did) -> None:
+        """Pass on what all players did in a step."""
+        if self._expected is not None:
+            applied = [action for _, action, was_applied in did if was_applied]
+            self._expected = self._expected.step(applied).state
+        self._policy.observe(did)
+
+    def act(self, state: State) -> GroundAction | None:
+        """Return the action to take in a state; None to do nothing this step."""
+        if self._expected is not None and state != self._expected:
+            self._policy = self._plan()
+        self._expected = state
+        return self._policy.act(state)
+
+
+def planner_policy(world: World, player: str, seed: int, clock: str | None = None) -> Policy:
+    """Return a policy that searches, and plans again when others or chance interfere.
+
+    With a clock, it assumes that all other seats plan in the same way.
+    """
+
+    def make() -> Policy:
+        policy = PlannerPolicy(world, player, PlannerOptions(seed=seed), anytime=_anytime(world))
+        if clock is not None:
+            policy.meet(dict.fromkeys(world.players, "bot"), clock)
+        return policy
+
+    return Replanner(make)
+
+
+@lru_cache(maxsize=4)
+def _anytime(world: World) -> AnytimePlanner:
+    # Shared by all seats: they make the same plans, so the second request is answered from memory.
+    return AnytimePlanner(World(world.task))
+
+
+def _anticipates(policy: Policy) -> bool:
+    return isinstance(policy, TeamPolicy | Replanner) and policy.anticipating
+
+
+def planner(world: World, player: str, seed: int, clock: str | None = None) -> PolicyAgent:
+    """Return `planner_policy` as an agent."""
+    return PolicyAgent(planner_policy(world, player, seed, clock))
+
+
+def random_actions(world: World, player: str, seed: int) -> PolicyAgent:
+    """Return an agent that takes random valid actions."""
+    return PolicyAgent(RandomPolicy(player, seed))
+
+
+def script(plan: Plan, player: str, world: World) -> PolicyAgent:
+    """Return an agent that carries out a player's part of a plan."""
+    return PolicyAgent(Script(player, plan, world.initial))
+
+
+class JobAgents:
+    """Agents of one job in its world."""
+
+    def __init__(self, job: EpisodeJob, pack: Pack, world: World) -> None:
+        self._job = job
+        self._pack = pack
+        self._world = world
+        self.published = any(found.id == job.agent.strategy for found in pack.experiments)
+        """True if the strategy is an experiment of the pack."""
+        self.strategies: dict[str, Strategy] = (
+            {player: self._strategy(player) for player in world.players}
+            if job.control == "each"
+            else {}
+        )
+        """Strategy of each player, unless one model controls all of them."""
+
+    @property
+    def view(self) -> TextView | None:
+        """Description of states that models read; None for planners.
+
+        Published strategies read the published text. Other strategies read what a server sends.
+        """
+        if self._job.agent.kind != "model":
+            return None
+        return State.text if self.published else State.text_view
+
+    def team(self, complete: Mapping[str, Complete]) -> Team:
+        """Return the team of a job with several seats.
+
+        One model for all seats is asked as the first player.
+        """
+        job, pack = self._job, self._pack
+        if job.control == "each":
+            return IndependentTeam(self.strategies, complete)
+        strategy = team_strategy(pack, job.agent.strategy, self._dataset, job.control)
+        first = complete[self._world.players[0]]
+        return JointTeam(strategy, first) if job.control == "joint" else TurnsTeam(strategy, first)
+
+    def helpers(self) -> dict[str, Policy]:
+        """Return the policies that act while models think. Planners need no helper."""
+        job, world = self._job, self._world
+        kind = job.real_time.helper if job.real_time is not None else "none"
+        if kind == "none" or job.agent.kind != "model":
+            return {}
+        if kind == "planner":
+            return {p: planner_policy(world, p, job.seed) for p in world.players}
+        plan = self._pack.plan(job.instance, world)
+        return {p: Script(p, plan, world.initial) for p in world.players}
+
+    @property
+    def _dataset(self) -> str:
+        return self._pack.task(self._pack.instance(self._job.instance).task).dataset
+
+    def _strategy(self, player: str) -> Strategy:
+        job, world = self._job, self._world
+        match job.agent.kind:
+            case "planner":
+                clock = job.clock if job.real_time is None else None
+                return planner(world, player, job.seed, clock)
+            case "random":
+                return random_actions(world, player, job.seed)
+            case "scripted":
+                return script(self._pack.plan(job.instance, world), player, world)
+            case "model":
+                return make_strategy(self._pack, job.agent.strategy, self._dataset)

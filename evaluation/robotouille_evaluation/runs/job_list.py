@@ -1,0 +1,312 @@
+"""Plan of a run as data: which agent plays which instance with which seed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from robotouille import State, World
+from robotouille.episode.record import RandomReversal, no_reversal
+from robotouille.episode.rules import StepRate
+from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille.world.grounding.objects import Atom
+from robotouille_evaluation.agents.making import team_strategy
+from robotouille_evaluation.agents.team import Control
+from robotouille_evaluation.metrics.rows import MAX_NUMBER
+from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.realtime import Charge, LatePolicy
+
+Variant = Literal["", "stochastic", "delay-free"]
+"""Unchanged; a cut item reverts by chance; or nothing takes time (`packs.delay_free`)."""
+HelperKind = Literal["none", "planner", "script"]
+BudgetRule = Literal["published", "own"]
+
+CUT = "iscut"
+PROBABILITY = 0.1
+"""Probability of a reversal per step, as in the paper's stochastic environment."""
+
+
+class SingleReversal:
+    """Random reversal that happens once in an episode.
+
+    The first object with the predicate loses it. There is one draw per step until a draw has had
+    an effect. A draw without an object to reverse is wasted.
+
+    Args:
+        predicate: Name of the predicate.
+        rng: Source of the draws.
+    """
+
+    def __init__(
+        self, predicate: str, rng: random.Random, probability: float = PROBABILITY
+    ) -> None:
+        self._predicate = predicate
+        self._rng = rng
+        self._probability = probability
+        self._done = False
+
+    def __call__(self, state: State) -> Sequence[Atom]:
+        """Return the fact to reverse in a state, if any."""
+        if self._done or self._rng.random() >= self._probability:
+            return ()
+        found = next(self._holding(state), None)
+        self._done = found is not None
+        return () if found is None else (found,)
+
+    def _holding(self, state: State) -> Iterator[Atom]:
+        # In the fixed order of the table, so that the choice is the same everywhere.
+        for number, atom in enumerate(state.world.table.atoms):
+            if atom[0] == self._predicate and state.facts >> number & 1:
+                yield atom
+
+
+class RealTime(BaseModel):
+    """Settings of a world that moves on while models think.
+
+    Attributes:
+        step_rate: Steps per second.
+        charge: Cost of a thought (see `Charge.parse`).
+        late: Rule for late answers.
+        helper: Policy that acts while a model thinks.
+        digest_tokens: Longest digest of changes that a model is shown.
+        slack: Factor of the step limit.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    step_rate: StepRate = 5.0
+    charge: str
+    late: LatePolicy = LatePolicy.APPLY
+    helper: HelperKind = "none"
+    digest_tokens: int = Field(default=0, ge=0)
+    slack: float = Field(default=1.0, ge=1, le=1000)
+
+    @field_validator("charge")
+    @classmethod
+    def _check_charge(cls, charge: str) -> str:
+        parsed = Charge.parse(charge)
+        if not parsed.repeats:
+            raise WrongArgumentError(
+                "a charge by the wall clock is not repeatable; "
+                "use tokens:MILLISECONDS or declared:MILLISECONDS"
+            )
+        return str(parsed)
+
+
+class AgentSpec(BaseModel):
+    """Agent of a run.
+
+    Attributes:
+        strategy: Strategy of a language model, or the id of an experiment of the pack.
+        parameters: Parameters of each request.
+        prices: Prices of a million tokens sent and received, such as `0.40/1.20`; list prices if
+            empty.
+        timeout: Seconds for an attempt; the endpoint's default if None.
+        attempts: Most requests for one answer; the endpoint's default if None.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: str
+    kind: Literal["planner", "random", "scripted", "model"]
+    strategy: str = ""
+    model: str = ""
+    base_url: str = ""
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    prices: str = ""
+    timeout: float | None = Field(default=None, gt=0)
+    attempts: int | None = Field(default=None, ge=1)
+
+
+NOT_PLAYED = {"prices", "timeout", "attempts"}
+"""Fields of an agent that have no influence on its play."""
+
+
+class EpisodeJob(BaseModel):
+    """One episode to play.
+
+    Attributes:
+        seed: Seed of the agent's random choices.
+        real_time: Real time settings; None if the world waits for its players.
+        control: How one model, or several, control the seats of a team.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    agent: AgentSpec
+    instance: str
+    seats: int
+    seed: int = Field(ge=-MAX_NUMBER, le=MAX_NUMBER)
+    budget: BudgetRule
+    variant: Variant = ""
+    real_time: RealTime | None = None
+    control: Control = "each"
+
+    @model_validator(mode="after")
+    def _is_playable(self) -> EpisodeJob:
+        if self.control != "each" and (self.real_time is not None or self.agent.kind != "model"):
+            raise ValueError(
+                f"control {self.control!r} requires language models in a world that waits"
+            )
+        return self
+
+    @property
+    def id(self) -> str:
+        """Hash that is the same for the same job in every process. It names the job's files."""
+        content = self.model_dump(exclude={"agent": NOT_PLAYED})
+        # Ids of jobs without these options do not depend on their existence.
+        if not self.variant:
+            del content["variant"]
+        if self.real_time is None:
+            del content["real_time"]
+        if self.control == "each":
+            del content["control"]
+        text = json.dumps(content, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+    @property
+    def clock(self) -> str:
+        """Clock of the episode."""
+        if self.real_time is not None:
+            return "realtime"
+        return "turn" if self.seats == 1 else "lockstep"
+
+    @property
+    def slack(self) -> float:
+        """Factor of the step limit."""
+        return 1.0 if self.real_time is None else self.real_time.slack
+
+
+def reversal_of(variant: Variant, world: World, seed: str) -> RandomReversal:
+    """Return the random reversals of a variant, which depend only on the seed.
+
+    Raises:
+        RobotouilleError: Nothing can be cut in this world.
+    """
+    if variant != "stochastic":
+        return no_reversal
+    if CUT not in world.table.fluents:
+        raise RobotouilleError(f"{world.task.name}: its domain has no {CUT!r} that could revert")
+    return SingleReversal(CUT, random.Random(seed))
+
+
+@dataclass(frozen=True, slots=True)
+class JobOptions:
+    """Options of a run's jobs.
+
+    Args:
+        seeds: Seeds with which each agent plays.
+        seats: Number of players for tasks that allow several; the usual number if None.
+        budget: Rule of the step budget. If None, `own` if a plan is known, else `published`.
+        variant: Variant to play; for `delay-free` the pack must be one without delays. If empty,
+            experiments of the pack choose it themselves.
+        real_time: Real time settings; None if the world waits.
+        control: How one model, or several, control a team. Other agents, and models that play
+            alone, always have the control `each`.
+    """
+
+    seeds: Iterable[int] = (0,)
+    seats: int | None = None
+    budget: BudgetRule | None = None
+    variant: Variant = ""
+    real_time: RealTime | None = None
+    control: Control = "each"
+
+
+def plan_jobs(
+    pack: Pack,
+    agents: Iterable[AgentSpec],
+    instances: Iterable[PackInstance],
+    options: JobOptions = JobOptions(),  # frozen
+) -> Iterator[EpisodeJob]:
+    """Yield a job for each instance, agent and seed, instance by instance.
+
+    Raises:
+        RobotouilleError: A budget is unknown, two agents have the same name, an agent cannot play
+            with this control, or a task is not for that many seats.
+    """
+    agents, instances = tuple(agents), tuple(instances)
+    seats, control, real_time = options.seats, options.control, options.real_time
+    _check_names(agents)
+    if seats is not None:
+        pack.require_seats(instances, seats)
+    if control != "each":
+        _check_control(control, pack, agents, real_time)
+        if not any((each.seats if seats is None else seats) > 1 for each in instances):
+            raise RobotouilleError(
+                f"--control {control} is for teams, and no task here has several robots"
+            )
+    seeds = tuple(options.seeds)
+    for instance in instances:
+        count = instance.seats if seats is None else seats
+        rule = options.budget or ("own" if instance.best(count) is not None else "published")
+        pack.budget(instance, rule, seats=count)
+        for agent in agents:
+            _check_playable(agent, instance, count, real_time)
+            for seed in seeds:
+                yield EpisodeJob(
+                    agent=agent,
+                    instance=instance.id,
+                    seats=count,
+                    seed=seed,
+                    budget=rule,
+                    variant=options.variant or _own_variant(pack, agent),
+                    real_time=real_time,
+                    control=control if agent.kind == "model" and count > 1 else "each",
+                )
+
+
+def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
+    found = next((each for each in pack.experiments if each.id == agent.strategy), None)
+    by_chance = found is not None and found.settings.get("game", {}).get("stochastic")
+    return "stochastic" if by_chance else ""
+
+
+def _check_playable(
+    agent: AgentSpec, instance: PackInstance, seats: int, real_time: RealTime | None
+) -> None:
+    """Raise RobotouilleError for an episode that could only fail."""
+    helped = agent.kind == "model" and real_time is not None and real_time.helper == "script"
+    if (agent.kind == "scripted" or helped) and instance.best(seats) is None:
+        what, instead = (
+            ("--helper script", "use --helper planner")
+            if helped
+            else ("`scripted`", "remove it from --agents")
+        )
+        raise RobotouilleError(
+            f"{what} needs a plan, and none is known for {instance.id}: {instead}, "
+            "or find plans with `robotouille pack prove` first"
+        )
+    if agent.strategy.casefold().startswith("reflexion") and seats > 1:
+        raise RobotouilleError(
+            f"{agent.name} starts again after a failure, so it plays alone; "
+            f"{instance.id} is for {seats} players"
+        )
+
+
+def _check_control(
+    control: Control, pack: Pack, agents: Iterable[AgentSpec], real_time: RealTime | None
+) -> None:
+    """Raise RobotouilleError for agents that do not support a control."""
+    if real_time is not None:
+        raise RobotouilleError(
+            f"--control {control} is not possible in real time, "
+            "where each robot has a model of its own"
+        )
+    for agent in agents:
+        if agent.kind == "model":
+            team_strategy(pack, agent.strategy, pack.datasets[0], control)
+
+
+def _check_names(agents: Iterable[AgentSpec]) -> None:
+    seen: set[str] = set()
+    for agent in agents:
+        if agent.name in seen:
+            raise RobotouilleError(f"two agents are named {agent.name!r}; rename one of them")
+        seen.add(agent.name)

@@ -1,1 +1,0 @@
-"""The operator's port: HTTP API and page over the admin service."""

@@ -1,0 +1,316 @@
+"""Listening sockets of a server, HTTP pages on the same port, and open connections."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import ssl
+from collections.abc import Callable, Sequence
+from functools import partial
+from http import HTTPStatus
+from typing import Any
+
+from websockets.asyncio.server import Server as SocketServer
+from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import serve as listen
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from robotouille.errors import RobotouilleError
+from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
+from robotouille_server.auth import (
+    CountedConnection,
+    Visitor,
+    comes_from,
+    origin_refusal,
+    parse_networks,
+    parse_origins,
+    visitor,
+)
+from robotouille_server.conversation import Conversation
+from robotouille_server.requests import Services
+from robotouille_server.rooms.session import Session
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.workers import WorkerSlot
+from robotouille_server.transport import (
+    MAX_HELD,
+    Admission,
+    Connection,
+    Peer,
+    PendingConnection,
+    ServerTLS,
+    cut,
+)
+
+
+class HttpPages:
+    """HTTP requests on the port of the WebSocket: `/healthz`, `/metrics`, and refusals.
+
+    Args:
+        settings: The server's settings.
+        full: Returns whether the server accepts no further connections.
+        metrics_page: Returns the metrics at a time of the event loop.
+    """
+
+    def __init__(
+        self,
+        settings: ServerSettings,
+        full: Callable[[], bool],
+        metrics_page: Callable[[float], bytes],
+    ) -> None:
+        self._full = full
+        self._metrics_page = metrics_page
+        self._proxies = parse_networks(settings.trust_proxy, "--trust-proxy")
+        self._metrics_from = parse_networks(settings.metrics_from, "--metrics-from")
+        self._origins = parse_origins(settings.origins)
+
+    def visitor(self, connection: ServerConnection, request: Request) -> Visitor:
+        """Return where a request comes from."""
+        return visitor(connection.remote_address, request.headers, self._proxies)
+
+    def answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request; return None to go on with the WebSocket handshake."""
+        path = request.path.partition("?")[0]
+        # Before the check for a full server: a full server is healthy, and a restart would end its
+        # episodes.
+        if path == "/healthz":
+            return connection.respond(HTTPStatus.OK, "ok\n")
+        if path == "/metrics":
+            return self._metrics(connection, request)
+        if self._full():
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "the server is full\n")
+        if "websocket" not in ",".join(request.headers.get_all("Upgrade")).lower():
+            text = "This is a Robotouille server. Play: robotouille-client --url ws://…\n"
+            return connection.respond(HTTPStatus.UPGRADE_REQUIRED, text)
+        refusal = origin_refusal(request.headers, self._origins)
+        if refusal is not None:
+            return connection.respond(HTTPStatus.FORBIDDEN, refusal)
+        return None
+
+    def _metrics(self, connection: ServerConnection, request: Request) -> Response:
+        peer, headers = connection.remote_address, request.headers
+        local = self.visitor(connection, request).local
+        if not local and not comes_from(peer, headers, self._metrics_from):
+            text = "only this machine and the addresses of --metrics-from may read the metrics\n"
+            return connection.respond(HTTPStatus.FORBIDDEN, text)
+        page = self._metrics_page(connection.loop.time()).decode()
+        response = connection.respond(HTTPStatus.OK, page)
+        del response.headers["Content-Type"]
+        response.headers["Content-Type"] = "text/plain; version=0.0.4; charset=utf-8"
+        return response
+
+
+class Connections:
+    """Open connections, in the order in which they arrived.
+
+    Args:
+        services: The parts of the server that conversations use.
+        admission: Limits connections that have not sent anything yet.
+        pages: Answers HTTP requests.
+        disconnected: Called with the session of a connection that is gone.
+    """
+
+    def __init__(
+        self,
+        services: Services,
+        admission: Admission,
+        pages: HttpPages,
+        disconnected: Callable[[Session], None],
+    ) -> None:
+        self.open: dict[Connection, None] = {}
+        self.accepted = 0
+        self._services = services
+        self._admission = admission
+        self._pages = pages
+        self._disconnected = disconnected
+
+    def accept(self, *arguments: Any, **options: Any) -> PendingConnection:
+        """Return the protocol of a new connection; a `create_connection` for websockets."""
+        self.accepted += 1
+        return PendingConnection(*arguments, admission=self._admission, **options)
+
+    async def serve(self, socket: ServerConnection) -> None:
+        """Serve a connection after its handshake until it is closed."""
+        # For the type checker: `accept` makes no other connections.
+        if not isinstance(socket, Connection) or socket.request is None:
+            raise TypeError("not a connection of this server")
+        services, limiter = self._services, self._services.connection_limiter
+        who = self._pages.visitor(socket, socket.request)
+        codec = codec_for(socket.subprotocol)
+        peer = Peer(socket, codec, services.metrics, services.settings.stall_seconds)
+        counted = CountedConnection(who, partial(self._displace, peer))
+        conversation = Conversation(services, peer, counted)
+        limiter.arrive(counted)
+        self.open[socket] = None
+        services.metrics.connections.set(len(self.open))
+        try:
+            socket.listen(conversation.receive)
+            await socket.wait_closed()
+        finally:
+            self.open.pop(socket, None)
+            services.metrics.connections.set(len(self.open))
+            limiter.release(counted)
+            conversation.close()
+            session = conversation.session
+            # Another connection may have taken the session over.
+            if session is not None and session.peer is peer:
+                self._disconnected(session)
+
+    def _displace(self, peer: Peer) -> None:
+        """Close a connection that has not sent hello, because a newer one needs its place."""
+        self._services.metrics.dropped.labels("displaced").inc()
+        text = "too many connections from your address have not sent hello"
+        peer.close("rate/connections", text, retry=True, status=1013)
+
+
+ACCEPTED_AT_ONCE = 32
+"""Connections accepted in a row, before existing connections get a turn."""
+WAITING_TO_BE_ACCEPTED = 4096
+"""Connections that the operating system queues."""
+CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
+"""Seconds that clients have to close their connections, and that aborted connections take."""
+
+
+class CannotListenError(RobotouilleError):
+    """The address is in use or does not belong to this machine."""
+
+
+class Listener:
+    """Listening sockets: the shared port, and the worker's own port if there are several."""
+
+    def __init__(
+        self,
+        settings: ServerSettings,
+        worker: WorkerSlot,
+        connections: Connections,
+        pages: HttpPages,
+        admission: Admission,
+    ) -> None:
+        self.sockets: list[SocketServer] = []
+        self._settings = settings
+        self._worker = worker
+        self._connections = connections
+        self._pages = pages
+        self._admission = admission
+        self._tls: ServerTLS | None = None
+        self._watching: asyncio.Task[None] | None = None
+
+    def load_tls(self) -> None:
+        """Load the certificate, if there is one, and reload it whenever its file changes."""
+        settings = self._settings
+        if settings.tls_cert is not None or settings.tls_key is not None:
+            self._tls = ServerTLS.from_settings(settings.tls_cert, settings.tls_key)
+            self._watching = asyncio.create_task(self._tls.watch())
+            self._admission.tls = self._tls.context
+
+    async def listen(self) -> None:
+        """Listen on all ports.
+
+        Raises:
+            CannotListenError: An address is not available.
+        """
+        shared = self._worker.count > 1
+        await self._listen(self._settings.port, shared=shared)
+        if shared:
+            await self._listen(self._worker.first_port + self._worker.index, shared=False)
+
+    async def _listen(self, port: int, *, shared: bool) -> None:
+        try:
+            socket = await listen(
+                self._connections.serve,
+                self._settings.host,
+                port,
+                create_connection=self._connections.accept,  # type: ignore[arg-type]
+                subprotocols=[Subprotocol(name) for name in SUBPROTOCOLS],
+                select_subprotocol=_select_subprotocol,
+                process_request=self._pages.answer,
+                # Deltas have about a hundred bytes, and each frame is encoded once for all readers
+                # (docs/decisions/0016).
+                compression=None,
+                max_size=2 * MAX_CLIENT_BYTES,
+                open_timeout=self._settings.hello_seconds,
+                # Pings find dead connections within 40 seconds and measure the latency that rosters
+                # show.
+                ping_interval=20,
+                ping_timeout=20,
+                close_timeout=2,
+                # A burst of new connections must not delay the steps of running episodes.
+                backlog=ACCEPTED_AT_ONCE,
+                write_limit=2 * MAX_HELD,
+                reuse_port=shared or None,
+            )
+        except OSError as error:
+            where = f"{self._settings.host}:{port}"
+            other = "; choose another port with --port" if error.errno == errno.EADDRINUSE else ""
+            message = f"cannot listen on {where}: {error.strerror}{other}"
+            raise CannotListenError(message) from None
+        for listening in socket.sockets:
+            # asyncio uses one number both for the queue and for the connections accepted in a row.
+            with listening.dup() as same:
+                same.listen(WAITING_TO_BE_ACCEPTED)
+        self.sockets.append(socket)
+
+    # Addresses
+
+    @property
+    def port(self) -> int:
+        """Port in use."""
+        if not self.sockets:
+            return self._settings.port
+        port: int = next(iter(self.sockets[0].sockets)).getsockname()[1]
+        return port
+
+    @property
+    def url(self) -> str:
+        """Address for clients on this machine."""
+        host = self._settings.host
+        return self._url("127.0.0.1" if host == "0.0.0.0" else host)  # noqa: S104
+
+    @property
+    def public_url(self) -> str:
+        """Address for people: with TLS, the first name in the certificate."""
+        name = self._tls.name if self._tls is not None else ""
+        return self._url(name) if name else self.url
+
+    def _url(self, host: str) -> str:
+        scheme = "wss" if self._tls is not None else "ws"
+        return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    @property
+    def tls(self) -> ssl.SSLContext | None:
+        """TLS context of the sockets, if they use TLS."""
+        return self._tls.context if self._tls is not None else None
+
+    # The end
+
+    def refuse(self) -> None:
+        """Accept no more connections."""
+        for socket in self.sockets:
+            socket.close(close_connections=False)
+
+    async def close(self, reason: str) -> None:
+        """Close all connections politely, then abort those that do not react."""
+        for socket in self.sockets:
+            socket.close(close_connections=True, code=1001, reason=cut(reason))
+        if self.sockets:
+            self._admission.close()
+        # After `refuse`, the first loop does nothing, so connections are closed one by one.
+        for connection in list(self._connections.open):
+            connection.say_goodbye(1001, reason)
+        for seconds in (CLOSE_SECONDS, ABORT_SECONDS):
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(seconds):
+                    for socket in self.sockets:
+                        await socket.wait_closed()
+            for connection in self._connections.open:
+                connection.transport.abort()
+        if self._watching is not None:
+            self._watching.cancel()
+
+
+def _select_subprotocol(
+    connection: ServerConnection, offered: Sequence[Subprotocol]
+) -> Subprotocol | None:
+    """Return the first known subprotocol; None means JSON, for simple clients."""
+    return next((name for name in offered if name in SUBPROTOCOLS), None)

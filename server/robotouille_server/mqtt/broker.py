@@ -1,0 +1,185 @@
+"""Connection to the MQTT broker, configured by the server's settings."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import re
+import socket
+import ssl
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
+from urllib.parse import unquote, urlsplit
+
+import aiomqtt
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+from robotouille.errors import RobotouilleError
+from robotouille_server.auth import read_private
+from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.workers import WorkerSlot
+
+PORTS = {"mqtt": 1883, "mqtts": 8883}
+MAX_PASSWORD_BYTES = 4096
+MAX_NAME = 64
+_NAME = re.compile(r"[^\x00-\x20/+#$\x7f][^\x00-\x20/+#\x7f]*")
+
+ANSWER_SECONDS = 5.0
+"""Time that the broker has to answer, or to accept data."""
+CONNECT_SECONDS = 3.0
+KEEPALIVE_SECONDS = 15
+"""The broker publishes the will after 1.5 times this period without data."""
+MAX_WAITING_COMMANDS = 100
+"""aiomqtt drops further commands."""
+CLOSE_TURNS = 10
+LIBRARY_LOG = logging.getLogger("robotouille.mqtt")
+LIBRARY_LOG.setLevel(logging.CRITICAL)  # aiomqtt logs every attempt; the service logs one a minute.
+
+Connect = Callable[[], AbstractAsyncContextManager[aiomqtt.Client]]
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerAddress:
+    """Address and credentials of a broker. `tls` is None for unencrypted connections."""
+
+    host: str
+    port: int
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    tls: ssl.SSLContext | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        """Return the URL without user and password, for logs."""
+        scheme = "mqtt" if self.tls is None else "mqtts"
+        return f"{scheme}://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
+
+    @classmethod
+    def from_settings(cls, settings: ServerSettings) -> BrokerAddress:
+        """Return the broker that `--mqtt` names.
+
+        Raises:
+            RobotouilleError: The URL is invalid or contains a password, or a file is unusable.
+        """
+        try:
+            parts = urlsplit(settings.mqtt)
+            host, port = parts.hostname, parts.port
+        except ValueError as error:
+            raise RobotouilleError(f"--mqtt: {error}") from None
+        if parts.password is not None:
+            raise RobotouilleError(
+                "--mqtt: remove the password from the URL, because all users of this machine can "
+                "read command lines; use --mqtt-password-file or ROBOTOUILLE_MQTT_PASSWORD"
+            )
+        extra = parts.path.strip("/") or parts.query or parts.fragment
+        if parts.scheme not in PORTS or not host or extra:
+            raise RobotouilleError("--mqtt: expected mqtt://[USER@]HOST[:PORT] or mqtts://…")
+        _check_host(host)
+        return cls(
+            host=host,
+            port=port or PORTS[parts.scheme],
+            user=unquote(parts.username) if parts.username else None,
+            password=_password(settings),
+            tls=_tls(settings) if parts.scheme == "mqtts" else None,
+        )
+
+
+def _check_host(host: str) -> None:
+    # The resolver raises UnicodeError for such names, at every attempt to connect.
+    try:
+        encoded = host.encode("idna")
+    except UnicodeError:
+        encoded = b""
+    if not encoded or any(byte <= 0x20 for byte in encoded):
+        raise RobotouilleError(f"--mqtt: {host!r} is not a host name or address")
+
+
+def _password(settings: ServerSettings) -> str | None:
+    file = settings.mqtt_password_file
+    if file is None:
+        secret = settings.mqtt_password
+        return None if secret is None else secret.get_secret_value()
+    try:
+        return read_private(file, MAX_PASSWORD_BYTES).decode().rstrip("\r\n")
+    except FileNotFoundError:
+        raise RobotouilleError(f"--mqtt-password-file: {file} does not exist") from None
+    except UnicodeDecodeError:
+        raise RobotouilleError(f"--mqtt-password-file: {file} is not UTF-8") from None
+
+
+def _tls(settings: ServerSettings) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=settings.mqtt_ca)
+    except OSError as error:  # SSLError is an OSError.
+        raise RobotouilleError(f"--mqtt-ca: {settings.mqtt_ca}: {error.strerror}") from None
+
+
+def server_name(settings: ServerSettings, worker: WorkerSlot, port: int) -> str:
+    """Return the server's name in topics. Each worker process has its own.
+
+    Raises:
+        RobotouilleError: The name is not valid in a topic.
+    """
+    name = settings.mqtt_name or f"{socket.gethostname()}-{port}"
+    if len(name) > MAX_NAME or not _NAME.fullmatch(name) or not name.isprintable():
+        raise RobotouilleError(
+            f"--mqtt-name: {name!r} is not valid in a topic: use 1 to {MAX_NAME} characters "
+            "without spaces, /, + and #"
+        )
+    return f"{name}-w{worker.index}" if worker.count > 1 else name
+
+
+def broker_connection(address: BrokerAddress, name: str, will: tuple[str, bytes]) -> Connect:
+    """Return a function that opens a connection to a broker.
+
+    Args:
+        address: The broker.
+        name: The server's name. The broker closes older connections with the same name.
+        will: The topic and payload that the broker publishes when the connection is lost.
+    """
+
+    @asynccontextmanager
+    async def connect() -> AsyncIterator[aiomqtt.Client]:
+        limits = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+        limits.MaximumPacketSize = MAX_PACKET_BYTES
+        client = aiomqtt.Client(
+            address.host,
+            address.port,
+            username=address.user,
+            password=address.password,
+            identifier=f"robotouille-{name}",
+            protocol=aiomqtt.ProtocolVersion.V5,
+            will=aiomqtt.Will(*will, qos=1, retain=True),
+            timeout=ANSWER_SECONDS,
+            keepalive=KEEPALIVE_SECONDS,
+            max_queued_incoming_messages=MAX_WAITING_COMMANDS,
+            properties=limits,
+            logger=LIBRARY_LOG,
+            tls_context=address.tls,
+            socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
+        )
+        client._client.connect_timeout = CONNECT_SECONDS  # aiomqtt has no option for it.
+        try:
+            async with client:
+                yield client
+        finally:
+            await _close_socket(client)
+
+    return connect
+
+
+async def _close_socket(client: aiomqtt.Client) -> None:
+    # If the broker did not answer, aiomqtt keeps the socket and a task that checks it every second.
+    # paho closes a socket only when a read fails, which takes the event loop a few turns.
+    for _ in range(CLOSE_TURNS):
+        open_socket = client._client.socket()
+        if not isinstance(open_socket, socket.socket):
+            break
+        with contextlib.suppress(OSError):
+            open_socket.shutdown(socket.SHUT_RDWR)
+        await asyncio.sleep(0)
+    if client._disconnected.done():
+        client._disconnected.exception()  # Otherwise asyncio warns that nobody retrieved it.

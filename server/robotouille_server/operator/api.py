@@ -1,0 +1,311 @@
+"""Paths of the operator port: the HTTP API and the files of the page."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from http import HTTPStatus
+from importlib.resources import files
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, FastAPI, Query, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response, StreamingResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+from starlette.routing import Route
+
+from robotouille_server.operator.event_streams import EventStreams
+from robotouille_server.operator.guard import SAFE
+from robotouille_server.operator.models import (
+    AnnounceRequest,
+    Done,
+    EndRequest,
+    EpisodeDetail,
+    KickRequest,
+    MuteRequest,
+    NoRequest,
+    Overview,
+    Problem,
+    RecordingPage,
+)
+from robotouille_server.operator.principal import Principal, RequestRefusedError
+from robotouille_server.operator.service import OperatorService
+from robotouille_server.runtime.logs import get_logger
+
+TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+
+def page_routes() -> list[Route]:
+    """Return a route for each file of the page. The path `/` is `index.html`."""
+    routes = []
+    for file in files(__package__).joinpath("page").iterdir():
+        suffix = f".{file.name.rpartition('.')[2]}"
+        if suffix in TYPES:
+            path = "/" if file.name == "index.html" else f"/{file.name}"
+            routes.append(_route(path, file.read_bytes(), TYPES[suffix]))
+    return routes
+
+
+def page_paths() -> frozenset[str]:
+    """Return the paths of the page's files."""
+    return frozenset(route.path for route in page_routes())
+
+
+def _route(path: str, content: bytes, kind: str) -> Route:
+    async def serve(request: Request) -> Response:
+        return Response(content, headers={"content-type": kind, "cache-control": "no-cache"})
+
+    return Route(path, serve, methods=["GET"])
+
+
+API_VERSION = "1"
+DESCRIPTION = (
+    "Requests need a token if they come to an address that is not loopback, if they come through a "
+    "proxy, or if the server runs with `--require-token`. Every error is a `Problem`."
+)
+CHANGE = {
+    "name": "X-Robotouille-Operator",
+    "in": "header",
+    "required": True,
+    "schema": {"type": "string"},
+    "description": "Any value, e.g. `1`. Pages of other sites cannot send this header.",
+}
+OVERVIEW_SECONDS = 1.0
+WATCH_SECONDS = 0.25
+
+router = APIRouter(prefix="/api", responses={"default": {"model": Problem}})
+
+
+async def _principal(request: Request) -> Principal:
+    principal: Principal = request.state.principal
+    return principal
+
+
+async def _service(request: Request) -> OperatorService:
+    service: OperatorService = request.app.state.service
+    return service.for_principal(request.state.principal)
+
+
+async def _streams(request: Request) -> EventStreams:
+    streams: EventStreams = request.app.state.streams
+    return streams
+
+
+ThePrincipal = Annotated[Principal, Depends(_principal)]
+TheService = Annotated[OperatorService, Depends(_service)]
+TheStreams = Annotated[EventStreams, Depends(_streams)]
+AnyPhase = Literal["", "waiting", "running", "paused", "ended"]
+PhaseParameter = Annotated[AnyPhase, Query(description="Only episodes in this phase.")]
+Search = Annotated[
+    str, Query(max_length=100, description="Words that all occur in code, task, names or labels.")
+]
+Limit = Annotated[int, Query(ge=1, le=200, description="Maximum number of rows.")]
+Offset = Annotated[int, Query(ge=0, description="Number of rows to skip.")]
+EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "Server-sent events.", "content": {"text/event-stream": {}}}
+}
+FILE: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The file.", "content": {"application/octet-stream": {}}}
+}
+
+
+@router.get("/overview", summary="Return totals, warnings and episodes")
+async def overview(
+    service: TheService,
+    phase: PhaseParameter = "",
+    search: Search = "",
+    limit: Limit = 50,
+    offset: Offset = 0,
+) -> Overview:
+    return service.overview(phase, search, limit, offset)
+
+
+@router.get(
+    "/overview/events",
+    summary="Stream the overview once per second",
+    response_class=Response,
+    responses=EVENTS,
+)
+async def overview_events(
+    service: TheService,
+    streams: TheStreams,
+    principal: ThePrincipal,
+    phase: PhaseParameter = "",
+    search: Search = "",
+    limit: Limit = 50,
+    offset: Offset = 0,
+) -> Response:
+    async def read() -> BaseModel:
+        return service.overview(phase, search, limit, offset)
+
+    return _events(streams.events(read, OVERVIEW_SECONDS, principal))
+
+
+@router.get("/episodes/{episode}", summary="Return one episode: state, recent events, spectators")
+async def episode(service: TheService, episode: str) -> EpisodeDetail:
+    return await service.watch(episode).detail()
+
+
+@router.get(
+    "/episodes/{episode}/events",
+    summary="Stream one episode when it changes",
+    response_class=Response,
+    responses=EVENTS,
+)
+async def episode_events(
+    service: TheService, streams: TheStreams, principal: ThePrincipal, episode: str
+) -> Response:
+    return _events(streams.events(service.watch(episode).detail, WATCH_SECONDS, principal))
+
+
+@router.post("/episodes/{episode}/pause", summary="Pause an episode")
+async def pause(service: TheService, episode: str, request: NoRequest) -> Done:
+    return service.pause(episode)
+
+
+@router.post("/episodes/{episode}/resume", summary="Resume an episode")
+async def resume(service: TheService, episode: str, request: NoRequest) -> Done:
+    return service.resume(episode)
+
+
+@router.post("/episodes/{episode}/end", summary="End an episode")
+async def end(service: TheService, episode: str, request: EndRequest) -> Done:
+    return service.end(episode, request.reason)
+
+
+@router.post("/episodes/{episode}/kick", summary="Remove a player or spectator")
+async def kick(service: TheService, episode: str, request: KickRequest) -> Done:
+    return service.kick(episode, request.session, request.reason)
+
+
+@router.post("/episodes/{episode}/mute", summary="Forbid or allow a participant to chat")
+async def mute(service: TheService, episode: str, request: MuteRequest) -> Done:
+    return service.mute(episode, request.session, muted=request.muted)
+
+
+@router.post("/episodes/{episode}/announce", summary="Send an announcement to an episode")
+async def announce(service: TheService, episode: str, request: AnnounceRequest) -> Done:
+    return service.announce(episode, request.text)
+
+
+@router.post("/announce", summary="Send an announcement to all episodes")
+async def announce_to_all(service: TheService, request: AnnounceRequest) -> Done:
+    return service.announce_to_all(request.text)
+
+
+@router.get("/recordings", summary="List recordings, newest first")
+async def recordings(
+    service: TheService, search: Search = "", limit: Limit = 50, offset: Offset = 0
+) -> RecordingPage:
+    return await service.recordings(search, limit, offset)
+
+
+@router.get(
+    "/recordings/{name}",
+    summary="Download a recording",
+    response_class=Response,
+    responses=FILE,
+)
+async def recording(service: TheService, name: str) -> Response:
+    content = await service.recording(name)
+    headers = {"content-disposition": f'attachment; filename="{name}"'}
+    return Response(content, media_type="application/octet-stream", headers=headers)
+
+
+def _events(events: AsyncIterator[str]) -> StreamingResponse:
+    return StreamingResponse(
+        events,
+        media_type="text/event-stream",
+        headers={"x-accel-buffering": "no"},  # nginx would otherwise hold events back.
+    )
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    if not isinstance(error, RequestRefusedError):
+        raise error
+    # A failed read is no event for the audit log, except by a token for another episode.
+    if request.method not in SAFE or error.status is HTTPStatus.FORBIDDEN:
+        service: OperatorService = request.app.state.service.for_principal(request.state.principal)
+        what = request.scope["route"].name.replace("_", " ")
+        service.refused(what, request.path_params.get("episode", ""), error.code)
+    return _problem(error.status, error.code, error.message)
+
+
+async def _invalid(request: Request, error: Exception) -> Response:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    fault = error.errors()[0]
+    where = ".".join(str(part) for part in fault["loc"][1:])
+    message = f"invalid {where or 'body'}: {fault['msg']}"
+    return _problem(HTTPStatus.BAD_REQUEST, "request/invalid", message)
+
+
+async def _no_such_path(request: Request, error: Exception) -> Response:
+    if not isinstance(error, HTTPException):
+        raise error
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        message = f"{request.url.path} does not support {request.method}"
+        return _problem(HTTPStatus.METHOD_NOT_ALLOWED, "request/method", message)
+    if error.status_code == HTTPStatus.BAD_REQUEST:
+        # FastAPI's error for a body that Python cannot read at all, such as too deep JSON.
+        return _problem(HTTPStatus.BAD_REQUEST, "request/invalid", "the body cannot be read")
+    message = f"unknown path {request.url.path}"
+    return _problem(HTTPStatus.NOT_FOUND, "request/unknown", message)
+
+
+async def _failed(request: Request, error: Exception) -> Response:
+    get_logger().error("operator page failed", path=request.url.path, exc_info=error)
+    message = "internal error; see the server's log"
+    return _problem(HTTPStatus.INTERNAL_SERVER_ERROR, "operator/internal", message)
+
+
+def _problem(status: HTTPStatus, code: str, message: str) -> Response:
+    return JSONResponse(Problem(code=code, message=message).model_dump(), status)
+
+
+class OperatorApi(FastAPI):
+    """Application whose OpenAPI document includes the requirements of the guard."""
+
+    def openapi(self) -> dict[str, Any]:
+        described = super().openapi()
+        described["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        described["security"] = [{}, {"token": []}]
+        for methods in described["paths"].values():
+            if "post" in methods:
+                methods["post"].setdefault("parameters", [])
+                if CHANGE not in methods["post"]["parameters"]:
+                    methods["post"]["parameters"].append(CHANGE)
+        return described
+
+
+def application(service: OperatorService | None, streams: EventStreams | None) -> FastAPI:
+    """Return the ASGI application. Without a service it can only describe itself."""
+    app = OperatorApi(
+        title="Robotouille operator API",
+        version=API_VERSION,
+        summary="Watch and control the episodes of one server.",
+        description=DESCRIPTION,
+        docs_url=None,
+        redoc_url=None,
+        openapi_url="/api/openapi.json",
+        generate_unique_id_function=lambda route: route.name,
+    )
+    app.state.service = service
+    app.state.streams = streams
+    app.include_router(router)
+    app.router.routes.extend(page_routes())
+    app.add_exception_handler(RequestRefusedError, _refused)
+    app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(HTTPException, _no_such_path)
+    app.add_exception_handler(Exception, _failed)
+    return app
+
+
+def document() -> dict[str, Any]:
+    """Return the OpenAPI document."""
+    return application(None, None).openapi()

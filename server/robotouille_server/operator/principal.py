@@ -1,0 +1,93 @@
+"""The caller of the operator API, what it may do, and why its requests are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from http import HTTPStatus
+
+from robotouille.errors import RobotouilleError
+from robotouille_server.auth import RoleGrant, same_episode
+
+CODES = {
+    "host/unknown": "the `Host` header is not an allowed name; see the setting `operator_names`",
+    "auth/needed": "the token is missing: `Authorization: Bearer …`",
+    "auth/forwarded": "the request came through a proxy, but tokens are not checked",
+    "auth/episode": "the token is for another episode",
+    "request/origin": "the request came from a page of another web site",
+    "request/header": "a POST request lacks the header `X-Robotouille-Operator`",
+    "request/type": "the body is not `application/json`",
+    "request/size": "the body is larger than 16 KiB, has no length, or is chunked",
+    "request/invalid": "a parameter or field is invalid; the message names it",
+    "request/unknown": "the path does not exist",
+    "request/method": "the path does not support this method",
+    "episode/unknown": "no episode has this id or code",
+    "episode/ended": "the episode has already ended",
+    "session/unknown": "the session is not in the episode",
+    "recording/unknown": "no recording has this name",
+    "recording/unreadable": "the recordings folder or a file in it cannot be read",
+    "operator/busy": "too many pages are open, or too many with this token",
+    "operator/internal": "internal error; see the server's log",
+}
+"""Error codes of the operator API and their meanings, without the codes of invalid tokens."""
+
+
+class RequestRefusedError(RobotouilleError):
+    """A request is refused. `code` is one of CODES or the code of an invalid token."""
+
+    def __init__(self, status: HTTPStatus, code: str, message: str) -> None:
+        self.status = status
+        self.code = code
+        self.message = message
+        super().__init__(f"{code}: {message}")
+
+
+LOCAL = "local"
+"""Name of callers without a token in the audit log."""
+
+
+def _nothing_to_check() -> None:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class Principal:
+    """Caller of the operator API.
+
+    Attributes:
+        grant: Grant of the caller's token; None for a local program without a token.
+        check_token: Raises RequestRefusedError if the token has expired or was revoked.
+    """
+
+    grant: RoleGrant | None = None
+    check_token: Callable[[], object] = field(default=_nothing_to_check, repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name in the audit log."""
+        return LOCAL if self.grant is None else self.grant.subject
+
+    @property
+    def token_subject(self) -> str | None:
+        """Subject of the token; None without a token."""
+        return None if self.grant is None else self.grant.subject
+
+    @property
+    def token_id(self) -> str:
+        """Id of the token; empty if there is no token or the token has no id."""
+        return "" if self.grant is None else self.grant.token_id
+
+    @property
+    def only_episode(self) -> str:
+        """Id or code of the only episode that the token allows; empty for all episodes."""
+        return "" if self.grant is None else self.grant.episode
+
+    def may_see(self, *names: str) -> bool:
+        """Return whether the token allows an episode with these names (id and code)."""
+        return not self.only_episode or any(same_episode(self.only_episode, n) for n in names)
+
+    def require_episode(self, *names: str) -> None:
+        """Raise RequestRefusedError unless `may_see` is true."""
+        if not self.may_see(*names):
+            message = f"your token is valid only for the episode {self.only_episode}"
+            raise RequestRefusedError(HTTPStatus.FORBIDDEN, "auth/episode", message)

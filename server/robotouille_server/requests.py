@@ -1,0 +1,314 @@
+"""Requests of participants after `hello`, and their answers."""
+
+from __future__ import annotations
+
+import hashlib
+from base64 import b64encode
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
+from robotouille_server.auth import (
+    CodeGuessLimiter,
+    ConnectionLimiter,
+    Role,
+    Tokens,
+    UsedTokens,
+    Visitor,
+    check_join,
+    check_opening,
+    check_permission,
+)
+from robotouille_server.rooms.lobby import Lobby
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import JoinedRoom, Session
+from robotouille_server.rooms.sessions import Sessions
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.task_folder import TaskAssets
+from robotouille_server.runtime.workers import ElsewhereError
+from robotouille_server.transport import LoopBudget, Peer
+
+DAY_SECONDS = 86_400.0
+
+
+@dataclass(frozen=True, slots=True)
+class ShutdownNotice:
+    """Message to all clients of a server that stops."""
+
+    reason: str
+    hand_over: bool
+
+    def send(self, peer: Peer) -> None:
+        """Close a connection; clients reconnect if another process takes over."""
+        if self.hand_over:
+            peer.close("server/restart", self.reason, retry=True, status=1012)
+        else:
+            peer.close("server/stopped", self.reason, status=1001)
+
+
+@dataclass(slots=True)
+class Shutdown:
+    """State of a server's shutdown."""
+
+    begun: bool = False
+    notice: ShutdownNotice | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """Parts of a server that all its connections use."""
+
+    settings: ServerSettings
+    metrics: Metrics
+    lobby: Lobby
+    sessions: Sessions
+    tokens: Tokens
+    used_tokens: UsedTokens
+    connection_limiter: ConnectionLimiter
+    code_guesses: CodeGuessLimiter
+    loop_budget: LoopBudget
+    shutdown: Shutdown
+
+    def seat_tokens(
+        self, room: Room, participants: Mapping[str, str], owner: str
+    ) -> dict[str, str]:
+        """Return a token for each seat, valid for a day after the reservation of the room ends.
+
+        Args:
+            room: The room of the episode.
+            participants: The owner's names for participants, by player.
+            owner: The pseudonym of the participant who opened the episode.
+        """
+        seconds = (room.episode.rules.open_for or 0.0) + DAY_SECONDS
+        return {
+            player: self.tokens.mint_role(
+                Role.PLAYER,
+                _pseudonym(owner, participants[player])
+                if player in participants
+                else f"{room.id}-{number}",
+                seconds=seconds,
+                episode=room.id,
+                seat=player,
+            )
+            for number, player in enumerate(room.world.players, 1)
+        }
+
+
+def _pseudonym(owner: str, participant: str) -> str:
+    """Return the pseudonym of a participant, which is the same in all episodes of an owner.
+
+    The owner is part of the digest, so two owners cannot link their participants.
+    """
+    digest = hashlib.sha256(f"{owner}\0{participant}".encode()).hexdigest()
+    return f"participant-{digest[:16]}"
+
+
+class Requests:
+    """Answers the requests of one session over one connection.
+
+    `counted` is the visitor that rate limits count the connection for.
+    """
+
+    __slots__ = ("_counted", "_peer", "_services", "_session")
+
+    def __init__(self, services: Services, peer: Peer, session: Session, counted: Visitor) -> None:
+        self._services = services
+        self._peer = peer
+        self._session = session
+        self._counted = counted
+
+    def handle(self, message: messages.ClientMessage) -> None:
+        """Perform a request and answer it; raise ProtocolError if it is refused."""
+        check_permission(self._session.role, message)
+        HANDLERS[type(message)](self, message)
+
+    def _hello(self, message: messages.Hello) -> None:
+        raise ProtocolError("protocol/hello", "hello was received already", "type")
+
+    # Episodes
+
+    def _list(self, message: messages.ListEpisodes) -> None:
+        only, operator = self._session.limits.only_episode, self._session.role is Role.OPERATOR
+        lobby = self._services.lobby
+        self._peer.answer(lobby.infos(message, only, self._owner, operator=operator))
+
+    def _create(self, message: messages.Create) -> None:
+        session, services = self._session, self._services
+        check_opening(session.limits.only_episode)
+        asker = (session.id, session.participant)
+        try:
+            room = services.lobby.create(message, owner=self._owner, asker=asker)
+        except ElsewhereError as error:
+            self._peer.send(error.moved(message.ref))
+            return
+        tokens = (
+            services.seat_tokens(room, message.participants, self._owner) if message.tokens else {}
+        )
+        created = messages.Created(ref=message.ref, episode=room.id, code=room.code, tokens=tokens)
+        self._peer.send(created)
+
+    def _close(self, message: messages.Close) -> None:
+        role = self._session.role
+        check_opening(self._session.limits.only_episode)
+        reason = message.reason or f"closed by the {role}"
+        lobby, operator = self._services.lobby, role is Role.OPERATOR
+        try:
+            room = lobby.close(message.episode, reason, self._owner, operator=operator)
+        except ElsewhereError as error:
+            self._peer.send(error.moved(message.ref))
+            return
+        self._peer.send(messages.Closed(ref=message.ref, episode=room.id))
+
+    @property
+    def _owner(self) -> str:
+        """Pseudonym with which the session opens episodes; empty without a token."""
+        participant = self._session.participant
+        return participant if participant != self._session.id else ""
+
+    # Joining and leaving
+
+    def _join(self, message: messages.Join) -> None:
+        session = self._session
+        if session.room is not None:
+            where = session.room.code
+            raise ProtocolError(
+                "episode/joined", f"you are in {where} already; leave it first", "type"
+            )
+        try:
+            room = self._find(message.episode)
+        except ElsewhereError as error:
+            self._peer.send(error.moved(message.ref))
+            return
+        request = message.model_copy(update={"seat": self._seat_for(message, room)})
+        # The token is used up by the join, not by `hello`: a client that fails to join can try
+        # again. See `UsedTokens`.
+        with self._using_token():
+            room.enter(session, request, self._services.settings.max_spectators)
+
+    def _using_token(self) -> AbstractContextManager[None]:
+        """Return a context for a join that uses up a token for one session."""
+        session, limits = self._session, self._session.limits
+        if not limits.once:
+            return nullcontext()
+        used = self._services.used_tokens
+        return used.used_by(session.id, limits.token_id, limits.role_expires)
+
+    def _seat_for(self, message: messages.Join, room: Room) -> str | None:
+        """Return the seat to request. A code that the token is not for counts as a wrong code."""
+        only, seat = self._session.limits.only_episode, self._session.limits.only_seat
+        try:
+            return check_join(message, only=only, seat=seat, episode=room.id, code=room.code)
+        except ProtocolError as error:
+            # Otherwise, a token for one episode could be used to guess the codes of others without
+            # a limit.
+            if error.code == "auth/episode":
+                self._services.code_guesses.wrong(self._counted, self._now())
+            raise
+
+    def _find(self, name: str) -> Room:
+        """Return the room with a code; limit wrong codes, so that codes cannot be guessed."""
+        now, codes = self._now(), self._services.code_guesses
+        codes.check(self._counted, now)
+        try:
+            return self._services.lobby.find(name)
+        except ProtocolError as error:
+            # Codes have 45 bits, which is enough only while guesses are limited (docs/security.md,
+            # "Finding episodes").
+            if error.code == "episode/unknown":
+                codes.wrong(self._counted, now)
+            raise
+
+    def _now(self) -> float:
+        return self._peer.socket.loop.time()
+
+    def _ready(self, message: messages.Ready) -> None:
+        self._room.set_ready(self._session, message.ready)
+
+    def _leave(self, message: messages.Leave) -> None:
+        room = self._room
+        room.leave(self._session)
+        self._peer.send(messages.Left(ref=message.ref, episode=room.id))
+
+    # In an episode
+
+    def _act(self, message: messages.Act) -> None:
+        session = self._session
+        if session.room is not None:
+            session.room.act(session, message)
+        else:
+            self._peer.send(unheard(message, session, 0, "episode/none", "join an episode first"))
+
+    def _say(self, message: messages.Say) -> None:
+        self._room.say(self._session, message.text)
+
+    def _note(self, message: messages.Note) -> None:
+        self._room.note(self._session, message)
+
+    def _resync(self, message: messages.Resync) -> None:
+        self._room.ask_snapshot(self._session)
+
+    def _get_rendering(self, message: messages.GetRendering) -> None:
+        assets = self._assets
+        if assets is None:
+            self._peer.answer(messages.Rendering(ref=message.ref))
+            return
+        self._peer.answer(
+            messages.Rendering(
+                ref=message.ref,
+                rendering=dict(assets.rendering),
+                bindings=dict(assets.bindings),
+                pictures=dict(assets.pictures),
+            )
+        )
+
+    def _get_picture(self, message: messages.GetPicture) -> None:
+        assets = self._assets
+        if assets is None or message.digest not in assets.pictures.values():
+            text = "this episode has no such picture"
+            raise ProtocolError("message/invalid-field", text, "digest")
+        data = b64encode(self._services.lobby.tasks.picture(message.digest)).decode()
+        self._peer.answer(messages.Picture(ref=message.ref, digest=message.digest, data=data))
+
+    @property
+    def _assets(self) -> TaskAssets | None:
+        """Rendering and pictures of the session's task; None for a shipped task."""
+        return self._services.lobby.tasks.assets(self._room.episode.world.task.name)
+
+    @property
+    def _room(self) -> JoinedRoom:
+        """Room of the session. Raises ProtocolError `episode/none` if it is in no room."""
+        room = self._session.room
+        if room is None:
+            raise ProtocolError("episode/none", "join an episode first", "type")
+        return room
+
+
+def unheard(
+    act: messages.Act, session: Session | None, step: int, code: str, reason: str
+) -> messages.Rejected:
+    """Return the answer to an action that reaches no room."""
+    seat = session.seat_shown(act.seat) if session is not None else ""
+    return messages.Rejected(
+        seq=act.seq, step=step, action="", reasons=[reason], code=code, seat=seat
+    )
+
+
+HANDLERS: dict[type[messages.Message], Callable[[Requests, Any], None]] = {
+    messages.ListEpisodes: Requests._list,
+    messages.Create: Requests._create,
+    messages.Close: Requests._close,
+    messages.Join: Requests._join,
+    messages.Ready: Requests._ready,
+    messages.Leave: Requests._leave,
+    messages.Act: Requests._act,
+    messages.Say: Requests._say,
+    messages.Note: Requests._note,
+    messages.GetRendering: Requests._get_rendering,
+    messages.GetPicture: Requests._get_picture,
+    messages.Resync: Requests._resync,
+    messages.Hello: Requests._hello,
+}

@@ -1,0 +1,198 @@
+"""Action requests: what an `act` message asks for, and how it is answered."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from robotouille.episode import ActionRequest, Episode
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
+from robotouille.world.grounding.actions import GroundAction
+from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.runtime.metrics import Metrics
+
+RECORDED = ("action/stale", "episode/waiting", "rate/limited")
+"""Codes of refusals that are recorded, because they are part of how people play. Their text counts
+towards the quota of the seat."""
+MAX_UNREADABLE = 300
+"""Characters of an unreadable message that are recorded."""
+
+
+class ActionRequests:
+    """Submits the actions of an episode's seats, and answers requests that cannot be submitted."""
+
+    __slots__ = ("_broadcaster", "_episode", "_gate", "_metrics")
+
+    def __init__(
+        self,
+        episode: Episode,
+        broadcaster: Broadcaster,
+        gate: CommitGate,
+        metrics: Metrics,
+    ) -> None:
+        self._episode = episode
+        self._broadcaster = broadcaster
+        self._gate = gate
+        self._metrics = metrics
+
+    def submit(self, session: Session, request: messages.Act, now: float) -> None:
+        """Submit the action of a seat; answer an invalid request by `rejected`."""
+        try:
+            self._submit(session, request, now)
+        except ProtocolError as error:
+            self.refuse(session, request, error, now)
+
+    def refuse(
+        self, session: Session, request: messages.Act, why: ProtocolError, now: float
+    ) -> None:
+        """Reject a request without evaluating it.
+
+        The rejection is recorded and published like others. It is answered without a record if
+        the episode has ended, the seat is another participant's, or the quota is used up.
+        """
+        # Not every refusal is recorded, but each is counted: a client in a loop shows up here.
+        self._metrics.errors.labels(why.code).inc()
+        # Other refusals are errors of programs. A faulty client could fill the recording with them.
+        if why.code not in RECORDED:
+            self._answer(session, request, why)
+            return
+        try:
+            player = session.own_seat(request.seat)
+            self._gate.check()
+            self._episode.refuse(player, _with_action(request, in_words(request)), why, now)
+        except ProtocolError:
+            self._answer(session, request, why)
+
+    def record_unreadable(
+        self, session: Session, message: bytes | str, why: ProtocolError, now: float
+    ) -> None:
+        """Record an unreadable message of a player, unless the episode has ended.
+
+        It is recorded for the participant's first seat, although it may have meant any of them.
+        """
+        if session.players and not self._episode.ended and not self._gate.failing:
+            # The beginning shows what a model or program tried to send. The whole message may be 64
+            # KiB.
+            beginning = message[:MAX_UNREADABLE]
+            text = beginning if isinstance(beginning, str) else repr(beginning)[2:-1]
+            self._episode.refuse(
+                session.players[0], ActionRequest(0, text[:MAX_UNREADABLE]), why, now
+            )
+
+    def _submit(self, session: Session, request: messages.Act, now: float) -> None:
+        player = session.own_seat(request.seat)
+        if self._gate.failing:
+            # The client sends the request again. Until then, the unwritten events must not grow.
+            return
+        # A client that lost its connection cannot know whether its action arrived, so it repeats
+        # the last one with the same number. Executing it twice would change the game.
+        if request.seq == self._episode.seat(player).seq:
+            self._answer_again(session, player, request)
+            return
+        try:
+            action = requested_action(self._episode, player, request)
+        except ProtocolError as error:
+            self._metrics.errors.labels(error.code).inc()
+            self._episode.reject(player, _with_action(request, in_words(request)), error, now)
+        else:
+            self._episode.submit(player, _with_action(request, action), now)
+        # Also for rejected actions: their reasoning is recorded, too.
+        session.recorded_bytes += len((request.reasoning or "").encode())
+
+    def _answer_again(self, session: Session, player: str, request: messages.Act) -> None:
+        """Send the result of an action again, because a returning client has repeated it."""
+        answer = self._episode.seat(player).answer
+        # The action still waits for its step; its answer comes with that step.
+        if answer.seq != request.seq:
+            return
+        if not answer.reasons:
+            # The action was applied in a step that the client may have missed. A snapshot shows the
+            # result and is bounded, unlike a second copy of the old delta.
+            self._broadcaster.ask_snapshot(session)
+            return
+        rejected = messages.Rejected(
+            seq=answer.seq,
+            step=answer.step,
+            action=in_words(request),
+            reasons=list(answer.reasons),
+            code=answer.code,
+            seat=session.seat_shown(player),
+        )
+        send = partial(self._broadcaster.send, session, rejected)
+        self._gate.when_committed(session, send)
+
+    def _answer(self, session: Session, request: messages.Act, error: ProtocolError) -> None:
+        self._metrics.rejected += 1
+        rejected = messages.Rejected(
+            seq=request.seq,
+            step=self._episode.step,
+            action=in_words(request),
+            reasons=[error.message],
+            code=error.code,
+            seat=session.seat_shown(request.seat),
+        )
+        self._broadcaster.send(session, rejected)
+        # The client has acted on an old state, so it may have missed a delta.
+        if error.code == "action/stale":
+            self._broadcaster.ask_snapshot(session)
+
+
+def _with_action(request: messages.Act, action: GroundAction | str | None) -> ActionRequest:
+    return ActionRequest(
+        request.seq,
+        action,
+        basis=request.basis,
+        reasoning=request.reasoning or "",
+        think_ms=request.think_ms,
+        anticipates=request.anticipates,
+        waits=request.waits,
+    )
+
+
+def requested_action(
+    episode: Episode, player: str, request: messages.Act
+) -> GroundAction | str | None:
+    """Return the requested action, valid or not, or its text; None for nothing.
+
+    Raises:
+        ProtocolError: `action/unknown` if the action does not exist, `action/stale` for a position
+            in the list of another step.
+    """
+    requested = request.action
+    if requested is None or isinstance(requested, str):
+        return requested
+    if isinstance(requested, int):
+        return _at(episode, player, requested, request.basis)
+    try:
+        return episode.world.action(requested.name, *requested.args)
+    except KeyError as error:
+        raise ProtocolError("action/unknown", str(error.args[0]), "action") from None
+
+
+def _at(episode: Episode, player: str, position: int, basis: int | None) -> GroundAction:
+    # Positions are valid in one state only. Resolving a position in a later list would execute an
+    # action that nobody chose.
+    if basis != episode.step:
+        raise ProtocolError("action/stale", _wrong_basis(basis, episode.step), "basis")
+    actions = episode.state.actions(player)
+    if position >= len(actions):
+        message = f"there are {len(actions)} valid actions; no action has position {position}"
+        raise ProtocolError("action/unknown", message, "action")
+    return actions[position]
+
+
+def _wrong_basis(basis: int | None, step: int) -> str:
+    if basis is None:
+        return f"a position needs 'basis', the step of its list; the present step is {step}"
+    when = "has passed" if basis < step else "has not begun"
+    return f"step {basis} {when}; the present step is {step}"
+
+
+def in_words(request: messages.Act) -> str:
+    """Return the requested action as text."""
+    requested = request.action
+    if isinstance(requested, messages.NamedAction):
+        return f"{requested.name}({', '.join(requested.args)})"
+    return "nothing" if requested is None else str(requested)

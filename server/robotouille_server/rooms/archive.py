@@ -1,0 +1,237 @@
+"""Archive of ended episodes, for participants who have missed the end."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from robotouille.errors import ProtocolError, RecordingError, RobotouilleError
+from robotouille.replay.container import is_closed, plain
+from robotouille.replay.file_names import CLOSED, OPEN, recording_stem
+from robotouille.replay.recorder import Recorder
+from robotouille.replay.recording import Recording
+from robotouille.replay.restore import Restored, restoring
+from robotouille.world.world import shared_world
+from robotouille_server.rooms.journal import Journal, name_in
+from robotouille_server.rooms.storage import Storage
+from robotouille_server.runtime.logs import get_logger
+
+MAX_BYTES = 8 * 1024 * 1024
+"""Maximum uncompressed size of a recording whose end is shown."""
+MAX_STEPS = 20_000
+"""Maximum number of steps of an episode whose end is shown."""
+FRAMES_A_TURN = 10
+"""Frames read in one turn of the event loop. They take a millisecond or two."""
+LIST_SECONDS = 5.0
+"""Minimum seconds between two listings of the folder."""
+MAX_SOUGHT = 64
+"""Maximum number of concurrent searches."""
+MAX_REFUSED = 1024
+"""Maximum number of refused files that are remembered."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class ArchivedEpisode:
+    """Episode read from a recording. `journal` is None if the episode has ended."""
+
+    head: dict[str, Any]
+    restored: Restored
+    recorder: Recorder
+    journal: Journal | None
+
+
+class TooLongError(RecordingError):
+    """The recording is too long to show how its episode ended."""
+
+
+class Archive:
+    """Finds closed recordings by episode, and makes a room with the final state (`adopt`).
+
+    No running episode waits for this. Listing the folder and reading a file happen in a thread;
+    the frames are replayed a few at a time, in many turns of the event loop. Recordings are
+    replayed one at a time, and refused recordings are not read again.
+    """
+
+    def __init__(self, storage: Storage, adopt: Callable[[ArchivedEpisode], object]) -> None:
+        self._storage = storage
+        self._adopt = adopt
+        self._names: dict[str, list[str]] = {}
+        self._sought: dict[str, asyncio.Task[None]] = {}
+        # Each search may hold 8 MiB of frames and a whole episode in memory.
+        self._one_at_a_time = asyncio.Lock()
+        self._refused: dict[str, str] = {}
+        self._listing: asyncio.Task[None] | None = None
+        self._listed = -LIST_SECONDS
+        self._missed: set[str] = set()
+
+    def list(self, names: Iterable[str]) -> None:
+        """Replace the known recordings by the closed ones among these files."""
+        self._names = {}
+        for name in names:
+            self.add(name)
+
+    def add(self, name: str) -> None:
+        """Add a file, if it is a closed recording."""
+        if name.endswith(CLOSED):
+            self._names.setdefault(episode_of(name), []).append(name)
+
+    def may_have(self, episode: str) -> bool:
+        """Return whether an episode may have a closed recording, without listing the folder.
+
+        The answer is False right after a search that has failed.
+        """
+        # A failed search is not repeated before the folder may be listed again. Otherwise, invalid
+        # resume tokens could make the server list a large folder all the time.
+        return episode in self._names or episode not in self._missed or self._may_list
+
+    @property
+    def _may_list(self) -> bool:
+        return asyncio.get_running_loop().time() >= self._listed + LIST_SECONDS
+
+    async def show(self, episode: str) -> None:
+        """Open a room with the end of an episode, if its recording is found.
+
+        Raises:
+            ProtocolError: The search takes too long, or too many searches are under way.
+        """
+        task = self._sought.get(episode)
+        if task is None:
+            # Bounds the tasks that clients with old tokens can create.
+            if len(self._sought) >= MAX_SOUGHT:
+                raise _expired("too many ended episodes are being searched for")
+            task = self._sought[episode] = asyncio.create_task(self._show(episode))
+            task.add_done_callback(lambda _: self._sought.pop(episode, None))
+        # Clients that ask for the same episode share the task, so one that disconnects must not
+        # cancel it.
+        await asyncio.shield(task)
+
+    def stop(self) -> None:
+        """Cancel all searches."""
+        if self._listing is not None:
+            self._listing.cancel()
+        for task in list(self._sought.values()):
+            task.cancel()
+
+    async def _show(self, episode: str) -> None:
+        if episode not in self._names:
+            await self._list_again()
+            if episode not in self._names:
+                self._missed.add(episode)
+                return
+        async with self._one_at_a_time:
+            for name in self._names.get(episode, ()):
+                found = await self._readable(name)
+                if found is not None:
+                    self._adopt(found)
+                    return
+
+    async def _list_again(self) -> None:
+        """Wait for a listing that begins later than now. Concurrent callers share it."""
+        if self._listing is None:
+            self._listing = asyncio.create_task(self._list_when_due())
+        await asyncio.shield(self._listing)
+
+    async def _list_when_due(self) -> None:
+        loop = asyncio.get_running_loop()
+        # At most one listing in `LIST_SECONDS`: listing a folder of many thousand files takes long.
+        await asyncio.sleep(self._listed + LIST_SECONDS - loop.time())
+        self._listing = None
+        self._listed = loop.time()
+        self._missed.clear()
+        try:
+            self.list(await loop.run_in_executor(None, self._storage.names))
+        except OSError as error:
+            get_logger().error("recordings not listed", error=str(error))
+
+    async def _readable(self, name: str) -> ArchivedEpisode | None:
+        """Return the episode of a file; None if it is unreadable, ProtocolError if too long."""
+        refused = self._refused.get(name)
+        # An unreadable or too long file stays so; a client must not be able to have it read again
+        # and again.
+        if refused is None:
+            try:
+                return await self._found(name)
+            except OSError as error:  # Not remembered: the next attempt may succeed.
+                get_logger().error("recording not read", file=name, error=str(error))
+                return None
+            except TooLongError as error:
+                refused = str(error)
+                get_logger().info("end not shown", file=name, reason=refused)
+            except RobotouilleError as error:
+                refused = ""
+                get_logger().error("recording not read", file=name, error=str(error))
+            self._refuse(name, refused)
+        if refused:
+            raise _expired(f"the episode has ended, and its recording {refused}")
+        return None
+
+    def _refuse(self, name: str, why: str) -> None:
+        """Remember that a file is refused, and the reason for clients (empty if unreadable)."""
+        while len(self._refused) >= MAX_REFUSED:
+            del self._refused[next(iter(self._refused))]
+        self._refused[name] = why
+
+    async def _found(self, name: str) -> ArchivedEpisode:
+        loop = asyncio.get_running_loop()
+        # In a thread, because reading and decompressing block. Replaying frames is Python code, so
+        # it is done in small parts on the event loop instead.
+        content = await loop.run_in_executor(None, self._content, name)
+        recording = await _in_turns(_opening(content, name))
+        original = name_in(recording.header).removesuffix(OPEN) + CLOSED
+        # A copy may have been changed, and would be shown in place of the original.
+        if name != original:
+            raise RecordingError(f"a copy of {original}")
+        restored = await _in_turns(restoring(recording, loop.time(), 0.0, shared_world))
+        recorder = Recorder(restored.episode.world)
+        return ArchivedEpisode(recording.header, restored, recorder, None)
+
+    def _content(self, name: str) -> bytes:
+        content = self._storage.read(name)
+        if not is_closed(content):
+            raise RecordingError("not closed")
+        stream, fault = plain(content, MAX_BYTES)
+        # `plain` stops soon after the limit: a small file may expand to gigabytes.
+        if len(stream) > MAX_BYTES:
+            raise TooLongError(f"has more than {MAX_BYTES:,} bytes")
+        if fault:
+            raise RecordingError(fault)
+        return stream
+
+
+def _opening(content: bytes, name: str) -> Generator[None, None, Recording]:
+    """Read a closed recording frame by frame; stop at the first step beyond `MAX_STEPS`."""
+    reading = Recording.opening(content, name, closed=True)
+    while True:
+        try:
+            steps = next(reading)
+        except StopIteration as end:
+            recording: Recording = end.value
+            return recording
+        if steps > MAX_STEPS:
+            raise TooLongError(f"has more than {MAX_STEPS:,} steps")
+        yield
+
+
+def _expired(why: str) -> ProtocolError:
+    return ProtocolError("auth/expired", f"{why}; send hello without 'resume'", "resume")
+
+
+async def _in_turns(work: Generator[None, None, T]) -> T:
+    """Do some work in small parts, and let others run in between."""
+    while True:
+        try:
+            for _ in range(FRAMES_A_TURN):
+                next(work)
+        except StopIteration as end:
+            found: T = end.value
+            return found
+        await asyncio.sleep(0)
+
+
+def episode_of(name: str) -> str:
+    """Return the episode's id in the name of a recording."""
+    return recording_stem(name).rpartition("_")[2]

@@ -1,0 +1,463 @@
+"""Messages from a room to its participants and spectators."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import msgpack
+from pydantic import BaseModel
+
+from robotouille.episode import (
+    ActionRejected,
+    ChatPosted,
+    Episode,
+    Outcome,
+    PauseReason,
+    Phase,
+    QuotaReached,
+    Stepped,
+)
+from robotouille.protocol import messages
+from robotouille.protocol.codec import MSGPACK, Codec
+from robotouille.protocol.error_codes import ErrorCode
+from robotouille.protocol.states import StateWriter
+from robotouille.world.unmet import UnmetKind
+from robotouille_server.rooms.episode_messages import (
+    EpisodeMessages,
+    Snapshots,
+    last_seq,
+    own_answers,
+)
+from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.transport import Peer, frame_of
+
+KEPT_DELTAS = 64
+"""Deltas kept for clients that come back. If more were missed, a snapshot is shorter."""
+KEPT_SAID, KEPT_NOTICES = 200, 20
+
+MAX_SPECTATOR_NAMES = 8
+"""Spectator names in a roster or snapshot. Both go to everybody, so other spectators are only
+counted."""
+
+
+class LongWait:
+    """Announced seats for which the present step has waited long.
+
+    Attributes:
+        players: The announced seats; empty if no long wait was announced.
+        since: The start of the step that the announcement was about.
+    """
+
+    __slots__ = ("_episode", "players", "since")
+
+    def __init__(self, episode: Episode) -> None:
+        self._episode = episode
+        self.players: tuple[str, ...] = ()
+        self.since = 0.0
+
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Seats for which the announced step still waits."""
+        if not self.players or self._episode.step_began != self.since:
+            return ()
+        return self._episode.waits_for
+
+
+class Broadcaster:
+    """Sends messages to the sessions in a room. Each message is encoded once for all of them.
+
+    Attributes:
+        members: The sessions in the room.
+        long_wait: The seats that rosters report as slow.
+        rematch: The code of the next game with the same task and participants, if one was opened.
+    """
+
+    __slots__ = (
+        "_code",
+        "_deltas",
+        "_episode",
+        "_episode_messages",
+        "_gate",
+        "_id",
+        "_last_delta",
+        "_last_roster",
+        "_last_turn",
+        "_notices",
+        "_now",
+        "_said",
+        "_snapshots",
+        "long_wait",
+        "members",
+        "rematch",
+    )
+
+    def __init__(
+        self,
+        episode_id: str,
+        code: str,
+        episode: Episode,
+        writer: StateWriter,
+        now: Callable[[], float],
+        gate: CommitGate,
+    ) -> None:
+        self.members: list[Session] = []
+        self.long_wait = LongWait(episode)
+        self.rematch = ""
+        self._id = episode_id
+        self._code = code
+        self._episode = episode
+        self._episode_messages = EpisodeMessages(episode_id, episode, writer, now)
+        self._snapshots = Snapshots(episode_id, episode, writer)
+        self._now = now
+        self._gate = gate
+        self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
+        self._last_delta = 0
+        self._last_roster: messages.Roster | None = None
+        self._last_turn: str | None = None
+        self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
+        self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
+
+    @property
+    def spectators(self) -> int:
+        return sum(1 for _ in self._watching())
+
+    @property
+    def spectator_names(self) -> list[str]:
+        """Names of the spectators who have watched longest."""
+        return [session.name for session in islice(self._watching(), MAX_SPECTATOR_NAMES)]
+
+    def _watching(self) -> Iterator[Session]:
+        return (s for s in self.members if not s.players and s.peer is not None)
+
+    def holder(self, player: str) -> Session | None:
+        """Return the session that plays a seat."""
+        return next((session for session in self.members if player in session.players), None)
+
+    # Coming in and coming back
+
+    def welcome(self, session: Session, ref: int | None, resume: str) -> None:
+        """Send `joined` and a first snapshot."""
+        self._send_joined(session, ref, resume)
+        self.send_snapshot(session)
+
+    def welcome_back(self, session: Session, seen: messages.Seen | None, resume: str) -> None:
+        """Send `joined` and everything that the client has missed, as deltas if possible."""
+        self._send_joined(session, None, resume)
+        peer = session.peer
+        if peer is None:
+            return
+        if seen is None or seen.episode != self._id:
+            # This client has no state of the episode that deltas could continue. The session may
+            # also continue in another program, which does not have the task.
+            session.known.clear()
+            self.send_snapshot(session)
+            return
+        session.known.add(self._episode.world.task.digest)
+        missed = self._missed(session, seen)
+        if missed is None:
+            self.send_snapshot(session)
+        else:
+            for payload in missed:
+                peer.send_frame(frame_of(payload))
+        for said in self._said:
+            # Chat is never skipped, even for clients that receive a snapshot (docs/decisions/0006).
+            if said.number > seen.said:
+                peer.send(said)
+        for time, notice in self._notices:
+            if time >= session.away_since > 0:
+                peer.send(notice)
+        peer.send(self.roster())
+
+    def _send_joined(self, session: Session, ref: int | None, resume: str) -> None:
+        role, episode = "player" if session.players else "spectator", self._episode
+        joined = messages.Joined(
+            ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
+            name=session.name, seq=last_seq(episode, session.players), step=episode.step,
+            said=episode.record.said, resume=resume,
+            seats=[*session.players] if session.has_several else [],
+        )  # fmt: skip
+        self.send(session, joined)
+
+    def _missed(self, session: Session, seen: messages.Seen) -> list[bytes | str] | None:
+        """Return the payloads of the deltas that a client has missed; None if some are gone."""
+        step = self._episode.step
+        # Text clients receive observations, which show a whole state: there is nothing to catch up
+        # on.
+        if seen.stale or session.wants_text or session.peer is None:
+            return None
+        # After the end, a snapshot is needed anyway, because it contains the outcome.
+        if not 0 <= seen.step <= step or self._episode.outcome is not None:
+            return None
+        count = step - seen.step
+        # The kept deltas must end at the present step: a restored episode lacks its earlier
+        # steps.
+        if count > len(self._deltas) or (count and self._last_delta != step):
+            return None
+        payloads = list(self._deltas)[len(self._deltas) - count :]
+        codec = session.peer.codec
+        if codec is MSGPACK:
+            return [*payloads]
+        return [codec.pack(msgpack.unpackb(payload)) for payload in payloads]
+
+    # Events
+
+    def publish_step(self, event: Stepped) -> None:
+        """Send the delta of a step to everybody who keeps up."""
+        self._snapshots.forget()
+        delta = self._episode_messages.delta(event)
+        payload = MSGPACK.pack(delta)
+        self._deltas.append(payload)  # type: ignore[arg-type]
+        self._last_delta, self._last_turn = event.step, event.turn
+        # One frame for all readers: server frames are neither masked nor compressed
+        # (docs/decisions/0016).
+        packed = frame_of(payload)
+        frames: dict[Codec, bytes] = {}
+        texts: dict[str | None, messages.Observation] = {}
+        for session in self.members:
+            peer = session.peer
+            if peer is None:
+                continue
+            # `behind` is one comparison, so a reader that keeps up costs almost nothing
+            # (docs/decisions/0006).
+            if peer.behind and not peer.keeps_up(partial(self._commit_snapshot, session)):
+                continue
+            if session.wants_state:
+                # JSON is encoded only if a member uses it.
+                frame = packed if peer.codec is MSGPACK else frames.get(peer.codec)
+                if frame is None:
+                    frame = frames[peer.codec] = frame_of(peer.codec.pack(delta))
+                peer.send_frame(frame)
+            if session.wants_text:
+                self._send_observations(session, event, texts)
+
+    def _send_observations(
+        self,
+        session: Session,
+        event: Stepped,
+        texts: dict[str | None, messages.Observation],
+    ) -> None:
+        """Send a text client the rejections of its own actions, then its view of the state."""
+        for move, attempt in zip(event.moves, event.attempts, strict=True):
+            if move.player in session.players and not attempt.applied and not session.wants_state:
+                rejected = messages.Rejected(
+                    seq=move.seq,
+                    step=event.step,
+                    action=move.action.sentence,
+                    reasons=list(attempt.reasons),
+                    why=[messages.Why.of(unmet) for unmet in attempt.unmet],
+                    seat=session.seat_shown(move.player),
+                )
+                self.send(session, rejected)
+        # Several steps may be published together. Only the last one shows the present phase.
+        phase = "running" if event.step < self._episode.step else self._episode.phase.value
+        for player in session.views:
+            if player not in texts:
+                texts[player] = self._episode_messages.observation(
+                    player, event.state, event.step, event.turn, phase
+                )
+            self.send(session, texts[player])
+
+    def publish_rejection(self, event: ActionRejected) -> None:
+        """Send a rejection to the participant whose action was rejected."""
+        session = self.holder(event.player)
+        if session is None or event.seq == 0:  # Unreadable messages were answered by `error`.
+            return
+        only_words = all(unmet.kind is UnmetKind.OTHER for unmet in event.unmet)
+        rejected = messages.Rejected(
+            seq=event.seq,
+            step=self._episode.step,
+            action=event.action,
+            reasons=list(event.reasons),
+            why=[] if only_words else [messages.Why.of(unmet) for unmet in event.unmet],
+            code=event.code,
+            seat=session.seat_shown(event.player),
+        )
+        self.send(session, rejected)
+        # The client acted on a state that has passed, so it may have missed a delta.
+        if event.code == ErrorCode.ACTION_STALE:
+            self.ask_snapshot(session)
+
+    def publish_quota(self, event: QuotaReached) -> None:
+        """Tell a participant that its reasoning and chat are no longer recorded."""
+        session = self.holder(event.player)
+        if session is not None:
+            seat = session.seat_shown(event.player)
+            whose = f" of {seat}" if seat else ""
+            text = f"the recording quota{whose} is used up: send no more reasoning in this episode"
+            self.send(session, messages.Notice(text=text))
+
+    def publish_said(self, event: ChatPosted) -> None:
+        said = messages.Said(
+            step=self._episode.step,
+            number=event.number,
+            name=event.name,
+            seat=event.player,
+            text=event.text,
+        )
+        self._said.append(said)
+        self.send_all(said)
+
+    def publish_notice(self, text: str) -> None:
+        """Send an announcement of the operator."""
+        notice = messages.Notice(text=text)
+        self._notices.append((self._now(), notice))
+        self.send_all(notice)
+
+    def restore_chat(self, said: Iterable[Mapping[str, Any]]) -> None:
+        """Restore the chat from a recording after a restart."""
+        for number, note in enumerate(said, 1):
+            self._said.append(
+                messages.Said(
+                    step=0, number=number, name=note["name"], seat=note["player"], text=note["text"]
+                )
+            )
+
+    def publish_end(self, outcome: Outcome) -> None:
+        """Send the outcome."""
+        self.send_all(self._episode_messages.ended(outcome))
+
+    def publish_roster(self) -> None:
+        """Send the roster. The caller makes sure that everything in it has been written."""
+        self._last_roster = self.roster()
+        self._last_turn = self._last_roster.turn
+        self.send_all(self._last_roster)
+
+    def publish_unwritable(self) -> None:
+        """Tell everybody that the episode is paused because its recording cannot be written.
+
+        Everything else in the roster is as it was sent last: later changes are not written.
+        """
+        # Nothing was sent yet, so no client can have a wrong impression.
+        last = self._last_roster
+        if last is None:
+            return
+        begun, why = last.phase != Phase.WAITING, PauseReason.STORAGE.value
+        if begun and (last.pause is None or last.pause.reason != PauseReason.OPERATOR):
+            last = last.model_copy(update={"pause": messages.Pause(reason=why)})
+        phase = Phase.PAUSED if begun else Phase.WAITING
+        still: dict[str, Any] = {
+            "phase": phase.value,
+            "turn": self._last_turn,
+            "waits_for": [],
+            "starts_in": None,
+        }
+        self.send_all(last.model_copy(update=still))
+
+    # Snapshots
+
+    def ask_snapshot(self, session: Session) -> None:
+        """Send a snapshot; further requests in the same turn of the event loop share the next one.
+
+        A snapshot can be a hundred times as large as the request, so a flood of requests would
+        otherwise use up the server's time.
+        """
+        peer = session.peer
+        if peer is None:
+            return
+        if peer.snapshot_sent:
+            peer.snapshot_due = True
+        else:
+            self._send_asked(session, peer)
+
+    def _send_asked(self, session: Session, peer: Peer) -> None:
+        # One snapshot per turn answers any number of requests. See `PACED` and `COSTS` in
+        # `runtime.budgets`: resyncs cost less than their answers because of this.
+        peer.snapshot_sent, peer.snapshot_due = True, False
+        peer.socket.loop.call_soon(self._next_turn, session, peer)
+        self._commit_snapshot(session)
+
+    def _next_turn(self, session: Session, peer: Peer) -> None:
+        peer.snapshot_sent = False
+        # In the meantime, the client may have reconnected or left.
+        if peer.snapshot_due and session.peer is peer and session in self.members:
+            self._send_asked(session, peer)
+
+    def _commit_snapshot(self, session: Session) -> None:
+        self._gate.when_committed(session, partial(self.send_snapshot, session))
+
+    def send_snapshot(self, session: Session) -> None:
+        """Send the whole state as a snapshot, as text, or both."""
+        peer = session.peer
+        if peer is None:
+            return
+        if session.wants_state:
+            known = self._episode.world.task.digest in session.known
+            # From now on the client has the task: frames are delivered in order or not at all.
+            session.known.add(self._episode.world.task.digest)
+            own = self._own_fields(session)
+            peer.answer_frame(self._snapshots.frame(peer.codec, own, with_task=not known))
+        if session.wants_text:
+            episode = self._episode
+            for player in session.views:
+                observation = self._episode_messages.observation(
+                    player, episode.state, episode.step, episode.on_turn, self._episode.phase.value
+                )
+                peer.answer(observation)
+            if not session.wants_state and episode.outcome is not None:
+                self.send(session, self._episode_messages.ended(episode.outcome))
+
+    def _own_fields(self, session: Session) -> dict[str, Any]:
+        """Return the fields of a snapshot that depend on the session or change between steps."""
+        episode = self._episode
+        pause = self._episode_messages.pause
+        optional: dict[str, Any] = {
+            **own_answers(episode, session.players),
+            "turn": episode.on_turn,
+            "pause": pause and pause.model_dump(mode="json", exclude_defaults=True),
+            "said": episode.record.said,
+            "spectators": self.spectators,
+            "spectator_names": self.spectator_names,
+            "outcome": episode.outcome and episode.outcome.to_json(),
+        }
+        own: dict[str, Any] = {
+            "phase": self._episode.phase.value,
+            "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in self.seats()],
+            **{name: value for name, value in optional.items() if value},
+        }
+        if (starts_in := self._episode_messages.starts_in) is not None:
+            own["starts_in"] = starts_in
+        if (due := episode.due()) is not None:
+            own["left"] = max(0.0, due - self._now())
+        return own
+
+    def seats(self) -> list[messages.SeatInfo]:
+        """Return the seats as everybody sees them."""
+        return self._episode_messages.seats(
+            {p: session.latency_ms for session in self.members for p in session.players}
+        )
+
+    def roster(self) -> messages.Roster:
+        return messages.Roster(
+            phase=self._episode.phase.value,
+            turn=self._episode.on_turn,
+            pause=self._episode_messages.pause,
+            seats=self.seats(),
+            waits_for=list(self.long_wait.still),
+            starts_in=self._episode_messages.starts_in,
+            spectators=self.spectators,
+            spectator_names=self.spectator_names,
+            rematch=self.rematch,
+        )
+
+    # Sending
+
+    def send(self, session: Session, message: BaseModel) -> None:
+        if session.peer is not None:
+            session.peer.send(message)
+
+    def send_all(self, message: BaseModel) -> None:
+        frames: dict[Codec, bytes] = {}
+        for session in self.members:
+            peer = session.peer
+            if peer is None:
+                continue
+            frame = frames.get(peer.codec)
+            if frame is None:
+                # Encoded once per codec, not per recipient: rooms may have hundreds of spectators.
+                frame = frames[peer.codec] = frame_of(peer.codec.encode(message))
+            peer.send_frame(frame)

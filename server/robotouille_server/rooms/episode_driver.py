@@ -1,0 +1,258 @@
+"""Driver of one episode: applies changes and clock ticks, then records and publishes the events."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from robotouille.episode import Episode, Event, Phase, Stepped
+from robotouille.world.grounding.actions import GroundAction
+from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.journal import Journal
+from robotouille_server.rooms.membership import Membership
+from robotouille_server.rooms.publisher import Publisher, SpectatorRosters
+from robotouille_server.rooms.seat_limits import RoundTrips
+from robotouille_server.rooms.substitutes import BotScheduler
+from robotouille_server.rooms.write_ahead import CommitGate, WriteAhead
+from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
+
+RETRY_SECONDS = 1.0
+"""Seconds between two attempts to write a failing recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class Machinery:
+    """Parts of a server that all its rooms share."""
+
+    metrics: Metrics
+    timers: TimerQueue
+    bot_scheduler: BotScheduler
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeParts:
+    """Parts of one room that its driver connects."""
+
+    episode: Episode
+    journal: Journal | None
+    gate: CommitGate
+    broadcaster: Broadcaster
+    membership: Membership
+    rosters: SpectatorRosters
+
+
+class EpisodeDriver:
+    """Applies changes to an episode, then writes and publishes what happened.
+
+    Args:
+        episode_id: The id of the episode, for the log.
+        parts: The parts of the room.
+        machinery: The parts of the server that all rooms share.
+        published: Called with the events of each flush.
+        ended: Called once, when the episode has ended.
+    """
+
+    __slots__ = (
+        "_broadcaster",
+        "_ended",
+        "_episode",
+        "_gate",
+        "_id",
+        "_journal",
+        "_loop",
+        "_metrics",
+        "_open",
+        "_published",
+        "_publisher",
+        "_retry",
+        "_rosters",
+        "_round_trips",
+        "_timer",
+        "_timers",
+        "_write_ahead",
+        "now",
+    )
+
+    def __init__(
+        self,
+        episode_id: str,
+        parts: EpisodeParts,
+        machinery: Machinery,
+        *,
+        published: Callable[[list[Event]], None],
+        ended: Callable[[], None],
+    ) -> None:
+        self._id = episode_id
+        self._episode = parts.episode
+        self._journal = parts.journal
+        self._gate = parts.gate
+        self._broadcaster = parts.broadcaster
+        self._rosters = parts.rosters
+        self._metrics = machinery.metrics
+        self._timers = machinery.timers
+        self.now = machinery.timers.time
+        self._published = published
+        self._ended = ended
+        self._loop = asyncio.get_running_loop()
+        self._timer: TimerHandle | None = None
+        self._retry: asyncio.TimerHandle | None = None
+        self._round_trips = RoundTrips()
+        self._publisher = Publisher(
+            parts.episode,
+            parts.broadcaster,
+            metrics=machinery.metrics,
+            timers=machinery.timers,
+            bot_scheduler=machinery.bot_scheduler,
+            substitute=self._substitute,
+            vacated=parts.membership.vacate,
+        )
+        self._write_ahead = WriteAhead(
+            parts.episode, parts.journal, parts.gate, self._publisher.publish, self._failing_changed
+        )
+        self._open = True
+
+    def apply(self, change: Callable[..., object], *arguments: Any, **options: Any) -> None:
+        """Call `change(*arguments, now, **options)`, then write and publish what happened."""
+        change(*arguments, self.now(), **options)
+        self.flush()
+
+    def abort(self, reason: str) -> None:
+        """End the episode."""
+        self.apply(self._episode.abort, detail=reason)
+
+    def _substitute(self, player: str, action: GroundAction | None) -> None:
+        self.apply(self._episode.substitute, player, action)
+
+    def measure_round_trips(self) -> bool:
+        """Record the round trips that have changed; publish a roster if they changed much.
+
+        Returns:
+            True if anything was recorded or published.
+        """
+        # Round trips are events. While writing fails, the unwritten events must not grow.
+        if not self._episode.running or self._gate.failing:
+            return False
+        shown, recorded = self._round_trips.measure(self._broadcaster.members)
+        if shown:
+            self._broadcaster.publish_roster()
+        for player, seconds in recorded:
+            self._episode.note_round_trip(player, seconds, self.now())
+        if recorded:
+            self.flush()
+        return shown or bool(recorded)
+
+    # Time
+
+    def _schedule(self) -> None:
+        due = self._episode.due()
+        if self._timer is not None:
+            # The usual case: most changes do not move the deadline, and cancelling costs more than
+            # comparing.
+            if due == self._timer.due:
+                return
+            self._timers.cancel(self._timer)
+        self._timer = None if due is None else self._timers.call_at(due, self._on_time)
+
+    def _on_time(self, due: float) -> None:
+        self._timer = None
+        now = self.now()
+        episode = self._episode
+        # Lateness is measured for real-time steps only. Other timers may be late without anybody
+        # noticing.
+        if episode.rules.scheduled and episode.running:
+            self._metrics.lateness.observe(max(0.0, now - due))
+        try:
+            # Never earlier than `due`: a timer of the event loop may fire a little too soon.
+            episode.tick(max(now, due))
+            self.flush()
+        except Exception:
+            self._fail()
+
+    def _fail(self) -> None:
+        """End the episode after an internal error, so that all others continue."""
+        get_logger().exception("the episode failed", episode=self._id)
+        self.abort("internal error")
+
+    # Publishing
+
+    def flush(self, *, retry: bool = False) -> None:
+        """Write what has happened, publish it, and set the timer of the next tick."""
+        if not self._open:
+            return
+        begun = self.now()
+        events = self._write_ahead.flush(begun, retry=retry)
+        if events:
+            self._after_publishing(events, begun)
+        if not self._open:
+            return
+        if self._gate.failing:
+            # No timer: while the recording cannot be written, the episode is paused.
+            self._retry_later()
+            return
+        self._schedule()
+        self._publisher.follow_up()
+
+    def _after_publishing(self, events: list[Event], begun: float) -> None:
+        if isinstance(events[0], Stepped):
+            self._metrics.age.observe(self.now() - begun)
+        self._published(events)
+        if self._episode.phase is Phase.ENDED:
+            # No further timer: the recording is closed by the lobby, in a thread.
+            self._close()
+        # Readers refuse longer files, and an episode without an end would be lost as a whole.
+        elif self._journal is not None and self._journal.full:
+            self.abort("the recording has reached its maximum size")
+
+    def _retry_later(self) -> None:
+        if self._retry is None:
+            self._retry = self._loop.call_later(RETRY_SECONDS, self._write_again)
+
+    def _write_again(self) -> None:
+        self._retry = None
+        try:
+            self.flush(retry=True)
+        except Exception:
+            self._fail()
+
+    def _failing_changed(self, failing: bool) -> None:
+        if failing:
+            # Participants learn of it at once. The roster shows what was published last, because
+            # the events since then are not written.
+            self._metrics.failing.inc()
+            self._broadcaster.publish_unwritable()
+        else:
+            self._metrics.failing.dec()
+            self._rosters.released()
+
+    # The end
+
+    def suspend(self) -> None:
+        """Stop without ending the episode; another process continues the recording."""
+        self._stop()
+        if self._journal is not None:
+            # The lock on the file tells the next process that it may continue.
+            self._journal.release()
+
+    def _stop(self) -> None:
+        self._open = False
+        if self._timer is not None:
+            self._timers.cancel(self._timer)
+        if self._retry is not None:
+            self._retry.cancel()
+        self._publisher.stop()
+
+    def _close(self) -> None:
+        self._stop()
+        self._ended()
+        outcome = self._episode.outcome
+        get_logger().info(
+            "episode ended",
+            episode=self._id,
+            task=self._episode.world.task.name,
+            reason=outcome.reason.value if outcome else "",
+            steps=self._episode.step,
+        )

@@ -1,0 +1,216 @@
+"""Messages about an episode that are the same for all recipients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, cast
+from weakref import WeakKeyDictionary
+
+from robotouille.episode import ActionAnswer, Episode, Outcome, Stepped
+from robotouille.protocol import messages
+from robotouille.protocol.codec import Codec, Fields
+from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
+from robotouille.replay.recorder import HASH_EVERY
+from robotouille.world.world import State, World
+from robotouille_server.transport import frame_of
+
+
+class EpisodeMessages:
+    """Creates the messages of an episode, and their parts."""
+
+    __slots__ = ("_episode", "_id", "_now", "_seat_number", "_writer")
+
+    def __init__(
+        self, episode_id: str, episode: Episode, writer: StateWriter, now: Callable[[], float]
+    ) -> None:
+        self._id = episode_id
+        self._episode = episode
+        self._writer = writer
+        self._now = now
+        self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
+
+    # Present state
+
+    @property
+    def pause(self) -> messages.Pause | None:
+        """Reason of the present pause; None while the episode is not paused."""
+        shown = self._episode.pauses.shown if self._episode.paused else None
+        if shown is None:
+            return None
+        why, until = shown
+        left = None if until is None else round(max(0.0, until - self._now()), 3)
+        return messages.Pause(reason=why.value, left=left)
+
+    @property
+    def starts_in(self) -> float | None:
+        """Seconds until the end of the countdown; None without a countdown."""
+        starts_at = self._episode.starts_at
+        return None if starts_at is None else round(max(0.0, starts_at - self._now()), 3)
+
+    def seats(self, latency: Mapping[str, int]) -> list[messages.SeatInfo]:
+        """Return the seats as everybody sees them.
+
+        Args:
+            latency: The round trip to each player's participant, in milliseconds.
+        """
+        return [
+            messages.SeatInfo(
+                player=seat.player,
+                name=seat.name,
+                kind=seat.shown_kind,
+                present=seat.present,
+                controller=seat.shown_controller.value,
+                acted=seat.tally.acted,
+                rejected=seat.tally.rejected,
+                ready=seat.ready,
+                latency_ms=latency.get(seat.player, 0),
+            )
+            for seat in self._episode.seats.values()
+        ]
+
+    def ended(self, outcome: Outcome) -> messages.Ended:
+        """Return the message about the end of the episode."""
+        episode = self._episode
+        row = cast("messages.OutcomeRow", outcome.to_json())
+        return messages.Ended(step=episode.step, outcome=row, hash=episode.state.digest)
+
+    # Steps
+
+    def delta(self, event: Stepped) -> dict[str, Any]:
+        """Return the fields of a `delta` message."""
+        # Plain values: a validated message would take longer than the step itself.
+        delta: dict[str, Any] = {"type": "delta", "step": event.step}
+        delta |= self._writer.changes(event.before, event.state)
+        if event.moves:
+            delta["did"] = [
+                [self._seat_number[m.player], m.action.name, *m.action.arguments]
+                for m in event.moves
+            ]
+            delta["seq"] = [move.seq for move in event.moves]
+        if event.waits and (waits := self._shown_waits(event)):
+            delta["waits"] = waits
+        if unmet := unmet_rows(event.attempts):
+            delta["unmet"] = unmet
+            delta["why"] = why_rows(event.attempts)
+        if event.turn is not None:
+            delta["turn"] = event.turn
+        # A client with a wrong replica notices it within `HASH_EVERY` steps and asks for a
+        # snapshot.
+        if event.step % HASH_EVERY == 0:
+            delta["hash"] = self._writer.digest(event.state)
+        return delta
+
+    def _shown_waits(self, event: Stepped) -> list[int]:
+        """Return the seats that wait.
+
+        Seats with a disguised kind are left out: almost only bots say that they wait, so others
+        would recognise them.
+        """
+        seats = self._episode.seats
+        undisguised = [p for p in event.waits if seats[p].shown_kind == seats[p].kind]
+        return [self._seat_number[player] for player in undisguised]
+
+    def observation(
+        self, player: str | None, state: State, step: int, turn: str | None, phase: str
+    ) -> messages.Observation:
+        """Return the text view of a state for a player, or for spectators."""
+        answer = self._episode.seats[player].answer if player else ActionAnswer(0, 0)
+        return messages.Observation(
+            episode=self._id,
+            step=step,
+            phase=phase,
+            seat=player,
+            text=state.text_view(player),
+            actions=[a.sentence for a in state.actions(player)] if player else [],
+            turn=turn,
+            seq=answer.seq,
+            reasons=list(answer.reasons),
+        )
+
+
+_tasks: WeakKeyDictionary[World, dict[Codec, Fields]] = WeakKeyDictionary()
+"""Encoded tasks by world. They are the longest part of a snapshot and equal in all its episodes."""
+
+
+class Snapshots:
+    """Creates the frames of `snapshot` messages. Parts that are equal for all are encoded once."""
+
+    __slots__ = ("_episode", "_id", "_packed", "_state", "_step", "_writer")
+
+    def __init__(self, episode_id: str, episode: Episode, writer: StateWriter) -> None:
+        self._id = episode_id
+        self._episode = episode
+        self._writer = writer
+        self._state: State | None = None
+        self._step = 0
+        self._packed: dict[Codec, Fields] = {}
+
+    def frame(self, codec: Codec, own: dict[str, Any], *, with_task: bool) -> bytes:
+        """Return a snapshot of the present state; `own` has the fields of the recipient."""
+        # Encoded fields are joined as bytes: two hundred clients that return together share one
+        # encoding of the state.
+        parts = [self._of_state(codec), codec.pack_fields(own)]
+        if with_task:
+            parts.append(self._of_task(codec))
+        return frame_of(codec.join(parts))
+
+    def forget(self) -> None:
+        """Drop the encoded state after a change."""
+        self._state = None
+        self._packed.clear()
+
+    def _of_state(self, codec: Codec) -> Fields:
+        episode = self._episode
+        # The step is compared, too, in case a step leaves the state as it is.
+        if self._state is not episode.state or self._step != episode.step:
+            self.forget()
+            self._state, self._step = episode.state, episode.step
+        fields = self._packed.get(codec)
+        if fields is None:
+            state = episode.state
+            fields = self._packed[codec] = codec.pack_fields(
+                {
+                    "type": "snapshot",
+                    "episode": self._id,
+                    "step": episode.step,
+                    "digest": episode.world.task.digest,
+                    "hash": self._writer.digest(state),
+                    "clock": episode.rules.model_dump(mode="json"),
+                    **self._writer.tables(state),
+                    **self._writer.values(state),
+                }
+            )
+        return fields
+
+    def _of_task(self, codec: Codec) -> Fields:
+        world = self._episode.world
+        packed = _tasks.setdefault(world, {})
+        if codec not in packed:
+            packed[codec] = codec.pack_fields({"task": world.task.json})
+        return packed[codec]
+
+
+def last_seq(episode: Episode, players: Collection[str]) -> int:
+    """Return the highest sequence number that these seats have sent."""
+    return max((episode.seats[player].seq for player in players), default=0)
+
+
+def own_answers(episode: Episode, players: Collection[str]) -> dict[str, Any]:
+    """Return the fields with the result of the last action of each of a participant's seats."""
+    answers = [_answer_row(player, episode.seats[player].answer) for player in players]
+    first = answers[0] if answers else {}
+    return {
+        "seat": first.get("seat"),
+        "seq": last_seq(episode, players),
+        "last_seq": first.get("seq", 0),
+        "last_step": first.get("step", 0),
+        "last_reasons": first.get("reasons", []),
+        "answers": answers[1:],
+    }
+
+
+def _answer_row(player: str, answer: ActionAnswer) -> dict[str, Any]:
+    seat_answer = messages.SeatAnswer(
+        seat=player, seq=answer.seq, step=answer.step, reasons=list(answer.reasons)
+    )
+    return seat_answer.model_dump(mode="json", exclude_defaults=True)

@@ -1,0 +1,240 @@
+"""Setup of an episode: task and rules, from a `create` message, the settings or an ended game."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from robotouille.certification.step_limit import people_step_limit
+from robotouille.domain.loading import load_task
+from robotouille.domain.task import Task, Timing
+from robotouille.episode import Chat, Rules, SeatTreatment
+from robotouille.episode.rules import NO_TREATMENT
+from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
+from robotouille.protocol import messages
+from robotouille.world.world import shared_world
+from robotouille_server.rooms.room import Room
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.task_folder import TaskFolder
+from robotouille_server.runtime.workers import plain_code
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeSetup:
+    """Task and rules of an episode, and what a study adds to them.
+
+    Attributes:
+        task: The task.
+        rules: The rules.
+        seed: The seed with which the task was loaded.
+        labels: The labels of the episode.
+        treatments: The treatments of seats, by player.
+    """
+
+    task: Task
+    rules: Rules
+    seed: int
+    labels: Mapping[str, str]
+    treatments: Mapping[str, SeatTreatment]
+
+    @classmethod
+    def requested(
+        cls, request: messages.Create, settings: ServerSettings, tasks: TaskFolder
+    ) -> EpisodeSetup:
+        """Return the setup that a message requests; the settings fill in what it leaves out.
+
+        Raises:
+            ProtocolError: `task/unknown`, `task/invalid`, `seat/unknown` or
+                `message/invalid-field`, with the field.
+        """
+        rules = _rules(request, settings)
+        seed = request.seed if request.seed is not None else settings.seed
+        task = _task(request, rules, seed, settings, tasks)
+        rules = _with_step_limit(rules, task, request, settings)
+        budget = request.move_budget
+        if budget is None:
+            budget = settings.move_budget
+        rules = rules.with_budget(budget, task.seats)
+        players = shared_world(task).players
+        _check_players("treatments", request.treatments, players)
+        _check_players("participants", request.participants, players)
+        return cls(task, rules, seed, request.labels, request.treatments)
+
+
+def _rules(request: messages.Create, settings: ServerSettings) -> Rules:
+    asked = {
+        "clock": request.clock,
+        "step_rate": request.step_rate,
+        "max_steps": request.max_steps,
+        "thinking": request.thinking,
+        "absence": request.absence,
+        "substitute": request.substitute,
+        "grace": request.grace,
+        "open_for": request.open_for,
+        "chat": request.chat,
+        "phrases": tuple(request.phrases) or None,
+    }
+    changes = {key: value for key, value in asked.items() if value is not None}
+    rules = settings.rules().model_copy(update=changes)
+    if (rules.chat is Chat.PHRASES) != bool(rules.phrases):
+        message = "'phrases' needs the chat 'phrases', which needs at least one phrase"
+        raise ProtocolError("message/invalid-field", message, "phrases")
+    return rules
+
+
+def _with_step_limit(
+    rules: Rules, task: Task, request: messages.Create, settings: ServerSettings
+) -> Rules:
+    """Replace the default step limit of a task with people's timing by a suitable one."""
+    given = request.max_steps is not None or "max_steps" in settings.model_fields_set
+    if given or task.timing is not Timing.PEOPLE:
+        return rules
+    limit = people_step_limit(task, rules.step_rate if rules.scheduled else None)
+    return rules if limit is None else rules.model_copy(update={"max_steps": limit})
+
+
+def _task(
+    request: messages.Create, rules: Rules, seed: int, settings: ServerSettings, tasks: TaskFolder
+) -> Task:
+    name = request.task or settings.task
+    timing = request.timing or settings.timing_for(rules.clock)
+    seats = request.seats if request.seats is not None else settings.seats
+    # The default number of seats belongs to the default task. Another task has its own.
+    if request.task is not None and request.seats is None:
+        seats = None
+    try:
+        # The operator's own tasks come first, so an operator can replace a shipped task.
+        own = tasks.load(name, seats, timing, seed)
+        if own is not None:
+            return own
+        if request.task is None:
+            return load_task(name, seats=seats, timing=timing, seed=seed)
+        # `files=False` inside: a name in a message must not be read as a path on the server.
+        return _shipped(name, seats, timing, seed)
+    except UnknownTaskError as error:
+        near = did_you_mean(name.partition("@")[0], tasks.names)
+        message = f"unknown task {name!r}{near}" if near else str(error)
+        raise ProtocolError("task/unknown", message, "task") from None
+    except FileError as error:
+        fault = error.faults[0]
+        field = "seats" if fault.path == "seats" else "task"
+        raise ProtocolError("task/invalid", str(fault), field) from None
+
+
+@lru_cache(maxsize=256)
+def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
+    """Load a shipped task. Its files do not change while the server runs."""
+    return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
+
+
+def _check_players(field: str, named: Iterable[str], players: Collection[str]) -> None:
+    for player in named:
+        if player not in players:
+            message = f"unknown seat {player!r}; the seats are {', '.join(players)}"
+            raise ProtocolError("seat/unknown", message, field)
+
+
+# Rematches
+
+MAX_FINISHED = 256
+"""Ended games that a process remembers."""
+ALONE = {"type", "ref", "rematch"}
+"""Fields that a `create` with `rematch` may have."""
+
+
+@dataclass(slots=True)
+class FinishedGame:
+    """Ended game that can be played again.
+
+    Attributes:
+        episode: The id of the ended episode.
+        code: The code of the ended episode.
+        setup: The task and rules.
+        owner: The pseudonym of the participant who opened the ended episode.
+        players: The sessions and pseudonyms of all who had a seat.
+        banned: The sessions and pseudonyms of all who were removed.
+        next: The id of the rematch, if one was opened. All players share one rematch.
+    """
+
+    episode: str
+    code: str
+    setup: EpisodeSetup
+    owner: str
+    players: frozenset[str]
+    banned: frozenset[str]
+    next: str = ""
+
+    @classmethod
+    def of(cls, room: Room) -> FinishedGame:
+        """Return the game of a room."""
+        seats = room.episode.seats.values()
+        setup = EpisodeSetup(
+            room.world.task,
+            # A rematch begins when its players have joined; it is not a reservation.
+            room.episode.rules.model_copy(update={"open_for": None}),
+            room.seed,
+            room.labels,
+            {seat.player: seat.treatment for seat in seats if seat.treatment != NO_TREATMENT},
+        )
+        return cls(
+            room.id,
+            room.code,
+            setup,
+            room.owner,
+            frozenset(room.membership.ever_seated - {""}),
+            frozenset(room.episode.record.banned),
+        )
+
+    def setup_for(self, owner: str) -> EpisodeSetup:
+        """Return the setup of a rematch; only the first owner's rematches keep the labels."""
+        return self.setup if owner == self.owner else replace(self.setup, labels={})
+
+    def check(self, asker: Collection[str]) -> None:
+        """Check that a participant may play again.
+
+        Raises:
+            ProtocolError: `auth/episode` if the participant had no seat, `episode/banned` if it was
+                removed.
+        """
+        # Checked first: a removed player also had a seat.
+        if not self.banned.isdisjoint(asker):
+            message = "you were removed from this episode and cannot play it again"
+            raise ProtocolError("episode/banned", message, "rematch")
+        if self.players.isdisjoint(asker):
+            message = f"you had no seat in {self.code}; only its players can play it again"
+            raise ProtocolError("auth/episode", message, "rematch")
+
+
+class Rematches:
+    """Ended games of a process, by id and code."""
+
+    def __init__(self) -> None:
+        self._games: OrderedDict[str, FinishedGame] = OrderedDict()
+        self._codes: dict[str, FinishedGame] = {}
+
+    def add(self, room: Room) -> None:
+        """Remember an ended game, unless nobody had a seat in it."""
+        game = FinishedGame.of(room)
+        # An archived episode that is shown again must not replace its game, which may have a
+        # rematch.
+        if not game.players or game.episode in self._games:
+            return
+        # Bounded: each game keeps its task and the ids of its players.
+        while len(self._games) >= MAX_FINISHED:
+            _, oldest = self._games.popitem(last=False)
+            self._codes.pop(plain_code(oldest.code), None)
+        self._games[game.episode] = self._codes[plain_code(game.code)] = game
+
+    def find(self, name: str) -> FinishedGame | None:
+        """Return the game with an id or code."""
+        return self._games.get(name) or self._codes.get(plain_code(name))
+
+
+def check_alone(request: messages.Create) -> None:
+    """Raise ProtocolError if a rematch requests other options than the ended game had."""
+    said = request.model_dump(exclude_defaults=True).keys() - ALONE
+    if said:
+        message = "a rematch keeps the task and rules: leave this field out"
+        raise ProtocolError("message/invalid-field", message, min(said))

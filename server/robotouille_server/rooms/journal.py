@@ -1,0 +1,240 @@
+"""Recording of a running episode."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from typing import Any, Protocol
+
+from robotouille.episode import Event
+from robotouille.errors import RecordingError
+from robotouille.replay.container import MAGIC, compress, frame_ends, frame_value
+from robotouille.replay.file_names import CLOSED, OPEN, file_name
+from robotouille.replay.recorder import Recorder
+from robotouille_server.rooms.storage import Appender, FileCondition, Storage
+from robotouille_server.runtime.logs import get_logger
+
+MAX_RECORDING_BYTES = 192 * 1024 * 1024
+"""Size at which an episode is ended, so that readers can always read its recording."""
+
+
+def name_in(head: dict[str, Any]) -> str:
+    """Return the original file name of the recording with this header."""
+    return file_name(head["created"], head["task"]["name"], head["episode"])
+
+
+class Journal:
+    """Recording that is being written: `NAME.rbt.part`, and `NAME.rbt` after the end.
+
+    Bytes that cannot be written are kept for the next attempt.
+
+    Args:
+        storage: Where the file is.
+        name: The name of the file.
+        recorder: Encodes events.
+        begin: The first bytes of a new file.
+        found: An existing file, which has `size` bytes.
+        size: The size of the existing file.
+    """
+
+    __slots__ = (
+        "_damage",
+        "_file",
+        "_pending",
+        "_storage",
+        "_unwritten",
+        "name",
+        "recorder",
+        "size",
+    )
+
+    def __init__(
+        self,
+        storage: Storage,
+        name: str,
+        recorder: Recorder,
+        *,
+        begin: bytes = b"",
+        found: Appender | None = None,
+        size: int = 0,
+    ) -> None:
+        self.name = name
+        self.recorder = recorder
+        self.size = size
+        self._unwritten = ""
+        self._damage = ""
+        self._storage = storage
+        self._file = found
+        self._pending = begin
+
+    @property
+    def full(self) -> bool:
+        """True if the recording has reached its maximum size."""
+        return self.size > MAX_RECORDING_BYTES
+
+    @property
+    def problem(self) -> str:
+        """Problem with the file, for the operator, or empty."""
+        return self._unwritten or self._damage
+
+    def add(self, events: Iterable[Event]) -> None:
+        """Encode events for the next `write`."""
+        self._pending += self.recorder.record(events)
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that are not written yet."""
+        return len(self._pending)
+
+    def write(self) -> bool:
+        """Hand all bytes to the operating system; return False if that failed (see `problem`)."""
+        if not self._pending:
+            return True
+        try:
+            if self._file is None:
+                self._file = self._storage.create(self.name)
+            # Not synced: syncing takes milliseconds and would block all episodes. A killed process
+            # loses nothing, a power cut may lose seconds (docs/decisions/0013).
+            self._file.append(self._pending)
+        except OSError as error:
+            problem = f"the recording cannot be written: {error.strerror or error}"
+            # Logged once per problem: the driver retries every second.
+            if problem != self._unwritten:
+                get_logger().error("recording failed", file=self.name, error=problem)
+            self._unwritten = problem
+            return False
+        self.size += len(self._pending)
+        self._pending = b""
+        if self._unwritten:
+            get_logger().info("recording works again", file=self.name)
+        self._unwritten = ""
+        return True
+
+    def repair_if_changed(self) -> bool:
+        """Check whether another program has changed the file; write a removed file again.
+
+        Returns:
+            True if the file was written again, which takes a while.
+        """
+        if self._file is None:
+            return False
+        try:
+            # Costs a few microseconds per file, so all open recordings can be inspected every five
+            # seconds.
+            condition = self._file.condition()
+        except OSError as error:
+            self._damaged(f"the recording cannot be reached: {error.strerror or error}")
+            return False
+        if condition is FileCondition.REMOVED:
+            self._write_again(self._file)
+            return True
+        if condition is FileCondition.CUT_SHORT:
+            self._damaged("another program has cut the recording short; the removed part is lost")
+        else:
+            self._damage = ""
+        return False
+
+    def _write_again(self, removed: Appender) -> None:
+        """Copy a file that has lost its name to a new file with the name."""
+        file = None
+        try:
+            # The data of a removed file exists as long as the descriptor is open.
+            content = removed.read()
+            file = self._storage.create(self.name)
+            file.append(content)
+        except OSError as error:
+            # An incomplete copy would later be restored in place of the recording.
+            if file is not None:
+                file.close()
+                with contextlib.suppress(OSError):
+                    self._storage.remove(self.name)
+            reason = error.strerror or error
+            self._damaged(f"the recording was removed and cannot be written again: {reason}")
+            return
+        removed.close()
+        self._file = file
+        self._damage = ""
+        get_logger().error("recording was removed and has been written again", file=self.name)
+
+    def _damaged(self, damage: str) -> None:
+        if damage != self._damage:
+            get_logger().error("recording damaged", file=self.name, error=damage)
+        self._damage = damage
+
+    def close(self) -> str:
+        """Compress the recording and give it its final name.
+
+        Returns:
+            The final name; empty if that failed. The file then stays as it was, and the next
+            server process closes it if it is complete.
+        """
+        try:
+            if self._file is None:
+                raise FileNotFoundError(0, "nothing was written")
+            # Read through the descriptor, not by name: the file with the name may be another one by
+            # now.
+            return close_recording(self._storage, self.name, self._file.read(), self.size)
+        except OSError as error:
+            self._unwritten = f"the recording cannot be closed: {error.strerror or error}"
+            get_logger().error("recording not closed", file=self.name, error=str(error))
+            return ""
+        except RecordingError as error:
+            self._damaged(f"the recording is not closed: it is {error}")
+            return ""
+        finally:
+            self.release()
+
+    def discard(self) -> None:
+        """Delete the file, because nobody took part in the episode."""
+        try:
+            self._storage.remove(self.name)
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            get_logger().error("recording not deleted", file=self.name, error=str(error))
+        finally:
+            self.release()
+
+    def release(self) -> None:
+        """Close the file, so that another process can continue it."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+class RecordedRoom(Protocol):
+    """Room as its recording is concerned; see `Room`."""
+
+    @property
+    def journal(self) -> Journal | None: ...
+
+    def players_of(self, session_id: str) -> tuple[str, ...]: ...
+
+
+def close_recording(storage: Storage, name: str, content: bytes, size: int) -> str:
+    """Replace a `.rbt.part` of `size` bytes by its compressed `.rbt`; return the new name.
+
+    Raises:
+        RecordingError: The content is not complete up to the footer. The file stays.
+    """
+    _check_whole(content, size)
+    whole = name.removesuffix(OPEN) + CLOSED
+    storage.replace(whole, compress(content))
+    # After the closed file exists under its name and is synced. A crash in between leaves both, and
+    # the next start closes the recording again.
+    with contextlib.suppress(FileNotFoundError):
+        storage.remove(name)
+    return whole
+
+
+def _check_whole(content: bytes, size: int) -> None:
+    if len(content) < size:
+        raise RecordingError(f"damaged: it has {len(content):,} bytes, but {size:,} were written")
+    last, end = len(MAGIC), len(MAGIC)
+    # Only positions are computed: decoding every frame takes much longer.
+    for position in frame_ends(content):
+        last, end = end, position
+    if end < len(content):
+        raise RecordingError(f"damaged at byte {end}")
+    if frame_value(content, last, end).get("kind") != "footer":
+        raise RecordingError(f"damaged at byte {end}: it has no end")

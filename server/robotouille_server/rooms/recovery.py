@@ -1,0 +1,255 @@
+"""Recovery of episodes that another process has left, from their recordings."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Generic, TypeVar
+
+from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.replay.container import MAGIC, read_frames
+from robotouille.replay.file_names import OPEN
+from robotouille.replay.recorder import Recorder
+from robotouille.replay.recording import Recording
+from robotouille.replay.restore import Restored, restore
+from robotouille.world.world import shared_world
+from robotouille_server.rooms.archive import Archive, ArchivedEpisode, episode_of
+from robotouille_server.rooms.journal import (
+    Journal,
+    RecordedRoom,
+    close_recording,
+    name_in,
+)
+from robotouille_server.rooms.storage import Appender, Storage
+from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.workers import WorkerSlot, plain_code
+
+RoomT = TypeVar("RoomT", bound=RecordedRoom)
+
+RESCAN_SECONDS = 0.5
+"""Seconds between two attempts to take over episodes that another process still has."""
+
+
+class Recovery(Generic[RoomT]):
+    """Finds recordings that are not closed, and continues them.
+
+    Args:
+        storage: Where recordings are kept.
+        worker: Decides which recordings belong to this process.
+        return_seconds: The seconds that players have to come back.
+        adopt: Makes a room of an episode.
+        now: Returns the time of the rooms.
+        wall: Returns the seconds since 1970, for new events.
+
+    Attributes:
+        unrestored: Files that cannot be continued, with the reasons.
+        problems: Files that cannot be continued yet, with the reasons.
+        archive: The recordings of ended episodes.
+    """
+
+    def __init__(
+        self,
+        storage: Storage,
+        worker: WorkerSlot,
+        return_seconds: float,
+        adopt: Callable[[ArchivedEpisode], RoomT],
+        now: Callable[[], float],
+        wall: Callable[[], float],
+    ) -> None:
+        self.unrestored: dict[str, str] = {}
+        self.problems: dict[str, str] = {}
+        self._storage = storage
+        self._worker = worker
+        self._return_seconds = return_seconds
+        self._adopt = adopt
+        self._now = now
+        self._wall = wall
+        self._foreign: dict[str, str] = {}
+        self.archive = Archive(storage, adopt)
+        self._seated: dict[str, RoomT] = {}
+        self._timer: asyncio.TimerHandle | None = None
+        self._stopped = False
+
+    def scan(self, known: Mapping[str, RoomT]) -> None:
+        """Continue every recording that is not closed.
+
+        Recordings that another process still writes are taken over when it releases them.
+
+        Args:
+            known: The rooms of this process.
+        """
+        if self._stopped:
+            return
+        try:
+            names = self._storage.names()
+        except OSError as error:
+            get_logger().error("recordings not listed", error=str(error))
+            self._scan_later(known)
+            return
+        self._foreign = {name: code for name, code in self._foreign.items() if name in names}
+        self.archive.list(names)
+        for name in names:
+            episode = episode_of(name)
+            # Each worker restores only the episodes whose ids begin with its number, whoever wrote
+            # them (docs/decisions/0017).
+            mine = name.endswith(OPEN) and self._worker.owns(episode)
+            if not mine or name in self.unrestored:
+                continue
+            room = known.get(episode)
+            if room is None:
+                self._take_over(name)
+            # Two files with one episode id: continuing both would give two rooms the same seats and
+            # tokens.
+            elif room.journal is not None and room.journal.name != name:
+                self._give_up(name, f"a copy of {room.journal.name}")
+        # Polled, because a lock cannot be waited for without blocking the event loop.
+        if self._foreign:
+            self._scan_later(known)
+
+    def _scan_later(self, known: Mapping[str, RoomT]) -> None:
+        if self._timer is None:
+            loop = asyncio.get_running_loop()
+            self._timer = loop.call_later(RESCAN_SECONDS, self._scan_again, known)
+
+    def _scan_again(self, known: Mapping[str, RoomT]) -> None:
+        self._timer = None
+        self.scan(known)
+
+    def stop(self) -> None:
+        """Take over no more recordings."""
+        self._stopped = True
+        if self._timer is not None:
+            self._timer.cancel()
+
+    # Finding
+
+    def seated(self, session: str) -> RoomT | None:
+        """Return the room in which a session held seats in an earlier process, and still does."""
+        room = self._seated.get(session)
+        return room if room is not None and room.players_of(session) else None
+
+    def elsewhere(self, name: str, known: Mapping[str, RoomT]) -> bool:
+        """Return whether another process still has the episode with an id or code."""
+        if self._foreign:
+            self.scan(known)
+        codes = {plain_code(code) for code in self._foreign.values() if code}
+        episodes = {episode_of(file) for file in self._foreign}
+        return name in episodes or plain_code(name) in codes
+
+    def forget(self, room: RoomT) -> None:
+        """Forget a room that is closed."""
+        self._seated = {name: home for name, home in self._seated.items() if home is not room}
+
+    # Taking over
+
+    def _take_over(self, name: str) -> None:
+        try:
+            file = self._storage.resume(name)
+        except FileNotFoundError:
+            self._foreign.pop(name, None)
+            return
+        # The lock of the other process. Its code is read once, so that clients who ask for the code
+        # receive `server/handover` instead of "unknown episode".
+        except BlockingIOError:
+            if name not in self._foreign:
+                self._foreign[name] = self._code_of(name)
+            return
+        except OSError as error:
+            self._try_later(name, error)
+            return
+        self._foreign.pop(name, None)
+        kept = False
+        try:
+            kept = self._continue(name, file)
+            self.problems.pop(name, None)
+        except FileNotFoundError:
+            pass  # The other process has just closed the recording.
+        except OSError as error:
+            self._try_later(name, error)
+        except RobotouilleError as error:
+            self._give_up(name, str(error))
+        except Exception as error:
+            # An invalid recording must not keep the server from restoring the others.
+            get_logger().exception("episode not restored", file=name)
+            self._give_up(name, f"internal error: {error!r}")
+        finally:
+            if not kept:
+                file.close()
+
+    def _continue(self, name: str, file: Appender) -> bool:
+        """Make a room of a file; return whether the room keeps the file open."""
+        content = self._storage.read(name)
+        if _has_no_header(content):
+            # The write-ahead rule: nothing was published before the header was complete.
+            self._storage.remove(name)
+            return False
+        recording = Recording(content, name)
+        # A copy has the same header, and so the same episode id, as its original.
+        if (original := name_in(recording.header)) != name:
+            raise RecordingError(f"a copy of {original}")
+        restored = self._restored(recording)
+        # A torn end is kept next to the file: it is the only evidence of what was lost
+        # (docs/decisions/0021).
+        self._cut(name, file, content, restored.kept)
+        if restored.missing:
+            file.append(restored.missing)
+        size = restored.kept + len(restored.missing)
+        # The footer was written but the process died before it could close the file.
+        if restored.complete:
+            closed = close_recording(self._storage, name, file.read(), size)
+            self.archive.add(closed)
+            return False
+        recorder = Recorder(restored.episode.world, self._wall)
+        journal = Journal(self._storage, name, recorder, found=file, size=size)
+        room = self._adopt(ArchivedEpisode(recording.header, restored, recorder, journal))
+        for seat in restored.episode.seats.values():
+            if seat.taken:
+                # Tokens made before the seat was taken do not name the episode, but they name the
+                # session.
+                self._seated[seat.session] = room
+        return True
+
+    def _cut(self, name: str, file: Appender, content: bytes, kept: int) -> None:
+        """Cut an incomplete end off a file, and keep it in another file."""
+        torn = content[kept:]
+        if not torn:
+            return
+        names, cut_name, number = self._storage.names(), f"{name}.cut", 1
+        while cut_name in names:
+            number += 1
+            cut_name = f"{name}.cut{number}"
+        self._storage.replace(cut_name, torn)
+        file.cut(kept)
+        get_logger().warning(
+            "recording was incomplete", file=name, at=kept, bytes=len(torn), kept_in=cut_name
+        )
+
+    def _restored(self, recording: Recording) -> Restored:
+        return restore(recording, self._now(), self._return_seconds, shared_world)
+
+    def _code_of(self, name: str) -> str:
+        try:
+            head = next(read_frames(self._storage.read(name)), {})
+        except (OSError, RecordingError):
+            head = {}
+        return str(head.get("code", ""))
+
+    def _try_later(self, name: str, error: OSError) -> None:
+        """Retry later, for example after a full disk, as if another process had the episode."""
+        problem = f"not restored yet: {error.strerror or error}"
+        if self.problems.get(name) != problem:
+            get_logger().error("episode not restored yet", file=name, error=problem)
+        # A full disk or missing permission is temporary. Giving up would end the episode for good.
+        self.problems[name] = problem
+        self._foreign[name] = self._code_of(name)
+
+    def _give_up(self, name: str, reason: str) -> None:
+        self.unrestored[name] = reason
+        get_logger().error("episode not restored", file=name, error=reason)
+
+
+def _has_no_header(content: bytes) -> bool:
+    """Return whether a file ends before its first frame is complete."""
+    if len(content) < len(MAGIC):
+        return MAGIC.startswith(content)
+    return content[:4] == MAGIC[:4] and next(read_frames(content), None) is None

@@ -1,1 +1,0 @@
-"""Bots that play for absent participants, and the process in which they decide."""

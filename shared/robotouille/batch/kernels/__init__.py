@@ -1,1 +1,0 @@
-"""Kernels: what is compiled where the extra `fast` is installed, and plain Python else."""

@@ -1,1 +1,0 @@
-"""Whether the files of a domain agree with one another."""

@@ -1,0 +1,215 @@
+"""Checks of a problem's cross-references, which a schema cannot express.
+
+Functions return all faults that they find and never raise.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from math import prod
+
+from robotouille.domain.derived import (
+    created_by,
+    domain_kinds,
+    effects_of,
+    fluents,
+    parameter_types,
+)
+from robotouille.domain.domain_checks import unknown
+from robotouille.domain.schema import CountedEffect, DomainFile, ProblemFile
+from robotouille.errors import Fault, did_you_mean
+
+MAX_FACTS, MAX_CHOICES = 20_000, 10_000_000
+"""Limits on a task's fluent facts and on the instances of one action.
+
+They bound the memory that a small file can claim."""
+
+
+def check_problem(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    """Find objects off the grid or of unknown types, unknown predicates, and invalid goals."""
+    return [
+        *_check_objects(problem, domain),
+        *_check_goal(problem, domain),
+        *_check_config(problem, domain),
+        *_check_ground(problem),
+        *_check_size(problem, domain),
+    ]
+
+
+def _check_objects(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    faults = []
+    predicates = {p.name: p for p in domain.predicate_defs}
+    ids: set[str | int] = set()
+    for kind, objects in problem.objects.items():
+        if kind not in domain.object_types:
+            faults.append(unknown(_list_name(kind), "object type", kind, domain.object_types))
+        for i, obj in enumerate(objects):
+            path = f"{_list_name(kind)}[{i}]"
+            if obj.x >= problem.width or obj.y >= problem.height:
+                size = f"{problem.width} by {problem.height}"
+                faults.append(Fault(path, f"({obj.x}, {obj.y}) is off the {size} grid"))
+            for j, name in enumerate(obj.predicates):
+                where = f"{path}.predicates[{j}]"
+                if name not in predicates:
+                    faults.append(unknown(where, "predicate", name, predicates))
+                elif predicates[name].param_types != (kind,):
+                    faults.append(Fault(where, f"{name!r} does not describe a single {kind}"))
+            if obj.id is not None:
+                if obj.id in ids:
+                    faults.append(Fault(f"{path}.id", f"the id {obj.id!r} is used twice"))
+                ids.add(obj.id)
+    if not any(problem.objects.get(kind) for kind in domain.player_types):
+        faults.append(Fault("", f"has no {' or '.join(domain.player_types)}"))
+    return [
+        *faults,
+        *_unknown_kinds(problem, domain),
+        *_check_names(problem),
+        *_check_seats(problem, domain),
+    ]
+
+
+def _unknown_kinds(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    """Find kinds that neither the domain nor a predicate mentions, if the domain lists kinds.
+
+    A problem can have kinds of its own, so this is only a warning.
+    """
+    faults = []
+    known = {kind for kind, of in domain_kinds(domain).items() if of != kind}
+    for type_, objects in problem.objects.items():
+        listed = domain.kinds.get(type_, ())
+        for i, obj in enumerate(objects):
+            if listed and not obj.predicates and obj.name not in (type_, *listed, *known):
+                message = f"unknown {type_} kind {obj.name!r}{did_you_mean(obj.name, listed)}"
+                faults.append(Fault(f"{_list_name(type_)}[{i}].name", message, "warning"))
+    return faults
+
+
+def _check_names(problem: ProblemFile) -> list[Fault]:
+    """Find kinds whose numbered objects share a name, as object 1 of `leek1` and 11 of `leek`."""
+    owners: dict[str, tuple[str, str]] = {}
+    clashes: dict[tuple[str, str], Fault] = {}
+    for type_, objects in problem.objects.items():
+        for kind, count in Counter(obj.name for obj in objects).items():
+            for number in range(1, count + 1):
+                other = owners.setdefault(f"{kind}{number}", (type_, kind))
+                if other != (type_, kind):
+                    name = f"{kind}{number}"
+                    message = f"{kind!r} and the {other[0]} {other[1]!r} both have an object {name}"
+                    clashes.setdefault((type_, kind), Fault(_list_name(type_), message))
+    return list(clashes.values())
+
+
+def _check_seats(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    players = sum(len(problem.objects.get(kind, ())) for kind in domain.player_types)
+    return [
+        Fault(f"seats[{i}]", f"{count} seats, but the problem lists {players} players")
+        for i, count in enumerate(problem.seats or ())
+        if count > players
+    ]
+
+
+def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    faults = []
+    predicates = {p.name: p for p in domain.predicate_defs}
+    kinds = _kinds(problem, domain)
+    ids = {
+        o.id: kind for kind, objects in problem.objects.items() for o in objects if o.id is not None
+    }
+    first: dict[int | str, str] = {}
+    for i, term in enumerate(problem.goal):
+        path = f"goal[{i}]"
+        definition = predicates.get(term.predicate)
+        if definition is None:
+            faults.append(unknown(f"{path}.predicate", "predicate", term.predicate, predicates))
+            continue
+        if len(term.args) != len(definition.param_types):
+            expected = len(definition.param_types)
+            message = f"{term.predicate!r} takes {expected}, found {len(term.args)}"
+            faults.append(Fault(f"{path}.args", message))
+            continue
+        for j, (kind, wanted) in enumerate(zip(term.args, definition.param_types, strict=True)):
+            where = f"{path}.args[{j}]"
+            if kind not in kinds:
+                faults.append(unknown(where, "kind of object", kind, kinds))
+            elif kinds[kind] != wanted:
+                message = f"{kind!r} is a {kinds[kind]}, {term.predicate!r} needs a {wanted}"
+                faults.append(Fault(where, message))
+            identifier = term.ids[j]
+            if isinstance(identifier, str) and identifier not in ids:
+                message = f"no object has the id {identifier!r}"
+                message += did_you_mean(identifier, (str(x) for x in ids))
+                faults.append(Fault(f"{path}.ids[{j}]", message))
+            known = first.setdefault(identifier, kind)
+            found = ids.get(identifier) if isinstance(identifier, str) else kinds.get(known)
+            if kind in kinds and found not in (None, kinds[kind]):
+                message = f"the object {identifier!r} is a {found}, {kind!r} is a {kinds[kind]}"
+                faults.append(Fault(f"{path}.ids[{j}]", message))
+            elif known != kind:
+                message = (
+                    f"the object {identifier!r} is {known!r} in an earlier term and {kind!r} here"
+                )
+                faults.append(Fault(where, f"{message}; the earlier kind is used", "warning"))
+    return faults
+
+
+def _kinds(problem: ProblemFile, domain: DomainFile) -> dict[str, str]:
+    kinds = domain_kinds(domain)
+    for kind, objects in problem.objects.items():
+        kinds.update({obj.name: kind for obj in objects})
+    return kinds
+
+
+def _check_config(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    keys = {
+        effect.config
+        for action in domain.action_defs
+        for _, effect in effects_of("", action.sfx)
+        if isinstance(effect, CountedEffect) and effect.config is not None
+    }
+    return [
+        unknown(f"config.{key}", "configuration key", key, sorted(keys))
+        for key in problem.config
+        if key not in keys
+    ]
+
+
+def _check_ground(problem: ProblemFile) -> list[Fault]:
+    if problem.ground is None:
+        return []
+    faults = []
+    if len(problem.ground) != problem.height:
+        message = f"{len(problem.ground)} rows on a grid {problem.height} high"
+        faults.append(Fault("ground", message))
+    for i, row in enumerate(problem.ground):
+        if len(row) != problem.width:
+            message = f"{len(row)} letters on a grid {problem.width} wide"
+            faults.append(Fault(f"ground[{i}]", message))
+    return faults
+
+
+def _check_size(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    """Find problems with so many facts or actions that listing them would fill the memory."""
+    count = Counter({kind: len(objects) for kind, objects in problem.objects.items()})
+    for action in domain.action_defs:
+        count.update(created.created_obj.type for created in created_by(action.sfx))
+    changing = fluents(domain)
+    facts = sum(
+        prod(count[kind] for kind in predicate.param_types)
+        for predicate in domain.predicate_defs
+        if predicate.name in changing
+    )
+    faults = []
+    if facts > MAX_FACTS:
+        message = f"{facts:,} possible facts; at most {MAX_FACTS:,} are allowed"
+        faults.append(Fault("", f"too many objects: {message}"))
+    predicates = {p.name: p for p in domain.predicate_defs}
+    for action in domain.action_defs:
+        choices = prod(count[kind] for kind in parameter_types(action, predicates).values())
+        if choices > MAX_CHOICES:
+            message = f"{action.name!r} has {choices:,} possible arguments; at most {MAX_CHOICES:,}"
+            faults.append(Fault("", f"too many objects: {message} are allowed"))
+    return faults
+
+
+def _list_name(kind: str) -> str:
+    return f"{kind}s"

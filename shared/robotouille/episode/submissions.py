@@ -1,0 +1,293 @@
+"""Requests to act: checked on arrival, held back if a study delays them, and joined into a step."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
+from itertools import count
+from typing import NamedTuple
+
+from robotouille.episode.events import (
+    ACTION_INVALID,
+    ACTION_UNKNOWN,
+    ActionRejected,
+    PlayedMove,
+    QuotaReached,
+)
+from robotouille.episode.lifecycle import Controller
+from robotouille.episode.quota import size_of_rejection
+from robotouille.episode.record import EpisodeRecord
+from robotouille.episode.seats import ActionAnswer, ActionRequest, PendingAction, Seat
+from robotouille.errors import ProtocolError, UnknownNameError
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of
+from robotouille.world.world import State
+
+SUBSTITUTED = ActionRequest(seq=0)
+"""Request behind a substitute's decision. Number 0: the participant never made it."""
+
+
+class RejectionReasons(NamedTuple):
+    """Reasons for which a request is rejected, and the code of the rejection."""
+
+    unmet: tuple[Unmet, ...]
+    code: str = ACTION_INVALID
+
+
+class StepDecisions(NamedTuple):
+    """The seats' decisions for one step: moves in order, and who does nothing or waits."""
+
+    moves: tuple[PlayedMove, ...]
+    idle: tuple[tuple[str, int], ...]
+    waits: tuple[str, ...] = ()
+
+
+class Submissions:
+    """Turns the requests of an episode's seats into pending decisions or rejections.
+
+    Methods that return a boolean return True if a seat has decided. The caller then takes the
+    steps that no longer wait for any seat.
+    """
+
+    __slots__ = ("_arrivals", "_held", "_order", "_record")
+
+    def __init__(self, record: EpisodeRecord) -> None:
+        self._record = record
+        self._arrivals = 0
+        # A heap: seats may have different delays, so requests do not fall due in arrival order.
+        self._held: list[tuple[float, int, Seat, ActionRequest, RejectionReasons | None]] = []
+        self._order = count()
+
+    def submit(self, player: str, request: ActionRequest, now: float) -> bool:
+        """Accept or reject an action; see `Episode.submit`."""
+        return self._receive(self._record.seat(player), request, None, now)
+
+    def reject(self, player: str, request: ActionRequest, why: ProtocolError, now: float) -> None:
+        """Reject a request whose action could not be read; see `Episode.reject`."""
+        fault = RejectionReasons(only_words(why.message), why.code)
+        self._receive(self._record.seat(player), request, fault, now)
+
+    def refuse(self, player: str, request: ActionRequest, why: ProtocolError, now: float) -> None:
+        """Record a request that is not evaluated; see `Episode.refuse`."""
+        self._record.check_open()
+        seat, unmet = self._record.seat(player), only_words(why.message)
+        sentence = _sentence(request.action)
+        event = ActionRejected(
+            player,
+            request.seq,
+            sentence,
+            unmet,
+            self._record.elapsed(now),
+            request.reasoning,
+            code=why.code,
+            basis=self._known(request).basis,
+            heard=False,
+        )
+        # `_receive` charges the reasoning of other requests, but this one did not pass through it.
+        size = size_of_rejection((sentence, *texts_of(unmet))) + len(request.reasoning.encode())
+        self._report(seat, event, size)
+
+    def substitute(self, player: str, action: GroundAction | None, now: float) -> bool:
+        """Accept a substitute's action; see `Episode.substitute`."""
+        seat = self._record.seat(player)
+        if not (self._record.in_progress and seat.controller is Controller.SUBSTITUTE):
+            return False
+        # An invalid action becomes "nothing": there is no participant who could try again.
+        self._decide(seat, None if self._faults(seat, action) else action, SUBSTITUTED, now)
+        return True
+
+    # Held requests
+
+    def due(self) -> float | None:
+        """Return the time at which the next held request counts."""
+        return self._held[0][0] if self._held else None
+
+    def release(self, now: float) -> Iterator[None]:
+        """Evaluate the held requests whose time has come; yield after each decision."""
+        while self._held and self._held[0][0] <= now:
+            _, _, seat, request, fault = heapq.heappop(self._held)
+            if self._evaluate(seat, request, fault, now):
+                yield
+
+    def drop(self, player: str) -> None:
+        """Forget the held requests of a player whose participant has left."""
+        self._held = [held for held in self._held if held[2].player != player]
+        heapq.heapify(self._held)
+
+    def clear(self) -> None:
+        """Forget all held requests."""
+        self._held.clear()
+
+    # Evaluation
+
+    def _receive(
+        self, seat: Seat, request: ActionRequest, fault: RejectionReasons | None, now: float
+    ) -> bool:
+        record = self._record
+        record.check_started()
+        if request.seq < seat.seq:
+            message = f"action {request.seq} is older than {seat.seq}; ask for a snapshot"
+            raise ProtocolError("action/stale", message, "seq")
+        if request.seq == seat.seq and request.seq > 0:
+            return False  # Sent again after a reconnection; `Seat.answer` has its result.
+        if request.reasoning:
+            size = len(request.reasoning.encode())
+            record.take_quota(seat.quota, size, seat.player, now, "act without")
+        # From here on the number is used, even if the action is rejected: a client that repeats it
+        # after a reconnection must get the same result.
+        seat.seq = request.seq
+        request = self._known(request)
+        if delay := seat.treatment.delay_ms:
+            until = now + delay / 1000
+            heapq.heappush(self._held, (until, next(self._order), seat, request, fault))
+            return False
+        return self._evaluate(seat, request, fault, now)
+
+    def _known(self, request: ActionRequest) -> ActionRequest:
+        # A basis ahead of the game would make the recorded staleness negative.
+        if request.basis is None or 0 <= request.basis <= self._record.step:
+            return request
+        return request._replace(basis=None)
+
+    def _evaluate(
+        self, seat: Seat, request: ActionRequest, fault: RejectionReasons | None, now: float
+    ) -> bool:
+        action = request.action
+        if fault is None and isinstance(action, str):
+            record = self._record
+            try:
+                action = record.world.parse(record.state, seat.player, action, valid=False)
+            except UnknownNameError as error:
+                fault = RejectionReasons(only_words(str(error)), ACTION_UNKNOWN)
+        if fault is None and not isinstance(action, str):
+            unmet = self._faults(seat, action, anticipates=request.anticipates)
+            if not unmet:
+                self._supersede(seat, request.seq, now)
+                self._decide(seat, action, request, now)
+                return True
+            fault = RejectionReasons(unmet)
+        if fault is not None:
+            self._reject(seat, request, _sentence(action), fault, now)
+        return False
+
+    def _faults(
+        self, seat: Seat, action: GroundAction | None, *, anticipates: bool = False
+    ) -> tuple[Unmet, ...]:
+        record = self._record
+        turn = record.on_turn
+        if turn is not None and turn != seat.player:
+            return (Unmet(UnmetKind.TURN, f"it is {turn}'s turn", objects=(turn,)),)
+        if action is None:
+            return ()
+        if action.player is not None and action.player != seat.player:
+            words = f"{action.player} is not yours to move: you play {seat.player}"
+            return (Unmet(UnmetKind.SEAT, words, objects=(action.player,)),)
+        if anticipates or record.world.applicable(record.state, action):
+            return ()
+        return record.world.unmet(record.state, action)
+
+    def _supersede(self, seat: Seat, seq: int, now: float) -> None:
+        """Reject the seat's pending action, which the action `seq` replaces."""
+        pending = seat.pending
+        if pending is not None and pending.request.seq > 0:
+            superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
+            sentence = _sentence(pending.action)
+            request = pending.request._replace(action=sentence)
+            self._reject(seat, request, sentence, RejectionReasons((superseded,)), now)
+
+    def _decide(
+        self, seat: Seat, action: GroundAction | None, request: ActionRequest, now: float
+    ) -> None:
+        record = self._record
+        self._arrivals += 1
+        due = record.step + record.clock.delay(request.think_ms)
+        latency = seat.thought(record.ran(now))
+        seat.pending = PendingAction(action, request, latency, self._arrivals, due)
+
+    def _reject(
+        self, seat: Seat, request: ActionRequest, sentence: str, fault: RejectionReasons, now: float
+    ) -> None:
+        asked = request.action
+        text = asked if isinstance(asked, str) and asked != sentence else ""
+        event = ActionRejected(
+            seat.player,
+            request.seq,
+            sentence,
+            fault.unmet,
+            self._record.elapsed(now),
+            request.reasoning,
+            code=fault.code,
+            text=text,
+            basis=request.basis,
+        )
+        seat.answer = ActionAnswer(request.seq, self._record.step, event.reasons, fault.code)
+        self._report(seat, event, size_of_rejection((sentence, text, *texts_of(fault.unmet))))
+
+    def _report(self, seat: Seat, event: ActionRejected, size: int) -> None:
+        """Count and report a rejection, which is recorded if the seat's quota has room for it."""
+        reached = seat.quota.reached
+        recorded = seat.quota.take(size)
+        seat.count_rejection(event.kind, recorded=recorded)
+        if seat.quota.reached and not reached:
+            self._record.emit(QuotaReached(seat.player, event.time))
+        self._record.emit(event if recorded else replace(event, recorded=False))
+
+
+def _sentence(action: GroundAction | str | None) -> str:
+    if action is None:
+        return "nothing"
+    return action if isinstance(action, str) else action.sentence
+
+
+def joint_action(
+    seats: Iterable[Seat], state: State, step: int, *, by_arrival: bool
+) -> StepDecisions:
+    """Remove the seats' decisions for the step after `step` and join them.
+
+    Moves are in seat order, or in the order of their arrival. Moves that anticipate another move
+    come after it.
+    """
+    idle, waits, ready, anticipating = [], [], [], set()
+    for seat in seats:
+        pending = seat.take_pending(step)
+        if pending is None:
+            continue
+        action, request = pending.action, pending.request
+        if action is not None:
+            move = PlayedMove(
+                seat.player, action, request.seq, pending.latency, request.reasoning, request.basis
+            )
+            ready.append((pending.order, move))
+            if request.anticipates:
+                anticipating.add(seat.player)
+            continue
+        if request.seq > 0:
+            idle.append((seat.player, request.seq))
+        if request.waits:
+            waits.append(seat.player)
+    # In lockstep the fastest seat must not win every conflict, so the order is that of the seats.
+    if by_arrival and len(ready) > 1:
+        ready.sort(key=lambda pair: pair[0])
+    moves = [move for _, move in ready]
+    if anticipating:
+        moves = _arranged(state, moves, anticipating)
+    return StepDecisions(tuple(moves), tuple(idle), tuple(waits))
+
+
+def _arranged(
+    state: State, moves: list[PlayedMove], anticipating: Collection[str]
+) -> list[PlayedMove]:
+    """Return the moves with the anticipating ones last. Of those, the ones that apply are first."""
+    arranged = [move for move in moves if move.player not in anticipating]
+    late = [move for move in moves if move.player in anticipating]
+    while late:
+        move = next((m for m in late if _applies(state, [*arranged, m])), late[0])
+        late.remove(move)
+        arranged.append(move)
+    return arranged
+
+
+def _applies(state: State, moves: Collection[PlayedMove]) -> bool:
+    """Return whether the last of some moves would be applied."""
+    return state.step([move.action for move in moves]).attempts[-1].applied

@@ -1,1 +1,0 @@
-"""Planners made for one kind of domain."""

@@ -1,1 +1,0 @@
-"""Pieces of both PDDL encodings: actions, goal, creations and timers over variables."""

@@ -1,1 +1,0 @@
-"""The delete relaxation: what would be possible if nothing were ever undone."""

@@ -1,0 +1,90 @@
+"""Text for terminals: safe output, and command options that are fields of one dataclass."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import json
+import sys
+from collections.abc import Callable
+from typing import Any, get_type_hints
+
+
+def printable(text: str) -> str:
+    """Return the text with control characters, line separators and direction marks replaced.
+
+    Each of them (ESC, U+2028, U+202E, …) becomes U+FFFD, so that text from other people cannot
+    control the terminal.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text
+    )
+
+
+def printable_json(text: str) -> str:
+    """Return the JSON text with every character that `printable` replaces escaped."""
+    lines = text.split("\n")
+    return "\n".join(line if line.isprintable() else _escaped(line) for line in lines)
+
+
+def quoted(text: str) -> str:
+    """Return text from another person as one quoted line."""
+    return printable_json(json.dumps(text, ensure_ascii=False))
+
+
+def _escaped(line: str) -> str:
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in line)
+
+
+def tell(text: str, *, err: bool = False, nl: bool = True) -> None:
+    """Print text that is not JSON, on standard output or, with `err`, on standard error.
+
+    Line feeds in `text` are kept. Apply `printable` first to text from a server or participant,
+    so that it stays on one line.
+    """
+    lines = "\n".join(map(printable, text.split("\n")))
+    print(lines, file=sys.stderr if err else sys.stdout, end="\n" if nl else "", flush=True)
+
+
+def options_from(options: type[Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that turns the parameter `options` of a command into one flag per field.
+
+    `options` is a dataclass whose fields are annotated like the parameters of a Typer command.
+    Typer reads a command's parameters from its signature, so a command with twenty flags would
+    otherwise need twenty parameters.
+    """
+    hints = get_type_hints(options, include_extras=True)
+    fields = [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=_default(field),
+            annotation=hints[field.name],
+        )
+        for field in dataclasses.fields(options)
+    ]
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(command)
+        def run(*args: Any, **kwargs: Any) -> Any:
+            values = {each.name: kwargs.pop(each.name) for each in fields if each.name in kwargs}
+            return command(*args, options=options(**values), **kwargs)
+
+        own = inspect.signature(command, eval_str=True)
+        kept = [each for name, each in own.parameters.items() if name != "options"]
+        parameters = sorted([*kept, *fields], key=lambda each: each.kind)
+        vars(run)["__signature__"] = own.replace(parameters=parameters)
+        run.__annotations__ = {each.name: each.annotation for each in parameters}
+        del run.__wrapped__  # Typer would read its signature.
+        return run
+
+    return decorate
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return inspect.Parameter.empty if field.default is dataclasses.MISSING else field.default

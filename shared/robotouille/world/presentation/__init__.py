@@ -1,0 +1,1 @@
+"""Words for people, and the actions that are worth offering to them."""

@@ -1,0 +1,113 @@
+"""Recognition of kitchens that the planner accepts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import Task, World, load_task
+from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.task import build_task, read_domain
+from robotouille.installation import data_folder
+from robotouille.planning.kitchen.recognition import recognise
+from robotouille.planning.kitchen.solver import kitchen_search
+from robotouille.planning.plan import Limits
+from robotouille.planning.solvers import solve
+from tests.world.kitchens import kitchen
+
+Json = dict[str, Any]
+
+
+def changed(name: str, **fields: Any) -> Task:
+    """Return a shipped task with other fields of its problem."""
+    task = load_task(name)
+    raw = json.loads(Path(task.source).read_text())
+    return build_task("changed", task.domain, ProblemFile.model_validate({**raw, **fields}))
+
+
+def is_left_to_others(task: Task) -> bool:
+    world = World(task)
+    return kitchen_search(world, world.initial) is None
+
+
+def test_uneven_pots_are_declined() -> None:
+    pots = [
+        {"name": "pot", "x": 0, "y": 2},
+        {"name": "pot", "x": 4, "y": 1},
+        {"name": "bowl", "x": 0, "y": 1},
+    ]
+    goal = [{"predicate": "in", "args": ["water", "bowl"], "ids": [1, 2]}]
+    slow = {"fill_time": {"default": 1, "pot2": 25}}
+    task = changed("asynchronous/06", containers=pots, goal=goal, config=slow)
+    assert is_left_to_others(task)
+    assert solve(World(task)).bound == 9
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        {"predicate": "item_on", "args": ["bread", "table"], "ids": [1, 9]},
+        {"predicate": "atop", "args": ["bread", "cheese"], "ids": [1, 3]},
+        {"predicate": "item_at", "args": ["cheese", "table"], "ids": [3, 9]},
+    ],
+)
+def test_contradictory_goals_are_declined(extra: Json) -> None:
+    goal = [
+        {"predicate": "item_on", "args": ["bread", "table"], "ids": [1, 2]},
+        {"predicate": "item_at", "args": ["cheese", "table"], "ids": [3, 2]},
+        extra,
+    ]
+    assert is_left_to_others(changed("synchronous/01", goal=goal))
+
+
+def test_too_long_plans_are_not_reported_as_unsolvable() -> None:
+    whole = {"name": "lettuce", "stack-level": 0, "predicates": ["iscuttable"]}
+    places = ((0, 1), (0, 2), (1, 4), (3, 4))
+    lettuces = [{**whole, "x": x, "y": y} for x, y in places]
+    goal = [{"predicate": "iscut", "args": ["lettuce"], "ids": [i]} for i in range(4)]
+    slow = {"num_cuts": {"default": 60}}
+    task = changed("synchronous/02", items=lettuces, goal=goal, config=slow)
+    answer = solve(World(task), limits=Limits(expansions=200))
+    assert not answer.unsolvable
+    assert answer.bound >= 240
+
+
+@pytest.mark.parametrize("needs", ["iscut", "iscooked"])
+def test_chained_processes_are_declined(needs: str) -> None:
+    raw = json.loads((data_folder("domains") / "robotouille.json").read_text())
+    fry = next(a for a in raw["action_defs"] if a["name"] == "fry")
+    for condition in fry["precons"]:
+        if condition["predicate"] == "isfryable":
+            condition["predicate"] = needs
+    assert recognise(load_task("synchronous/01").domain) is not None
+    assert recognise(DomainFile.model_validate(raw)) is None
+
+
+def test_workshop_is_not_a_kitchen() -> None:
+    assert recognise(read_domain("workshop")) is None
+    world = World("workshop/01")
+    assert kitchen_search(world, world.initial) is None
+
+
+def test_timing_for_people_is_declined() -> None:
+    world = World(load_task("synchronous/01", timing="people"))
+    assert kitchen_search(world, world.initial) is None
+
+
+CUT = [{"predicate": "iscut", "args": ["lettuce"], "ids": [1]}]
+
+
+def lettuces(*places: int, cuttable: int = 9, level: int = 0) -> World:
+    items = [
+        {"name": "lettuce", "x": x, "y": 0, "stack-level": level * number,
+         "predicates": ["iscuttable"] if number < cuttable else []}
+        for number, x in enumerate(places)
+    ]  # fmt: skip
+    stations = [{"name": kind, "x": x, "y": 0} for x, kind in enumerate(KINDS)]
+    return kitchen(stations=stations, items=items, goal=CUT)
+
+
+KINDS = ["table", "table", "table", "table", "board"]

@@ -1,0 +1,215 @@
+"""Peers, pending connections and admission."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from robotouille_server import Server
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import Session
+from robotouille_server.transport import LoopBudget
+from robotouille_server.transport.admission import LOOP_BUDGET
+from robotouille_server.transport.connection import Connection, PendingConnection
+from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
+from tests.support.servers import Raw, raw, serving
+from tests.support.virtual_time import virtual
+
+KERNEL = 4096
+"""Bytes that the operating system is asked to hold at each end."""
+TEXT = "x" * 500
+"""Longest chat message."""
+LARGEST = 2 * len(TEXT)
+"""Bytes of a message with it, and more."""
+
+
+def narrow(transport: asyncio.BaseTransport, option: int) -> None:
+    transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, option, KERNEL)
+
+
+@asynccontextmanager
+async def deaf_spectator(
+    server: Server, ada: Raw, **rules: str
+) -> AsyncIterator[tuple[Room, Session]]:
+    """Connect a spectator of Ada's episode who stops reading."""
+    created = await ada.ask({"type": "create", "task": "synchronous/01", **rules}, "created")
+    code = created["code"]
+    async with raw(server, name="deaf") as deaf:
+        await deaf.ask({"type": "join", "episode": code, "role": "spectator"}, "joined")
+        await ada.ask({"type": "join", "episode": code}, "joined")
+        await deaf.expect("snapshot")
+        room = server.lobby.find(code)
+        session = next(member for member in room.members if member.player is None)
+        narrow(deaf.socket.transport, socket.SO_RCVBUF)
+        narrow(peer_of(session).socket.transport, socket.SO_SNDBUF)
+        deaf.socket.transport.pause_reading()
+        yield room, session
+
+
+def peer_of(session: Session) -> Peer:
+    assert session.peer is not None
+    return session.peer
+
+
+def dropped(server: Server) -> float:
+    """Return the number of connections dropped because their clients did not read."""
+    return float(server.metrics.dropped.labels("stalled")._value.get())
+
+
+def fill(room: Room, peer: Peer) -> None:
+    """Send until the client receives no more deltas."""
+    while peer.unsent <= 2 * MAX_UNSENT and not peer.socket.transport.is_closing():
+        room.announce(TEXT)
+
+
+@virtual
+async def test_stalled_client_is_aborted(tmp_path: Path) -> None:
+    async with serving(tmp_path, stall_seconds=5) as server, raw(server) as ada:
+        async with deaf_spectator(server, ada, clock="realtime") as (room, session):
+            peer = peer_of(session)
+            async with asyncio.timeout(60):
+                while not dropped(server):
+                    fill(room, peer)
+                    await asyncio.sleep(0.05)
+            assert peer.unsent == 0, "data is still kept for a client that does not read"
+            await asyncio.sleep(0.1)
+            assert session.peer is None
+            assert peer.socket.transport.is_closing()
+            await ada.expect("delta")
+
+
+async def announce(room: Room, ada: Raw) -> None:
+    room.announce(TEXT)
+    await ada.expect("notice")
+
+
+async def chat(room: Room, ada: Raw) -> None:
+    await ada.ask({"type": "say", "text": TEXT}, "said")
+
+
+@pytest.mark.parametrize("flood", [announce, chat])
+@virtual
+async def test_unsent_data_is_bounded(
+    tmp_path: Path, flood: Callable[[Room, Raw], Awaitable[None]]
+) -> None:
+    async with serving(tmp_path, messages_per_second=1e6) as server, raw(server) as ada:
+        async with deaf_spectator(server, ada, clock="turn") as (room, session):
+            peer, most, sent = peer_of(session), 0, 0
+            while not dropped(server):
+                await flood(room, ada)
+                most, sent = max(most, peer.unsent), sent + 1
+                assert most <= MAX_HELD + LARGEST
+                assert sent < 4 * MAX_HELD / len(TEXT), "nothing was ever waited for"
+            assert most > MAX_HELD
+            await asyncio.sleep(0.1)
+            assert session.peer is None
+            assert peer.unsent == 0
+            await flood(room, ada)
+
+
+SECONDS = 10.0
+
+
+class NewOnes:
+    """Objects of a type that did not exist before."""
+
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+        self.before = self._there()
+
+    def _there(self) -> dict[int, object]:
+        return {id(one): one for one in gc.get_objects() if type(one) is self.kind}
+
+    def count(self) -> int:
+        return len(self._there().keys() - self.before.keys())
+
+
+async def silent(port: int, count: int) -> list[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    opened = [await asyncio.open_connection("127.0.0.1", port) for _ in range(count)]
+    await asyncio.sleep(0.1)
+    return opened
+
+
+@virtual
+async def test_silent_connection_creates_no_library_connection(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        connections = NewOnes(Connection)
+        held = await silent(server.port, 20)
+        assert len(server.admission.pending) == 20
+        assert connections.count() == 0
+        for _, writer in held:
+            writer.close()
+
+
+@virtual
+async def test_silent_connection_is_closed_and_freed(tmp_path: Path) -> None:
+    pending = NewOnes(PendingConnection)
+    async with serving(tmp_path, hello_seconds=SECONDS) as server:
+        begun = asyncio.get_running_loop().time()
+        held = await silent(server.port, 5)
+        assert pending.count() == 5
+        for reader, writer in held:
+            assert await reader.read() == b""
+            writer.close()
+        assert asyncio.get_running_loop().time() - begun == pytest.approx(SECONDS, abs=0.5)
+        await asyncio.sleep(1)
+        assert not server.admission.pending
+        assert server.admission.admitted == 0
+        gc.collect()
+        assert pending.count() == 0
+
+
+@virtual
+async def test_request_in_single_bytes_is_answered(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+        for byte in b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n":
+            writer.write(bytes([byte]))
+            await asyncio.sleep(0.01)
+        assert (await reader.read()).startswith(b"HTTP/1.1 200")
+        writer.close()
+
+
+@virtual
+async def test_stopping_server_closes_silent_connections(tmp_path: Path) -> None:
+    async with serving(tmp_path, hello_seconds=1000) as server, raw(server):
+        ((reader, writer),) = await silent(server.port, 1)
+        begun = asyncio.get_running_loop().time()
+    assert await reader.read() == b""
+    assert asyncio.get_running_loop().time() - begun < 30
+    writer.close()
+
+
+@virtual
+async def test_silent_connections_count_towards_the_limit(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        server.admission.limit = 3
+        held = await silent(server.port, 5)
+        assert server.admission.admitted == 3
+        over = [reader for reader, _ in held if reader.at_eof() or reader.exception()]
+        assert len(over) == 2
+        for _, writer in held:
+            writer.close()
+
+
+@virtual
+async def test_queue_is_served_in_order_within_the_budget() -> None:
+    budget, served = LoopBudget(asyncio.get_running_loop()), []
+
+    def serve(name: str) -> None:
+        served.append(name)
+        budget.spend(LOOP_BUDGET / 2)
+
+    for name in ("ada", "bob", "cy"):
+        budget.wait(lambda name=name: serve(name))  # type: ignore[misc]
+    assert not budget.free, "newcomers wait behind them"
+    await asyncio.sleep(0)
+    assert served == ["ada", "bob"]
+    await asyncio.sleep(0)
+    assert served == ["ada", "bob", "cy"]

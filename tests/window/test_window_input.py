@@ -1,0 +1,441 @@
+"""Keyboard and mouse control: walking, the use key, the action list and the queue."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pygame
+import pytest
+from tests.support.window_play import (
+    ARROWS,
+    SIZE,
+    Script,
+    Timer,
+    click,
+    goes_to,
+    headless_window,
+    press,
+    way,
+)
+
+from robotouille import GroundAction, Timing, World, load_task, task_names
+from robotouille.certification.certificate import load_certificate
+from robotouille.domain.input_bindings import bindings_of
+from robotouille.domain.rendering import rendering_of
+from robotouille.domain.schema import InputFile
+from robotouille.world.scene import scene
+from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
+from robotouille_client.window.input.controls import possible, towards
+from robotouille_client.window.pictures.appearance import KitchenLook
+from robotouille_client.window.preferences import Preferences
+from robotouille_client.window.view import Bubble, LobbyView
+
+
+class Table:
+    """Window with a game and a manual clock."""
+
+    def __init__(self, source: Script, **options: object) -> None:
+        self.timer = Timer()
+        self.source = source
+        self.window = headless_window(SIZE, clock=self.timer, **options)
+        self.window.frame(source)
+
+    def press(self, *keys: int, mod: int = 0) -> list[str]:
+        press(self.window, self.source, *keys, mod=mod)
+        return [action.name for action in self.source.acted]
+
+    def click(self, station: str, button: int = 1) -> None:
+        click(self.window, self.source, station, button)
+
+    def overlay(self):
+        return self.window.overlay(self.source.view())
+
+    def possible(self) -> tuple[GroundAction, ...]:
+        """Return the actions of the list, in its order."""
+        return possible(self.source.state, self.source.me)
+
+    def here(self) -> str | None:
+        return scene(self.source.state)[self.source.me].at
+
+    def step(self) -> None:
+        self.source.step()
+        self.window.frame(self.source)
+
+
+@pytest.fixture
+def table() -> Table:
+    return Table(Script(World("training/01")))
+
+
+@pytest.fixture
+def slow() -> Table:
+    return Table(Script(World("training/01"), slow=True))
+
+
+@pytest.mark.parametrize("device", ["keys", "mouse"])
+@pytest.mark.parametrize("task", ["synchronous/01", "training/01"])
+def test_a_whole_task_by_one_device(task: str, device: str) -> None:
+    table = Table(Script(World(task)))
+    for line in load_certificate(load_task(task)).plan or ():
+        action = table.source.world.parse(table.source.state, table.source.me, line)
+        station = goes_to(action)
+        before = len(table.source.acted)
+        if device == "mouse":
+            table.click(station or table.here() or "", 1 if station else 3)
+        elif station is None:
+            table.press(pygame.K_e)
+        else:
+            table.press(*[ARROWS[c] for c in way(table.source.state, table.source.me, station)])
+        if station is None:
+            assert [str(a) for a in table.source.acted[before:]] == [str(action)]
+        else:
+            assert table.here() == station
+    assert table.source.finished
+
+
+@pytest.mark.slow
+def test_the_arrows_reach_every_station_of_every_task() -> None:
+    for task in task_names():
+        world = World(task)
+        me = world.players[0]
+        for action in world.initial.actions(me):
+            station = goes_to(action)
+            if station is not None:
+                assert way(world.initial, me, station)
+
+
+def test_letters_and_arrows_walk(table: Table) -> None:
+    start = table.here()
+    assert table.press(pygame.K_DOWN) == ["move"]
+    below = table.here()
+    assert below != start
+    assert table.press(pygame.K_w) == ["move", "move"]
+    assert table.here() != below
+
+
+def test_a_notice_without_a_station_that_way(table: Table) -> None:
+    assert table.press(pygame.K_RIGHT) == []
+    assert table.overlay().prompt == "There is no free station that way"
+    assert ("H", "help") in table.overlay().keys, "help stays findable"
+
+
+def test_bindings_of_the_domain_come_first() -> None:
+    world = World("training/01")
+    bound = bindings_of(world.task).model_dump()
+    bound["keyboard_actions"][-1]["input_instructions"]["key"] = "d"
+    look = KitchenLook(rendering_of(world.task), InputFile.model_validate(bound), Path())
+    table = Table(Script(world), look=look)
+    assert table.press(pygame.K_d) == ["wait"]
+    assert table.press(pygame.K_a, pygame.K_RIGHT)[-1] == "move"
+    assert ("Arrows", "walk") in table.overlay().keys
+
+
+def test_a_held_key_keeps_walking(table: Table) -> None:
+    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_LEFT, mod=0, unicode=""))
+    for seconds in (0.0, 0.2, 0.2, 0.0):
+        table.timer.now += seconds
+        table.window.frame(table.source)
+    assert len(table.source.acted) == 2
+    pygame.event.post(pygame.Event(pygame.KEYUP, key=pygame.K_LEFT, mod=0))
+    table.timer.now += 1.0
+    table.window.frame(table.source)
+    walked = len(table.source.acted)
+    table.window.frame(table.source)
+    assert len(table.source.acted) == walked
+
+
+def test_the_use_key_does_not_interrupt_cooking() -> None:
+    table = Table(Script(World(load_task("asynchronous/01"))))
+    world, me = table.source.world, table.source.me
+    for kind in ("chicken", "stove"):
+        thing = next(n for n, p in scene(world.initial).items() if p.thing.kind == kind)
+        placed = scene(table.source.state)[thing]
+        station = placed.host or thing
+        table.press(*[ARROWS[c] for c in way(table.source.state, me, station)], pygame.K_e)
+    assert table.press(pygame.K_e)[-1] == "cook"
+    done = len(table.source.acted)
+    table.source.step_seconds = 0.2
+    assert len(table.press(pygame.K_e)) == done
+    assert "wait until it is done" in table.overlay().prompt.lower()
+    table.source.step_seconds = None  # Nothing goes on before one has decided.
+    assert table.press(pygame.K_e)[-1] == "wait"
+
+
+def test_the_list_has_all_actions_and_digits_pick_one(table: Table) -> None:
+    table.press(pygame.K_TAB)
+    choices = table.possible()
+    assert set(choices) == set(table.source.state.actions("robot1"))
+    assert len(table.overlay().choices) == len(choices)
+    rows = table.overlay().choices
+    assert len(set(rows)) == len(rows), "no two sound alike"
+    assert "Go to the table with the cheese" in rows
+    assert rows[-1] == "Wait"
+    names = [action.name for action in choices]
+    table.press(getattr(pygame, f"K_{names.index('wait') + 1}"))
+    assert [a.name for a in table.source.acted] == ["wait"]
+    assert table.overlay().choices is None
+
+
+def test_the_list_by_arrows_and_enter(table: Table) -> None:
+    table.press(pygame.K_TAB, pygame.K_DOWN, pygame.K_DOWN, pygame.K_UP)
+    wanted = table.possible()[1]
+    assert table.overlay().chosen == 1
+    assert table.overlay().mark.station == goes_to(wanted), "where it leads is seen"
+    table.press(pygame.K_RETURN)
+    assert table.source.acted == [wanted]
+    table.press(pygame.K_TAB, pygame.K_ESCAPE)
+    assert table.overlay().choices is None
+
+
+def test_the_strip_and_the_list_can_be_clicked(table: Table) -> None:
+    def click(key: str) -> None:
+        places = table.window._painter._key_strip._places
+        area = next(area for area, name in places if name == key)
+        pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=area.center, button=1))
+        table.window.frame(table.source)
+
+    table.press(*[ARROWS[c] for c in way(table.source.state, "robot1", "table1")])
+    walked = len(table.source.acted)
+    click("E")
+    assert [a.name for a in table.source.acted[walked:]] == ["pick-up-item"]
+    click("Tab")
+    wanted = table.possible()[1]
+    click("2")
+    assert table.source.acted[-1] == wanted
+    click("H")
+    assert table.overlay().help
+
+
+def test_three_actions_queue_and_escape_clears_them(slow: Table) -> None:
+    slow.press(pygame.K_LEFT, pygame.K_e, pygame.K_DOWN, pygame.K_e)
+    assert len(slow.source.acted) == 1
+    assert slow.overlay().queued == ("E", "Down", "E")
+    slow.press(pygame.K_e)
+    assert slow.overlay().prompt == "3 actions are queued already"
+    slow.step()
+    assert len(slow.source.acted) == 2
+    slow.press(pygame.K_ESCAPE)
+    slow.step()
+    assert slow.overlay().queued == ()
+    assert len(slow.source.acted) == 2
+
+
+def test_actions_before_the_start_run_at_the_start(
+    table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = table.source.view
+    counting = dataclasses.replace(view(), starts_in=2.0)
+    monkeypatch.setattr(table.source, "view", lambda: counting)
+    table.press(pygame.K_LEFT)
+    assert table.source.acted == []
+    assert table.overlay().queued == ("Left",)
+    monkeypatch.setattr(table.source, "view", view)
+    table.window.frame(table.source)
+    assert [action.name for action in table.source.acted] == ["move"]
+
+
+def test_no_actions_in_the_lobby(table: Table, monkeypatch: pytest.MonkeyPatch) -> None:
+    waiting = dataclasses.replace(table.source.view(), lobby=LobbyView((), ready=True))
+    monkeypatch.setattr(table.source, "view", lambda: waiting)
+    table.press(pygame.K_LEFT)
+    assert table.source.acted == []
+    assert table.overlay().prompt == "The game hasn't started yet"
+    assert table.overlay().mark is None
+
+
+def test_a_slow_action_is_replaced_by_the_next(slow: Table) -> None:
+    slow.press(pygame.K_LEFT)
+    slow.timer.now += 1.0
+    slow.press(pygame.K_DOWN)
+    assert len(slow.source.acted) == 2
+
+
+def test_an_action_after_a_walk_waits_for_it(slow: Table) -> None:
+    slow.press(pygame.K_LEFT)
+    slow.timer.now += 1.0
+    slow.press(pygame.K_e)
+    assert len(slow.source.acted) == 1
+    assert slow.overlay().queued == ("E",)
+    slow.step()
+    assert len(slow.source.acted) == 2
+
+
+def test_an_action_is_marked_at_once_and_confirmed(slow: Table) -> None:
+    slow.press(pygame.K_LEFT)
+    mark = slow.overlay().mark
+    assert (mark.station, mark.fate) == (goes_to(slow.source.acted[0]), "asked")
+    slow.step()
+    assert slow.overlay().mark.fate == "done"
+    slow.timer.now += 1.0
+    assert slow.overlay().mark is None
+
+
+def test_a_rejection_marks_the_station_and_clears_the_queue(slow: Table) -> None:
+    slow.press(pygame.K_LEFT, pygame.K_e)
+    slow.source.bubbles = (Bubble("robot1", "Needs: something."),)
+    slow.window.frame(slow.source)
+    assert slow.overlay().mark.fate == "rejected"
+    assert slow.overlay().queued == ()
+
+
+def test_the_strip_shows_the_keys(table: Table) -> None:
+    table.press(*[ARROWS[c] for c in way(table.source.state, "robot1", "table1")])
+    assert [key for key, _ in table.overlay().hints] == ["E"]
+    table.press(pygame.K_e)
+    table.press(*[ARROWS[c] for c in way(table.source.state, "robot1", "board1")])
+    ((_, words),) = table.overlay().hints
+    assert words.startswith("Put down")
+
+
+def test_no_walk_while_busy() -> None:
+    table = Table(Script(World(load_task("training/01", timing=Timing.PEOPLE))))
+    table.press(pygame.K_LEFT, pygame.K_e)
+    assert table.overlay().hints == ()
+    assert table.overlay().queued == ("E",)
+
+
+def test_changed_keys_have_one_command_each() -> None:
+    keys = KeyMap().with_key(Command.USE, "f").with_key(Command.LIST, "a")
+    assert keys.command("f") is Command.USE
+    assert keys.command("a") is Command.LIST
+    assert keys.keys(Command.LEFT) == ()
+    assert keys.command("left") is Command.LEFT, "arrows always walk"
+    again = KeyMap(keys.changed)
+    assert again.changed == keys.changed == {"left": [], "use": ["f"], "list": ["a"]}
+    assert KeyMap({"nothing": ["x"], "use": ["return"]}).command("return") is Command.ENTER
+    table = Table(Script(World("training/01")), preferences=Preferences(keys=keys.changed))
+    table.press(pygame.K_a)
+    assert table.overlay().choices
+
+
+def test_alt_enter_does_not_open_the_chat(table: Table) -> None:
+    table.press(pygame.K_RETURN, mod=pygame.KMOD_LALT)
+    assert table.window._display.fullscreen
+    assert table.overlay().typing is None
+    table.press(pygame.K_F11)
+    assert not table.window._display.fullscreen
+    assert pygame.display.get_surface().get_size() == SIZE
+
+
+def test_a_mark_may_expire_during_a_frame(slow: Table) -> None:
+    slow.press(pygame.K_LEFT)
+    slow.step()
+
+    slow.timer.pace = 0.03
+    marks = [slow.overlay().mark for _ in range(60)]
+    assert marks[0] is not None
+    assert marks[-1] is None
+
+
+def test_a_hint_warns_before_interrupting_work() -> None:
+    opened = Table(Script(World("asynchronous/06")))
+    source, me = opened.source, opened.source.me
+    for line in load_certificate(source.world.task).plan or ():
+        source.act(source.world.parse(source.state, me, line))
+        if line.startswith("boil-water"):
+            break
+    hints = dict(opened.overlay().hints)
+    assert hints["E"] == "Wait until it is done"
+    assert hints["Click"].endswith("before it is done")
+    opened.press(pygame.K_TAB)
+    rows = opened.overlay().choices
+    assert sum(row.endswith("before it is done") for row in rows) == 1
+
+
+@pytest.mark.parametrize("goes", [True, False])
+def test_a_walk_to_an_occupied_station_is_retried(blocked: Table, goes: bool) -> None:
+    assert blocked.overlay().queued
+    taken = goes_to(blocked.source.acted[0])
+    if goes:
+        make_way(blocked)
+    else:
+        blocked.timer.now += 5.0
+    for _ in range(2):
+        blocked.window.frame(blocked.source)
+    assert [goes_to(action) for action in blocked.source.acted] == [taken] * (1 + goes)
+    blocked.step()
+    assert not blocked.overlay().queued
+
+
+def test_escape_forgets_a_rejected_walk(blocked: Table) -> None:
+    blocked.press(pygame.K_ESCAPE)
+    assert not blocked.overlay().queued
+
+
+@pytest.fixture
+def blocked() -> Table:
+    """Ask with `click` for a walk to the other player's station, and have it rejected."""
+    world = World("multi_agent/01")
+    me, other = world.players
+    opened = Table(Script(world, me, slow=True))
+    taken = scene(world.initial)[other].at
+    opened.click(taken)
+    reject(opened)
+    return opened
+
+
+def reject(table: Table) -> None:
+    """Reject the last action without a step."""
+    table.source.bubbles = (Bubble(table.source.me, "Somebody stands there."),)
+    table.source._asked = None
+    table.window.frame(table.source)
+
+
+def make_way(table: Table) -> str:
+    """Move the other player away; return where they were."""
+    other, state = table.source.world.players[1], table.source.state
+    left = scene(state)[other].at
+    assert left is not None
+    away = next(a for a in state.actions(other) if goes_to(a))
+    table.source.states.append(state.step(away).state)
+    table.window.frame(table.source)
+    return left
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_actions_queued_after_a_retried_walk_run_there(blocked: Table, early: bool) -> None:
+    if early:
+        blocked.click(goes_to(blocked.source.acted[0]) or "")
+        blocked.press(pygame.K_e)
+        reject(blocked)
+    else:
+        blocked.press(pygame.K_e)
+    walks = len(blocked.source.acted)
+    assert blocked.overlay().queued[1:] == ("E",), "not done where one stands"
+    there = make_way(blocked)
+    blocked.window.frame(blocked.source)
+    assert [goes_to(action) for action in blocked.source.acted[walks:]] == [there]
+    blocked.step()
+    assert blocked.here() == there
+    blocked.window.frame(blocked.source)
+    assert blocked.overlay().prompt == "Nothing to do at the table", "at the one it came to"
+
+
+def test_actions_queued_after_a_walk_are_dropped_with_it(blocked: Table) -> None:
+    blocked.press(pygame.K_e)
+    blocked.timer.now += 5.0
+    for _ in range(3):
+        blocked.window.frame(blocked.source)
+    assert len(blocked.source.acted) == 1
+    assert blocked.overlay().queued == ()
+    assert blocked.overlay().prompt == "", "the walk was explained, once"
+
+
+@pytest.mark.parametrize("by", ["arrow", "click"])
+def test_another_walk_replaces_a_retried_one(blocked: Table, by: str) -> None:
+    blocked.press(pygame.K_e)
+    if by == "arrow":
+        state, me = blocked.source.state, blocked.source.me
+        directions = ARROWS.items()
+        key = next(k for c, k in directions if towards(state, me, DIRECTIONS[c], scene(state)))
+        blocked.press(key)
+    else:
+        free = next(a for a in blocked.source.state.actions(blocked.source.me) if goes_to(a))
+        blocked.click(goes_to(free) or "")
+    assert len(blocked.source.acted) == 2
+    assert blocked.overlay().queued == (), "what was to be done there is forgotten"
+
+
+def test_actions_here_do_not_wait_for_a_retried_walk(blocked: Table) -> None:
+    assert blocked.press(pygame.K_SPACE)[-1] == "wait"

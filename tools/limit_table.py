@@ -1,0 +1,320 @@
+"""Tables of all limits for docs/settings.md, read from the settings and constants of the code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from robotouille.domain.files import MAX_NESTING
+from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHAPES, MAX_SIDE
+from robotouille.episode import quota, rules
+from robotouille.protocol import codec, messages
+from robotouille.replay import bounded_msgpack, container
+from robotouille.world.text import MAX_SENTENCE
+from robotouille_server.auth import revocation
+from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
+from robotouille_server.mqtt import stream
+from robotouille_server.mqtt.commands import COMMANDS_A_SECOND, COMMANDS_BURST, KEPT_REPLIES
+from robotouille_server.mqtt.messages import MAX_OPENED, MAX_PACKET_BYTES, MAX_WATCH_SECONDS
+from robotouille_server.operator import connections, event_streams
+from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
+from robotouille_server.rooms import archive
+from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES
+from robotouille_server.rooms.episode_setup import MAX_FINISHED
+from robotouille_server.rooms.journal import MAX_RECORDING_BYTES
+from robotouille_server.rooms.lobby import LINGER_SECONDS
+from robotouille_server.rooms.publisher import ROSTER_SECONDS, WAITING_SECONDS
+from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
+from robotouille_server.rooms.seat_limits import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
+from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
+from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
+from robotouille_server.runtime.budgets import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.runtime.process_limits import RESERVED
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.task_folder import MAX_FILES
+from robotouille_server.transport import admission, connection, peer
+
+__all__ = ["LIMITS", "Limit", "limit_tables", "shown_value"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One row: the limited quantity, its maximum, the effect of exceeding it, and the error code.
+
+    `value` is a number with its unit, or the name of a setting in braces: `{hello_seconds} s`.
+    """
+
+    what: str
+    value: str
+    exceeded: str
+    code: str = ""
+
+    @property
+    def setting(self) -> str:
+        """Name of the setting that changes the limit, or an empty string."""
+        return self.value[1:].partition("}")[0] if self.value.startswith("{") else ""
+
+
+def _size(count: int) -> str:
+    """Return a number of bytes in the largest unit that divides it."""
+    for bytes_each, unit in ((1024**2, "MiB"), (1024, "KiB")):
+        if count % bytes_each == 0:
+            return f"{count // bytes_each:,} {unit}"
+    return f"{count:,} B"
+
+
+def _maximum(model: type[BaseModel], name: str) -> str:
+    """Return the largest value, length or number of entries of a message's field."""
+    schema: dict[str, Any] = model.model_json_schema()["properties"][name]
+    parts = [schema, *schema.get("anyOf", [])]
+    keys = ("maxLength", "maxItems", "maxProperties", "maximum")
+    return f"{next(part[key] for part in parts for key in keys if key in part):,}"
+
+
+def _range(name: str) -> tuple[float, float]:
+    """Return the smallest and largest value of a field of `create`."""
+    number = messages.Create.model_json_schema()["properties"][name]["anyOf"][0]
+    return number["minimum"], number["maximum"]
+
+
+LOWEST_RATE, HIGHEST_RATE = _range("step_rate")
+SHORTEST, LONGEST = _range("open_for")
+INVALID = "message/invalid-field"
+REFUSED = "The message is refused."
+CREATE = "`create` is refused."
+CUT = "The server closes the connection."
+NO_START = "The server does not start."
+NOT_SHOWN = "The client learns only that the episode ended."
+
+LIMITS: dict[str, tuple[Limit, ...]] = {
+    "Messages": (
+        Limit("Size of a client's message", _size(codec.MAX_CLIENT_BYTES),
+              "The message is refused. At twice the size, the connection is closed with status "
+              "1009.", "message/too-large"),
+        Limit("Size of a message before `welcome`", _size(MAX_HELLO_BYTES), REFUSED,
+              "message/too-large"),
+        Limit("Size of a server's message", _size(codec.MAX_SERVER_BYTES),
+              "The client library closes the connection."),
+        Limit("Nesting of a message", f"{codec.MAX_DEPTH} levels in MessagePack, {MAX_NESTING} in "
+              "JSON", "The message is refused (a nested `act` with `message/invalid-field`).",
+              "message/malformed"),
+        Limit("Values in a message", f"{codec.MAX_ITEMS}", REFUSED, "message/malformed"),
+        Limit("Fields of an object in a message", f"{codec.MAX_FIELDS}", REFUSED,
+              "message/malformed"),
+        Limit("Messages per second and connection", "{messages_per_second}",
+              "The message is dropped. Bursts may be twice as large.", "rate/limited"),
+        Limit("Dropped messages in about a minute", f"{MAX_REFUSED}",
+              f"{CUT} Each 8 KiB count as one more message.", "rate/limited"),
+        Limit("`create` and `close` per second and connection", "{messages_per_second}",
+              "The message is read later."),
+        Limit("Cost of `join` and `resync`", f"{COSTS[messages.Join]:g} messages", ""),
+        Limit("Cost of `list`", f"{COSTS[messages.ListEpisodes]:g} messages", ""),
+        Limit("Cost of each KiB of a message, snapshot or list", "1 message", ""),
+        Limit("Control frames and fragments per second and connection",
+              f"{connection.FRAMES_A_SECOND:g}, bursts of {connection.FRAMES_BURST:g}",
+              "Pings are not answered; a fragmented message ends the connection. Each KiB counts "
+              "as one more frame."),
+        Limit("Control frames and fragments above that rate", f"{connection.MAX_EXCESS}", CUT),
+        Limit("Frames handled between two checks of due steps", f"{admission.LOOP_BUDGET:g}",
+              "The remaining frames wait."),
+        Limit("Frames of one connection handled before the others",
+              f"{connection.FRAMES_AT_A_TIME}", "The remaining frames wait."),
+        Limit("Text of a note", f"{_maximum(messages.Note, 'text')} characters", REFUSED, INVALID),
+        Limit("Chat message", f"{_maximum(messages.Say, 'text')} characters", REFUSED, INVALID),
+        Limit("Name", f"{_maximum(messages.Hello, 'name')} characters",
+              "The message is refused, as is a name without visible characters.", INVALID),
+        Limit("Token", f"{_maximum(messages.Hello, 'token')} characters", REFUSED, INVALID),
+        Limit("Action written as text", f"{MAX_SENTENCE:,} characters", REFUSED, INVALID),
+        Limit("Reasoning of an action", f"{_maximum(messages.Act, 'reasoning')} characters",
+              REFUSED, INVALID),
+        Limit("Declared thinking time of an action", f"{_maximum(messages.Act, 'think_ms')} ms",
+              REFUSED, INVALID),
+        Limit("Digests in `known`", _maximum(messages.Join, "known"), REFUSED, INVALID),
+        Limit("Seats in a `join`", _maximum(messages.Join, "seats"), REFUSED, INVALID),
+    ),
+    "Connections": (
+        Limit("Connections", "{max_connections}", "The handshake returns HTTP status 503."),
+        Limit("Connections per address without a token; an IPv6 /64 network counts as one "
+              "address, this machine is not limited", "{max_connections_per_address}",
+              "`hello` is answered with `bye` and status 1013.", "rate/connections"),
+        Limit("Connections per token subject", "{max_connections_per_address}",
+              "`hello` is answered with `bye` and status 1013.", "rate/connections"),
+        Limit("Connections per address that have not sent `hello`",
+              "{max_connections_per_address}",
+              "The newest connection replaces the oldest: `bye` and status 1013.",
+              "rate/connections"),
+        Limit("Time until `hello`", "{hello_seconds} s", "`bye` and status 1008.", "auth/silent"),
+        Limit("Handshakes that a full server still answers",
+              f"{admission.MAX_SURPLUS_CONNECTIONS:,}", CUT),
+        Limit("Bytes received before the handshake is answered", _size(connection.MAX_REQUEST),
+              CUT),
+        Limit("Concurrent TLS handshakes", f"{admission.HANDSHAKES_AT_ONCE}",
+              "Other handshakes wait. A handshake of more than a second gives up its place."),
+        Limit("File descriptors reserved for recordings",
+              f"{RESERVED}, or an eighth of the system's limit", "New connections are closed."),
+        Limit("Time to answer a ping; the server pings every 20 s", "20 s", CUT),
+        Limit("Unsent bytes for a client before it counts as slow", _size(peer.MAX_UNSENT),
+              "The server reads nothing from the client and sends no deltas or pongs until the "
+              "client has caught up. Then it sends a snapshot."),
+        Limit("Time for which a client may be slow", "{stall_seconds} s", CUT),
+        Limit("Unsent bytes for a client", _size(peer.MAX_HELD), CUT),
+    ),
+    "Access": (
+        Limit("Wrong ids and codes per address (IPv6: /64 network), or per token subject",
+              f"{WRONG_CODES_A_MINUTE} a minute",
+              f"`join` is refused; another try is possible every {60 / WRONG_CODES_A_MINUTE:g} s.",
+              "rate/codes"),
+        Limit("Length of a code", f"{CODE_LENGTH} letters",
+              f"There are 23^{CODE_LENGTH} codes, about 4 × 10^13."),
+        Limit("Validity of a resume token", "{resume_hours} h", "The token is refused.",
+              "auth/expired"),
+        Limit("Sessions per token of `mint --once`", "1", "The token is refused.", "auth/used"),
+        Limit("Revoked tokens", f"{revocation.MAX_ENTRIES:,}",
+              "`robotouille-token revoke` fails."),
+        Limit("Time for which a revocation is kept after the token's expiry",
+              f"{revocation.KEPT_SECONDS / 86400:g} days", "The token has expired.",
+              "auth/expired"),
+    ),
+    "Episodes": (
+        Limit("Episodes that have not ended", "{max_episodes}", CREATE, "server/full"),
+        Limit("Open episodes per token subject", "{max_episodes_per_owner}", CREATE,
+              "rate/episodes"),
+        Limit("Episodes per token subject kept open by `open_for`", "{max_reserved_per_owner}",
+              CREATE, "rate/episodes"),
+        Limit("`open_for`", f"{SHORTEST / 60:g} minute to {LONGEST / 86400:g} days", REFUSED,
+              INVALID),
+        Limit("Labels of an episode", _maximum(messages.Create, "labels"), REFUSED, INVALID),
+        Limit("Phrases of an episode", f"{rules.MAX_PHRASES}", REFUSED, INVALID),
+        Limit("Delay of a seat's actions", f"{rules.MAX_DELAY_MS / 1000:g} s", REFUSED, INVALID),
+        Limit("Seats", _maximum(messages.Create, "seats"), REFUSED, INVALID),
+        Limit("Default step limit", "{max_steps}", "The episode ends with `step_limit`."),
+        Limit("`max_steps`", _maximum(messages.Create, "max_steps"), REFUSED, INVALID),
+        Limit("Steps per second in real time", f"{LOWEST_RATE:g} to {HIGHEST_RATE:g}", REFUSED,
+              INVALID),
+        Limit("Default time for a move, with several seats", f"{rules.MOVE_BUDGET:g} s",
+              "The step is taken without the seat (`--move-budget`; 0 removes the limit)."),
+        Limit("Time a step waits before the server reports which seats it waits for",
+              f"{WAITING_SECONDS:g} s", "The server sends `roster` with `waits_for`."),
+        Limit("Time for which a disconnected player's seat is kept", "{grace} s",
+              "The `absence` rule decides."),
+        Limit("Time for players to come back after a restart", "{recovery_seconds} s",
+              "The `absence` rule decides."),
+        Limit("Time for episodes to end after SIGTERM", "{drain_seconds} s",
+              "The episodes are handed over to the next process."),
+        Limit("Time for which an ended episode stays available", f"{LINGER_SECONDS:g} s",
+              "`join` is refused.", "episode/unknown"),
+        Limit("Spectators per episode", "{max_spectators}", "`join` and resuming are refused.",
+              "episode/full"),
+        Limit("Spectator names in a roster", f"{MAX_SPECTATOR_NAMES}",
+              "Further spectators are only counted."),
+        Limit("Interval of rosters for spectator changes", f"{ROSTER_SECONDS:g} s",
+              "Changes are sent together."),
+        Limit("Joins, returns and `ready` changes per seat",
+              f"{SEAT_CHANGES} a minute, bursts of {SEAT_CHANGES_AT_ONCE}",
+              "`join` and `ready` are refused; a returning client gets `bye` with `retry`.",
+              "rate/seats"),
+        Limit("Recorded text per seat: reasoning, rejected actions, chat, notes",
+              _size(quota.SEAT_QUOTA_BYTES), "Reasoning and chat are refused. Rejected actions "
+              "are answered but not recorded.", "rate/words"),
+        Limit("Part of that quota reserved for a new player in the seat",
+              f"{_size(quota.NEWCOMER_BYTES)}, up to {_size(quota.MAX_SEAT_BYTES)} per seat",
+              "As above.", "rate/words"),
+        Limit("Recorded chat of all spectators", _size(quota.MAX_AUDIENCE_BYTES),
+              "Chat is refused.", "rate/words"),
+        Limit("Bytes that wait while a recording cannot be written", _size(MAX_UNWRITTEN),
+              "Returning clients get `bye` with `retry`.", "server/recording"),
+        Limit("Ended episodes remembered for a rematch", f"{MAX_FINISHED}",
+              "The oldest are forgotten.", "episode/unknown"),
+        Limit("Codes remembered of episodes that closed unused", f"{MAX_CODES:,}",
+              "The oldest are forgotten.", "episode/unknown"),
+        Limit("Files in the `tasks` folder", f"{MAX_FILES:,}", NO_START),
+        Limit("Picture in the `tasks` folder", f"{_size(MAX_PICTURE_BYTES)}, {MAX_SIDE:,} pixels "
+              f"per side, {MAX_SHAPES:,} SVG elements, {_size(MAX_OUTLINES)} of outlines",
+              NO_START),
+    ),
+    "Recordings": (
+        Limit("Recording being written, uncompressed", _size(MAX_RECORDING_BYTES),
+              "The episode ends with `aborted`."),
+        Limit("Recording to read, uncompressed", _size(container.MAX_FILE),
+              "The recording is not read."),
+        Limit("Frame", _size(container.MAX_FRAME), "The frame is neither written nor read."),
+        Limit("Values in a frame", f"{bounded_msgpack.MAX_ENTRIES:,}",
+              "The frame is neither written nor read."),
+        Limit("Steps of an ended episode shown to a returning client", f"{archive.MAX_STEPS:,}",
+              NOT_SHOWN, "auth/expired"),
+        Limit("Uncompressed bytes of such a recording", _size(archive.MAX_BYTES), NOT_SHOWN,
+              "auth/expired"),
+        Limit("Concurrent searches for ended episodes", f"{archive.MAX_SOUGHT}",
+              "The client must join again.", "auth/expired"),
+        Limit("Interval of reading the recordings folder for returning clients",
+              f"{archive.LIST_SECONDS:g} s", "The search waits."),
+    ),
+    "Operator port": (
+        Limit("Connections", f"{connections.MAX_CONNECTIONS}",
+              "A new connection replaces one without a token: silent ones first, then idle ones."),
+        Limit("Connections per address (IPv6: /64 network) without a token; this machine is not "
+              "limited", f"{connections.MAX_PER_ADDRESS}",
+              "A new connection replaces one of the same address."),
+        Limit("Connections per token subject", f"{connections.MAX_PER_SUBJECT}",
+              "HTTP status 503, `operator/busy`."),
+        Limit("Event streams", f"{event_streams.MAX_STREAMS}", "HTTP status 503, `operator/busy`. "
+              "A stream with a token replaces the oldest without."),
+        Limit("Event streams per token subject", f"{event_streams.MAX_STREAMS_PER_SUBJECT}",
+              "HTTP status 503, `operator/busy`."),
+        Limit("Time for a TLS handshake, a request head and a request body, each",
+              f"{connections.REQUEST_SECONDS:g} s", CUT),
+        Limit("Time between two requests", f"{connections.KEEP_ALIVE_SECONDS} s", CUT),
+        Limit("Time without progress of an unread response",
+              f"{connections.STALL_SECONDS:g} s", CUT),
+        Limit("Request body", _size(MAX_BODY), "HTTP status 413, `request/size`."),
+        Limit("Refused tokens in the audit log", f"{REFUSED_A_MINUTE} a minute",
+              "A later line counts the rest."),
+        Limit("Audit log file", _size(MAX_AUDIT_BYTES),
+              f"The file is rotated; {KEPT_FILES} old files are kept."),
+    ),
+    "MQTT": (
+        Limit("Size of a command", _size(codec.MAX_CLIENT_BYTES), "The command is refused.",
+              "message/too-large"),
+        Limit("Size of a packet from the broker", _size(MAX_PACKET_BYTES),
+              "The broker does not deliver the packet."),
+        Limit("Commands of all senders", f"{COMMANDS_A_SECOND:g} a second, bursts of "
+              f"{COMMANDS_BURST:g}", "The command is refused.", "rate/limited"),
+        Limit("Commands recognised when repeated", f"{KEPT_REPLIES}",
+              "An older command is carried out again."),
+        Limit("Episodes per command", f"{MAX_OPENED}", "The command is refused.", INVALID),
+        Limit("Watches", f"{stream.MAX_WATCHES}", "The command is refused.", "rate/limited"),
+        Limit("Duration of a watch", f"{MAX_WATCH_SECONDS:,.0f} s", "The command is refused.",
+              INVALID),
+        Limit("Messages waiting for the broker", f"{stream.MAX_MESSAGES:,}",
+              "The oldest are dropped and counted."),
+        Limit("Steps waiting for the broker", f"{stream.MAX_STEPS:,}",
+              "The oldest are dropped and counted."),
+    ),
+}  # fmt: skip
+
+
+def shown_value(limit: Limit) -> str:
+    """Return the limit's value, with the default of its setting filled in."""
+    if not limit.setting:
+        return limit.value
+    default = ServerSettings.model_fields[limit.setting].default
+    number = f"{default:,}" if isinstance(default, int) else f"{default:g}"
+    return limit.value.replace(f"{{{limit.setting}}}", number)
+
+
+def limit_tables() -> str:
+    """Return the Markdown tables."""
+    lines: list[str] = []
+    for title, limits in LIMITS.items():
+        lines += [f"### {title}", ""]
+        lines += ["| limit | value | setting | when exceeded | error |", "|" + " --- |" * 5]
+        for limit in limits:
+            flag = f"`--{limit.setting.replace('_', '-')}`" if limit.setting else ""
+            code = f"`{limit.code}`" if limit.code else ""
+            lines.append(
+                f"| {limit.what} | {shown_value(limit)} | {flag} | {limit.exceeded} | {code} |"
+            )
+        lines.append("")
+    return "\n".join(lines).rstrip()
