@@ -19,6 +19,6 @@ def test_node_and_python_read_the_same_frames(tmp_path: Path, cut: int) -> None:
     path = tmp_path / "game.rbt.part"
     path.write_bytes(stream[: len(stream) - cut])
     found = run_node("recording", path=str(path))
-    assert found["version"] == 2
+    assert found["version"] == 3
     assert found["frames"] == list(read_frames(stream[: len(stream) - cut]))
     assert len(found["frames"]) > 110

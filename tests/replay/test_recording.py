@@ -160,7 +160,12 @@ def test_open_and_closed_files_have_the_same_frames(tmp_path: Path) -> None:
     [
         (b"", "does not begin"),
         (b"PK\x03\x04", "does not begin"),
-        (b"RBTL\x01", "format version 1; this software reads 2"),
+        (b"RBTL\x01", "format version 1; this software reads only 3: .* record the game again"),
+        (
+            compress(b"RBTL\x02" + GAME[5:]),
+            "format version 2; this software reads only 3: .* again",
+        ),
+        (b"RBTL\x04" + GAME[5:], "format version 4; this software reads only 3: install the newer"),
         (MAGIC, "the header is missing"),
         (compress(GAME)[:-20], "cut off"),
         (MAGIC + pack_frame({"kind": "header"}), "frame 0: header.software"),

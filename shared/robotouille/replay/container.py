@@ -29,7 +29,7 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 MAGIC = b"RBTL" + bytes([FORMAT_VERSION])
 """First bytes of an uncompressed recording."""
 # These limits are part of the format (docs/recording_format.md). The server ends an episode at 192
@@ -64,7 +64,16 @@ def check_magic(stream: bytes) -> None:
     if len(stream) < len(MAGIC) or stream[:4] != MAGIC[:4]:
         raise RecordingError("not a recording: it does not begin with 'RBTL'")
     if stream[4] != FORMAT_VERSION:
-        raise RecordingError(f"format version {stream[4]}; this software reads {FORMAT_VERSION}")
+        raise RecordingError(_other_version(stream[4]))
+
+
+def _other_version(version: int) -> str:
+    if version > FORMAT_VERSION:
+        remedy = "install the newer version of Robotouille that recorded it"
+    else:
+        # No release wrote versions 1 and 2, so no converter exists.
+        remedy = "it predates the first release, so record the game again"
+    return f"format version {version}; this software reads only {FORMAT_VERSION}: {remedy}"
 
 
 def pack_frame(value: dict[str, Any]) -> bytes:
