@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.terminal import options_from, tell
+from robotouille_client.bots.llm_options import (
+    AttemptsOption,
+    DigestTokensOption,
+    LateOption,
+    ModelOptions,
+    TimeoutOption,
+)
 from robotouille_client.console import failing
 from robotouille_evaluation.cli.results import agreement, compare, report
-from robotouille_evaluation.cli.run_options import ResumeOptions, RunOptions, WorkerOptions
 
 if TYPE_CHECKING:
     from robotouille_evaluation.cli.models import ModelChoice
@@ -22,6 +30,105 @@ if TYPE_CHECKING:
     from robotouille_evaluation.runs import AgentSpec, EpisodeJob, RealTime, RunFolder, Workers
 
 # Imports of packs, models and runs are in the functions: `--help` must not wait for them.
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerOptions:
+    """Limits on what a run does at the same time."""
+
+    processes: Annotated[
+        int, typer.Option("--processes", min=1, help="Processes for agents without a model.")
+    ] = os.cpu_count() or 1
+    calls: Annotated[
+        int, typer.Option("--calls", min=1, help="Episodes that wait for a model at once.")
+    ] = 16
+    scheduler: Annotated[
+        str, typer.Option("--scheduler", help="Address of a Dask scheduler to use for processes.")
+    ] = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResumeOptions(WorkerOptions):
+    """Options of a resumed run."""
+
+    timeout: TimeoutOption = None
+    attempts: AttemptsOption = None
+    base_url: Annotated[
+        str,
+        typer.Option(help="Endpoint of the run, repeated to confirm that it may receive a key."),
+    ] = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(WorkerOptions, ModelOptions):
+    """Options of a new run."""
+
+    agents: Annotated[
+        str,
+        typer.Option(
+            "--agents",
+            help="Agents: planner, random, scripted, or strategies of a language model "
+            "(react-last-reasoning-action, io, …, or an experiment of the pack).",
+        ),
+    ] = "planner,random,scripted"
+    pack: Annotated[
+        Path | None,
+        typer.Option("--pack", help="Folder of a pack (`robotouille pack build`). "
+                     "Default: the built-in pack."),
+    ] = None  # fmt: skip
+    datasets: Annotated[str, typer.Option(help="Datasets. Default: all.")] = ""
+    tasks: Annotated[str, typer.Option(help="Tasks. Default: all.")] = ""
+    kinds: Annotated[str, typer.Option(help="Kinds of instances: default, free, noisy.")] = "free"
+    seats: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Players of each team for tasks that allow several. Default: as usual."
+        ),
+    ] = None
+    seeds: Annotated[int, typer.Option(min=1, help="Episodes of each agent per instance.")] = 1
+    budget: Annotated[
+        Literal["own", "published"] | None,
+        typer.Option(help="Step budget: 1.5 x the optimum (own), or the published constants."),
+    ] = None
+    variant: Annotated[
+        Literal["stochastic", "delay-free"] | None,
+        typer.Option(help="A cut item reverts by chance (stochastic), or nothing takes time."),
+    ] = None
+    control: Annotated[
+        Literal["each", "turns", "joint"],
+        typer.Option(
+            help="Teams: a model for each robot (each), or one model that is asked for one robot "
+            "after the other (turns) or for all at once (joint)."
+        ),
+    ] = "each"
+    clock: Annotated[
+        Literal["turns", "realtime"],
+        typer.Option(help="The world waits for its players (turns), or goes on while they think."),
+    ] = "turns"
+    step_rate: Annotated[
+        float, typer.Option(min=0.01, max=60, help="Real time: steps per second.")
+    ] = 5.0
+    charge: Annotated[
+        str,
+        typer.Option(
+            help="Real time: cost of a thought. `tokens:20`: 20 ms for each generated token. "
+            "`declared:1500`: 1,500 ms for each call."
+        ),
+    ] = "tokens:20"
+    late: LateOption = "apply"
+    helper: Annotated[
+        Literal["none", "planner", "script"],
+        typer.Option(help="Real time: bot that acts while a model thinks."),
+    ] = "none"
+    digest_tokens: DigestTokensOption = 0
+    slack: Annotated[
+        float, typer.Option(min=1, max=1000, help="Real time: factor of the step budgets.")
+    ] = 1.0
+    steps_to_go: Annotated[
+        bool,
+        typer.Option("--steps-to-go", help="Search how far failed episodes were from the goal."),
+    ] = False
+
 
 benchmark = typer.Typer(
     no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel
 
 from robotouille import World, load_task
 from robotouille.certification.step_limit import plan_beside
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.html_report import require_libraries
 from robotouille.html_report.figures import ReportFigure
-from robotouille_evaluation.metrics.rows import ResultRow
+from robotouille_evaluation.metrics.rows import Category, Number, ResultRow
 from robotouille_evaluation.report.dependency_graph import dependency_graph, draw_graph
 from robotouille_evaluation.report.figures import all_figures
 from robotouille_evaluation.report.grouping import datasets, tasks
@@ -53,7 +57,7 @@ def write_report(
     if find_spec("pyarrow") is None:
         raise MissingExtraError("a report", "bench")
     from robotouille_evaluation.report.page import results_page
-    from robotouille_evaluation.report.parquet import write_parquet
+    from robotouille_evaluation.report.write import write_parquet
 
     rows = sorted(rows, key=_order)
     tables, figures = all_tables(rows), all_figures(rows)
@@ -96,3 +100,55 @@ def task_graphs(rows: Sequence[ResultRow]) -> Iterator[ReportFigure]:
             plan = plan_beside(world)
             if plan is not None:
                 yield draw_graph(f"graph_{name.replace('/', '_')}", dependency_graph(world, plan))
+
+
+def write_parquet(rows: Sequence[ResultRow], path: Path) -> None:
+    """Write rows as Parquet, one column for each number. Equal rows give equal bytes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    # A column without values keeps its type, so that files can be concatenated.
+    types = {
+        bool: pa.bool_(),
+        int: pa.int64(),
+        float: pa.float64(),
+        str: pa.string(),
+        Category: pa.string(),
+        tuple[Number, ...]: pa.list_(pa.int64()),
+        dict[str, float]: pa.map_(pa.string(), pa.float64()),
+    }
+    schema = pa.schema([(name, types[kind]) for name, kind in _columns(ResultRow)])
+    table = pa.Table.from_pylist([dict(_cells(row)) for row in rows], schema=schema)
+    pq.write_table(table, path)
+
+
+def _columns(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield names and types. Nested fields are flattened: `outcome.steps` is `outcome_steps`."""
+    for name, field in model.model_fields.items():
+        kind = _bare(field.annotation)
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield from _columns(kind, f"{prefix}{name}_")
+        else:
+            yield prefix + name, kind
+
+
+def _bare(annotation: object) -> Any:
+    """Return the type without `None` and without constraints."""
+    if get_origin(annotation) in (Union, UnionType):
+        (annotation,) = (part for part in get_args(annotation) if part is not type(None))
+    if get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    return annotation
+
+
+def _cells(part: BaseModel, prefix: str = "") -> Iterator[tuple[str, object]]:
+    for name in type(part).model_fields:
+        value = getattr(part, name)
+        if isinstance(value, BaseModel):
+            yield from _cells(value, f"{prefix}{name}_")
+        else:
+            yield prefix + name, value

@@ -5,16 +5,32 @@ from __future__ import annotations
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from robotouille import World
 from robotouille.errors import FileError, RobotouilleError
+from robotouille.planning import StepsToGo
 from robotouille.replay.container import compress
+from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, Exchange, answer_all
-from robotouille_evaluation.metrics.rows import EpisodeMeasures, Result, ResultRow
+from robotouille_evaluation.metrics.measuring import measure
+from robotouille_evaluation.metrics.outcomes import repeated_transitions
+from robotouille_evaluation.metrics.rows import (
+    BudgetRow,
+    Counts,
+    EpisodeMeasures,
+    Optimum,
+    PackId,
+    RealTimeRow,
+    Result,
+    ResultRow,
+    TotalUsage,
+)
+from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import Model, Usage
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
@@ -29,13 +45,6 @@ from robotouille_evaluation.runs.job_agents import JobAgents
 from robotouille_evaluation.runs.job_list import EpisodeJob, RealTime, reversal_of
 from robotouille_evaluation.runs.journal import CallJournal, asking_once
 from robotouille_evaluation.runs.real_time_episode import RealTimeEpisode
-from robotouille_evaluation.runs.result_rows import (
-    budget_row,
-    count_answers,
-    job_fields,
-    measure_recording,
-    total_usage,
-)
 from robotouille_evaluation.runs.text_episode import (
     TeamResult,
     TextEpisode,
@@ -100,7 +109,7 @@ async def play_job(
     recordings = [runner.recording(error or "the agent is done") for runner in episode.runners]
     measures, repetitions = EpisodeMeasures(), 0
     if recordings:
-        measures, repetitions = measure_recording(
+        measures, repetitions = _measure_recording(
             recordings[-1], world, pack, job, limit, steps_to_go=context.steps_to_go
         )
     try:
@@ -108,14 +117,14 @@ async def play_job(
     except FileError as fault:
         recording, error = None, error or str(fault)
     return ResultRow(
-        **job_fields(job, pack),
+        **_job_fields(job, pack),
         run=context.run,
         timing=world.task.timing.value,
         attempts=max(1, len(episode.runners)),
-        budget=budget_row(job, limit),
+        budget=_budget_row(job, limit),
         outcome=result,
-        counts=count_answers(episode.exchanges, episode.runners),
-        usage=total_usage(episode.usages),
+        counts=_count_answers(episode.exchanges, episode.runners),
+        usage=_total_usage(episode.usages),
         seconds=max(0.0, context.clock() - begun),
         repetitions=repetitions,
         recording=recording,
@@ -244,3 +253,78 @@ def _write(folder: RunFolder, job: EpisodeJob, recordings: Sequence[bytes]) -> s
         name = folder.recording(job, trial)
         folder.write(name, compress(content))
     return str(name.relative_to(folder.path)) if name is not None else None
+
+
+def _job_fields(job: EpisodeJob, pack: Pack) -> dict[str, Any]:
+    """Return the fields of a row that are known before the episode is played."""
+    instance = pack.instance(job.instance)
+    best = instance.best(job.seats)
+    known = Optimum(steps=best.steps, bound=best.bound, proven=best.proven) if best else Optimum()
+    fields: dict[str, Any] = {
+        "job": job.id,
+        "pack": PackId(name=pack.name, version=pack.version, digest=pack.digest),
+        "dataset": pack.task(instance.task).dataset,
+        "task": instance.task,
+        "instance": instance.id,
+        "kind": instance.kind,
+        "variant": job.variant,
+        "seed": job.seed,
+        "agent": job.agent.name if job.control == "each" else f"{job.agent.name}, {job.control}",
+        "control": job.control,
+        "strategy": job.agent.strategy,
+        "model": job.agent.model,
+        "clock": job.clock,
+        "seats": job.seats,
+        "optimum": known,
+    }
+    if job.real_time is not None:
+        timing = job.real_time.model_dump(mode="json", exclude={"slack"})
+        fields["real_time"] = RealTimeRow(**timing)
+    return fields
+
+
+def _budget_row(job: EpisodeJob, limit: int) -> BudgetRow:
+    """Return the budget of a job and its rule, such as `own x 2`."""
+    rule = job.budget if job.slack == 1 else f"{job.budget} x {job.slack:g}"
+    return BudgetRow(rule=rule, steps=limit)
+
+
+def _count_answers(exchanges: Sequence[Exchange], runners: Sequence[RecordedRunner]) -> Counts:
+    """Return the counts of calls, retries and wrong answers of all trials."""
+    answers = [exchange.completion for exchange in exchanges if exchange.completion is not None]
+    return Counts(
+        invalid=sum(runner.invalid for runner in runners),
+        malformed=sum(runner.malformed for runner in runners),
+        calls=len(answers),
+        retries=sum(answer.attempts - 1 for answer in answers),
+    )
+
+
+def _total_usage(usages: Iterable[Usage]) -> TotalUsage:
+    """Return the tokens and cost of all calls."""
+    total = sum(usages, Usage())
+    return TotalUsage(
+        prompt_tokens=total.prompt_tokens,
+        completion_tokens=total.completion_tokens,
+        cost=total.cost,
+    )
+
+
+def _measure_recording(
+    content: bytes, world: World, pack: Pack, job: EpisodeJob, limit: int, *, steps_to_go: bool
+) -> tuple[EpisodeMeasures, int]:
+    """Return the measures of a recorded trial and the number of its repeated transitions.
+
+    Args:
+        steps_to_go: Search how far the goal was at the end, which is slow.
+    """
+    recording = Recording(content)
+    recording.world = world
+    trajectory = Trajectory.recorded(recording)
+    instance = pack.instance(job.instance)
+    distance = StepsToGo(world) if steps_to_go else None
+    if distance is not None and job.seats > 1 and instance.best(job.seats) is not None:
+        # Searches for teams take a hundred times as long; the known plan is a bound without one.
+        distance.learn(world.initial, pack.plan(instance, world))
+    found = measure(trajectory, limit, distance=distance, fewest=instance.optimal(job.seats))
+    return found, repeated_transitions(trajectory)
