@@ -1,8 +1,17 @@
-"""Tasks and mock model that Inspect finds through the entry point `robotouille`."""
+"""Inspect tasks, the solver that plays them, and a mock model.
+
+Inspect loads this module through the entry point `robotouille`.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from inspect_ai import Task, task
 from inspect_ai.model import (
@@ -11,24 +20,50 @@ from inspect_ai.model import (
     ModelAPI,
     ModelOutput,
     ModelUsage,
+    get_model,
     modelapi,
 )
+from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.tool import ToolChoice, ToolInfo
+from inspect_ai.util import LimitExceededError
 
+from robotouille.errors import FileError, RobotouilleError
 from robotouille.installation import VERSION
+from robotouille.replay.container import compress
 from robotouille.terminal import options_from
-from robotouille_evaluation.inspect_tasks.play import play
+from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.inspect_tasks.samples import (
     METRICS,
+    OUT,
     STEPS_TO_GO_METRICS,
+    STRATEGY,
     TaskOptions,
     TeamTaskOptions,
+    keep_row,
     load_pack,
     of_distribution,
     outcome,
     samples,
 )
-from robotouille_evaluation.models import Message, ModelRequest, ScriptedModel, SeededAnswers
+from robotouille_evaluation.inspect_tasks.transcript import TranscriptWriter
+from robotouille_evaluation.models import (
+    Completion,
+    InspectModel,
+    Message,
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+    ScriptedModel,
+    SeededAnswers,
+)
+from robotouille_evaluation.runs import (
+    AgentSpec,
+    EpisodeJob,
+    RecordedRunner,
+    RunContext,
+    RunFolder,
+    play_job,
+)
 
 __all__ = ["MockModel", "asynchronous", "multi_agent", "outcome", "play", "synchronous"]
 
@@ -114,3 +149,140 @@ class MockModel(ModelAPI):
             input_tokens=sent, output_tokens=received, total_tokens=sent + received
         )
         return output
+
+
+@solver
+@of_distribution
+def play(
+    strategy: str = STRATEGY,
+    pack: str = "",
+    pictures: bool = True,
+    steps_to_go: bool = False,
+    out: str = OUT,
+) -> Solver:
+    """Return a solver that plays an episode as `robotouille benchmark run` does.
+
+    Args:
+        strategy: Built-in strategy, or the id of an experiment of the pack.
+        pack: Folder of the task's pack.
+        pictures: Show each state in the transcript.
+        steps_to_go: Search how far the goal was at the end, which is slow.
+        out: Folder in which each evaluation gets a folder for rows and recordings.
+
+    Raises:
+        UnknownNameError: The strategy is unknown.
+    """
+    loaded = load_pack(pack)
+    make_strategy(loaded, strategy, loaded.datasets[0])
+    run = f"{time.strftime('%Y%m%d-%H%M%S')}-{uuid4().hex[:6]}"
+
+    async def solve(state: TaskState, generate: Generate) -> TaskState:
+        model = _SampleModel(InspectModel(get_model()))
+        job = _job(state, strategy, model.name)
+        folder = _SampleFolder(Path(out) / run, state.uuid)
+        writer = TranscriptWriter(pictures=pictures)
+        context = RunContext(run, loaded, folder, steps_to_go=steps_to_go)
+        try:
+            row = await play_job(job, context, model, writer.wrap)
+        except asyncio.CancelledError:  # A time limit, or the user has stopped the evaluation.
+            with suppress(FileError):
+                recording = folder.keep(job, writer.runners, "broken off")
+                _store(state, writer, model.name, recording)
+            raise
+        folder.add(row)
+        keep_row(state, row)
+        _store(state, writer, model.name, row.recording and folder.path / row.recording)
+        # Last, so that Inspect has row and recording of a failed sample as well.
+        model.raise_fault()
+        if row.outcome.ended_by == "error" and not model.overflowed:
+            raise RobotouilleError(row.error)
+        return state
+
+    return solve
+
+
+def _job(state: TaskState, strategy: str, model: str) -> EpisodeJob:
+    agent = AgentSpec(name=f"{strategy} ({model})", kind="model", strategy=strategy, model=model)
+    about = state.metadata
+    return EpisodeJob(
+        agent=agent,
+        instance=about["instance"],
+        seats=about["seats"],
+        seed=state.epoch - 1,
+        budget=about["budget"]["rule"],
+    )
+
+
+def _store(
+    state: TaskState, writer: TranscriptWriter, model: str, recording: Path | str | None
+) -> None:
+    """Store the conversation and the path of the recording in the sample."""
+    if recording:
+        state.metadata["recording"] = str(recording)
+    if writer.exchanges:
+        state.messages = writer.messages()
+        state.output = ModelOutput.from_content(model, state.messages[-1].text)
+
+
+class _SampleFolder(RunFolder):
+    """Run folder whose files are named by Inspect's sample id, which is new for each play.
+
+    A sample that is played again must not be answered from the journal of its last play.
+    """
+
+    def __init__(self, path: Path, sample: str) -> None:
+        super().__init__(path)
+        self._sample = sample
+
+    def calls(self, job: EpisodeJob, player: str) -> Path:
+        """Return the file for the paid calls of one player."""
+        return self.path / "calls" / f"{self._sample}-{player}.jsonl"
+
+    def recording(self, job: EpisodeJob, trial: int = 1) -> Path:
+        """Return the file for the recording of a trial."""
+        suffix = "" if trial == 1 else f"-trial{trial}"
+        return self.path / "recordings" / f"{self._sample}{suffix}.rbt"
+
+    def keep(self, job: EpisodeJob, runners: Sequence[RecordedRunner], why: str) -> Path | None:
+        """Write the recordings of an episode without a row, and return the last path."""
+        path = None
+        for trial, runner in enumerate(runners, start=1):
+            path = self.recording(job, trial)
+            self.write(path, compress(runner.recording(why)))
+        return path
+
+
+class _SampleModel:
+    """Model of one episode that keeps the error that ended it.
+
+    The row describes the error in words. Inspect also needs the exception: it scores samples whose
+    limit is used up, and `--retry-on-error` or `eval-retry` plays samples with errors again. A
+    conversation that is too long for the model is a failure and not an error.
+    """
+
+    def __init__(self, model: InspectModel) -> None:
+        self.name = model.name
+        self.overflowed = False
+        self._model = model
+        self._fault: Exception | None = None
+
+    async def complete(self, request: ModelRequest) -> Completion:
+        """Return the model's answer. Raise RobotouilleError if a limit is used up."""
+        try:
+            completion = await self._model.complete(request)
+        except LimitExceededError as limit:
+            self._fault = limit
+            raise RobotouilleError(limit.message) from None
+        except ModelError as error:
+            if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
+                self.overflowed = True
+            elif error.kind is not ModelErrorKind.EMPTY:
+                self._fault = error
+            raise
+        self.overflowed = False  # The strategy's shorter request fitted.
+        return completion
+
+    def raise_fault(self) -> None:
+        """Raise the error that ended the episode, if any, without a cause that may contain keys."""
+        if self._fault is not None:
+            raise self._fault from None

@@ -261,7 +261,7 @@ async def test_cancelled_episodes_are_recorded(
         return said
 
     model = get_model("mockllm/model", custom_outputs=answer_thrice)
-    monkeypatch.setattr("robotouille_evaluation.inspect_tasks.play.get_model", lambda: model)
+    monkeypatch.setattr("robotouille_evaluation.inspect_tasks.registry.get_model", lambda: model)
     metadata = dict(made.dataset[0].metadata or {})
     state = TaskState(ModelName(model), f"{ALONE}/default", 1, "", [], metadata=metadata)
     playing = asyncio.ensure_future(made.solver(state, generate()))  # type: ignore[arg-type,operator]
