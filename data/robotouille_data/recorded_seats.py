@@ -20,7 +20,7 @@ from robotouille.installation import data_folder
 from robotouille.planning.plan import Limits
 from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.replay.container import plain
-from robotouille.replay.notes import controller_of, rejection_kind
+from robotouille.replay.measures import controller_of, rejection_kind
 from robotouille.replay.recording import Recording
 
 

@@ -10,7 +10,7 @@ import pytest
 from robotouille import ProtocolError, RecordingError, World
 from robotouille.episode import ActionRequest, Episode, Rules
 from robotouille.replay.controllers import json_lines
-from robotouille.replay.notes import controller_of, rejections
+from robotouille.replay.measures import controller_of, rejections
 from robotouille.replay.recording import Recording
 from tests.support.games import record
 

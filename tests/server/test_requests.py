@@ -9,7 +9,7 @@ import pytest
 
 from robotouille.episode import RejectionKind
 from robotouille.replay import rejection_kind
-from robotouille.replay.notes import rejections
+from robotouille.replay.measures import rejections
 from robotouille.replay.recording import read_recording
 from robotouille.world.text import MAX_SENTENCE
 from robotouille_server import Server

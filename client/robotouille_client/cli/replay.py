@@ -19,8 +19,8 @@ from robotouille.errors import RobotouilleError
 from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
 from robotouille.replay.controllers import json_lines
 from robotouille.replay.distances import distances
+from robotouille.replay.measures import rejections
 from robotouille.replay.model_calls import call_texts
-from robotouille.replay.notes import rejections
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import course, course_text, note_lines
 from robotouille.terminal import options_from, printable, printable_json, tell

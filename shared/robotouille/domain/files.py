@@ -5,6 +5,7 @@ Files may come from anyone, so their size, nesting and fields are checked before
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 from collections.abc import Iterator
@@ -106,6 +107,30 @@ def validate(raw: Any, model: type[M], source: str) -> M:
         raise FileError(source, [_fault(raw, model, e) for e in error.errors()]) from None
 
 
+def known_part(raw: Any, model: type[M]) -> M | None:
+    """Return a JSON value as a `model` without its unknown fields, or None if it has other faults.
+
+    An invalid file can then be checked further.
+    """
+    part = copy.deepcopy(raw)
+    try:
+        return model.model_validate(part)
+    except ValidationError as error:
+        unknown = error.errors(include_url=False, include_input=False)
+    try:
+        for each in unknown:
+            if each["type"] != "extra_forbidden":
+                return None
+            place = part
+            for step in _location(each)[:-1]:
+                place = place[step]
+            del place[each["loc"][-1]]
+        return model.model_validate(part)
+    except (LookupError, TypeError, ValidationError):
+        # The place is not in the file: the published dialect is converted before validation.
+        return None
+
+
 def _fail(source: str | Path, message: str) -> NoReturn:
     raise FileError(str(source), [Fault("", message)])
 
@@ -137,7 +162,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
-    location = [part for part in error["loc"] if part not in EFFECT_KINDS or isinstance(part, int)]
+    location = _location(error)
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "extra_forbidden":
         message = f"unknown field {location[-1]!r}"
@@ -148,6 +173,11 @@ def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
         if not (error["type"] == "value_error" and isinstance(error["input"], dict)):
             message += f", found {_short(error['input'])}"
     return Fault(_path(raw, location), message)
+
+
+def _location(error: Any) -> list[Any]:
+    """Return the steps to a value in the file; pydantic also lists the kinds of effects."""
+    return [part for part in error["loc"] if part not in EFFECT_KINDS or isinstance(part, int)]
 
 
 def _fields_near(model: type[BaseModel], location: list[Any]) -> list[str]:

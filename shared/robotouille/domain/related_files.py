@@ -192,7 +192,11 @@ def chain_of(path: Path, kind: FileKind[S]) -> tuple[Path, ...]:
 def _read(path: Path, kind: FileKind[S], chain: tuple[Path, ...]) -> S:
     raw = read_json(path)
     if not isinstance(raw, dict) or raw.get("extends") is None:
-        return validate(raw, kind.model, str(path))
+        file = validate(raw, kind.model, str(path))
+        faults = kind.check(file)
+        if any(fault.severity == "error" for fault in faults):
+            raise FileError(str(path), faults)
+        return file
     own = {name: value for name, value in raw.items() if name != "extends"}
     extended = _find(raw["extends"], path, kind, (*chain, path))
     base = kind.complete(_read(extended, kind, (*chain, path)))

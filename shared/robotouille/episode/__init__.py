@@ -31,8 +31,7 @@ if TYPE_CHECKING:
         Started,
         Stepped,
     )
-    from robotouille.episode.lifecycle import Absence, Controller, Phase
-    from robotouille.episode.pauses import PauseReason
+    from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase
     from robotouille.episode.record import EpisodeRecord, RandomReversal
     from robotouille.episode.rules import Chat, Clock, Rules, SeatTreatment
     from robotouille.episode.seats import ActionAnswer, ActionRequest, Seat
@@ -44,7 +43,6 @@ else:
         __name__,
         "robotouille.episode.rules",
         "robotouille.episode.lifecycle",
-        "robotouille.episode.pauses",
         "robotouille.episode.tallies",
         "robotouille.episode.events",
         "robotouille.episode.seats",

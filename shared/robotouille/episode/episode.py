@@ -25,8 +25,7 @@ from robotouille.episode.events import (
     RoundTripMeasured,
     Started,
 )
-from robotouille.episode.lifecycle import Absence, Controller, Phase, PhaseEvent
-from robotouille.episode.pauses import PauseReason
+from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase, PhaseEvent
 from robotouille.episode.presence import Presence
 from robotouille.episode.quota import NOTE_BYTES, size_of_note
 from robotouille.episode.record import EpisodeRecord, RandomReversal, no_reversal

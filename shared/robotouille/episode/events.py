@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from robotouille.episode.lifecycle import Controller
-from robotouille.episode.pauses import PauseReason
+from robotouille.episode.lifecycle import Controller, PauseReason
 from robotouille.episode.tallies import SeatTally
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from robotouille.episode.lifecycle import Absence
-from robotouille.episode.pauses import PauseReason, PauseReasons
+from robotouille.episode.lifecycle import Absence, PauseReason, PauseReasons
 from robotouille.episode.record import EpisodeRecord
 from robotouille.episode.seats import Seat, names_of
 

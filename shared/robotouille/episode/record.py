@@ -18,8 +18,14 @@ from robotouille.episode.events import (
     Reason,
     Stepped,
 )
-from robotouille.episode.lifecycle import Absence, Controller, Phase, PhaseEvent, next_phase
-from robotouille.episode.pauses import Stopwatch
+from robotouille.episode.lifecycle import (
+    Absence,
+    Controller,
+    Phase,
+    PhaseEvent,
+    Stopwatch,
+    next_phase,
+)
 from robotouille.episode.quota import MAX_AUDIENCE_BYTES, Quota, take_or_refuse
 from robotouille.episode.rules import NO_TREATMENT, Rules, SeatTreatment
 from robotouille.episode.seats import ActionAnswer, Seat, count_step, names_of

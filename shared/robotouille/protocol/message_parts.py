@@ -9,8 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, with_config
 from typing_extensions import TypedDict
 
 from robotouille.episode.events import Reason
-from robotouille.episode.lifecycle import Absence, Controller, Phase
-from robotouille.episode.pauses import PauseReason
+from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase
 from robotouille.episode.rules import PRINTABLE, Chat, Clock
 from robotouille.world.unmet import Unmet, UnmetKind
 

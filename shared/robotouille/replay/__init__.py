@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille.replay.measures import Measures, SeatMeasures
-    from robotouille.replay.notes import rejection_kind, rejections
+    from robotouille.replay.measures import Measures, SeatMeasures, rejection_kind, rejections
     from robotouille.replay.recorder import Recorder, header
     from robotouille.replay.recording import Recording, Verification, read_recording, recording_of
     from robotouille.replay.transitions import Transition
@@ -17,7 +16,6 @@ else:
         __name__,
         "robotouille.replay.recorder",
         "robotouille.replay.recording",
-        "robotouille.replay.notes",
         "robotouille.replay.transitions",
         "robotouille.replay.measures",
     )

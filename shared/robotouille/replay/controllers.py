@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from robotouille.errors import RecordingError
-from robotouille.replay.measures import activities
-from robotouille.replay.notes import controller_of, rejection_kind
+from robotouille.replay.measures import activities, controller_of, rejection_kind
 from robotouille.replay.recording import Recording
 from robotouille.world.world import State
 

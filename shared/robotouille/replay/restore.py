@@ -25,7 +25,7 @@ from robotouille.episode import (
 from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
 from robotouille.errors import RecordingError
-from robotouille.replay.notes import controller_of, rejection_kind
+from robotouille.replay.measures import controller_of, rejection_kind
 from robotouille.replay.recording import Comparison, Recording
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World

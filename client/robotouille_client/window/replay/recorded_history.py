@@ -19,8 +19,7 @@ from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.planning.policies.team_talk import announced_version
 from robotouille.replay.container import MAGIC, frame_ends, frame_value
 from robotouille.replay.controllers import Seating, seating_after
-from robotouille.replay.measures import activities
-from robotouille.replay.notes import rejection_kind
+from robotouille.replay.measures import activities, rejection_kind
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import interludes, note_words
 from robotouille.world.grounding.actions import GroundAction

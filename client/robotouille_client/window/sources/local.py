@@ -17,7 +17,7 @@ from robotouille.episode import (
     Phase,
     Stepped,
 )
-from robotouille.episode.pauses import PauseReason
+from robotouille.episode.lifecycle import PauseReason
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.wording import Wording

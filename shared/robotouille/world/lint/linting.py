@@ -15,9 +15,10 @@ from itertools import product
 from pathlib import Path
 
 from robotouille.domain.derived import created_kinds, fluents
-from robotouille.domain.domain_checks import check_input
-from robotouille.domain.files import read_json
+from robotouille.domain.domain_checks import check_domain, check_input
+from robotouille.domain.files import known_part, read_json
 from robotouille.domain.input_bindings import INPUT_FILES, made_up_keys
+from robotouille.domain.loading import load_task
 from robotouille.domain.problem_checks import check_problem
 from robotouille.domain.related_files import (
     faults_in_extending_file,
@@ -26,8 +27,21 @@ from robotouille.domain.related_files import (
     rendering_path,
 )
 from robotouille.domain.rendering import RENDERING_FILES
-from robotouille.domain.schema import ActionDef, Creation, DomainFile, EffectDef, InputFile
-from robotouille.domain.task import DOMAIN_FILES, Task
+from robotouille.domain.schema import (
+    ActionDef,
+    Creation,
+    DomainFile,
+    EffectDef,
+    InputFile,
+    ProblemFile,
+)
+from robotouille.domain.task import (
+    DOMAIN_FILES,
+    Task,
+    complete_domain,
+    read_domain,
+    resolve_wildcards,
+)
 from robotouille.errors import Fault, FileError
 from robotouille.installation import data_folder
 from robotouille.world.grounding.actions import ActionSchema
@@ -114,9 +128,57 @@ def _in(path: Path, faults: Iterable[Fault]) -> Iterator[Fault]:
         yield Fault(place, fault.message, fault.severity)
 
 
-def lint_domain_file(domain: DomainFile, path: Path) -> list[Fault]:
-    """Check the domain read from a file, and the files that belong to it."""
-    raw, whole = read_json(path), domain.model_dump(mode="json")
+def lint_problem_file(path: Path, domain: str | None = None) -> list[Fault]:
+    """Check a problem, its domain and the files that belong to the domain.
+
+    Faults of the problem do not hide those of the others.
+
+    Raises:
+        FileError: The file is not JSON.
+    """
+    raw = read_json(path)
+    try:
+        return lint_task(load_task(str(path), domain=domain))
+    except FileError as error:
+        faults = faults_for(path, error)
+    named = domain or (raw.get("domain") if isinstance(raw, dict) else None)
+    try:
+        used = complete_domain(read_domain(str(named or "robotouille"), path.parent))
+    except FileError as error:
+        faults += faults_for(path, error)
+    else:
+        problem = known_part(raw, ProblemFile)
+        kinds: list[str] = []
+        if problem is not None:
+            problem = resolve_wildcards(problem, used, seed=0)
+            faults += check_problem(problem, used)
+            kinds = [thing.name for things in problem.objects.values() for thing in things]
+        faults += [*lint_domain(used), *lint_companions(used, path.parent, kinds)]
+    return list(dict.fromkeys(faults))
+
+
+def faults_for(path: Path, error: FileError) -> list[Fault]:
+    """Return an error's faults, with the name of the file if it is not the one being checked."""
+    other = Path(error.file).name
+    if not error.file.endswith(".json") or other == path.with_suffix(".json").name:
+        return list(error.faults)
+    return [Fault(f"{other}: {f.path}", f.message, f.severity) for f in error.faults]
+
+
+def lint_domain_file(path: Path) -> list[Fault]:
+    """Check a domain file, and, if it has no errors, the files that belong to it.
+
+    Raises:
+        FileError: The file is not JSON, or a file that it extends is invalid.
+    """
+    raw = read_json(path)
+    try:
+        domain = complete_domain(read_domain(str(path)))
+    except FileError as error:
+        known = known_part(raw, DomainFile)
+        more = check_domain(known) if known else []
+        return list(dict.fromkeys([*faults_for(path, error), *more]))
+    whole = domain.model_dump(mode="json")
     faults = lint_domain(domain)
     if raw.get("extends") is not None:
         faults = faults_in_extending_file(faults, raw, whole, DOMAIN_FILES)

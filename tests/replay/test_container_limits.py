@@ -8,7 +8,7 @@ import zlib
 import pytest
 
 from robotouille import RecordingError
-from robotouille.replay.bounded_msgpack import MAX_ENTRIES
+from robotouille.replay.container import MAX_ENTRIES
 from robotouille.replay.container import (
     MAX_FRAME,
     compress,
