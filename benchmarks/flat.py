@@ -24,7 +24,7 @@ import psutil
 from websockets.protocol import State
 
 from robotouille.protocol.codec import MSGPACK
-from robotouille_client.loadtest.schedule import back_and_forth
+from robotouille_client.loadtest.players import back_and_forth
 from robotouille_server import Server, ServerSettings
 from robotouille_server.app import Surroundings
 from robotouille_server.auth.visitors import CountedConnection, Visitor

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robotouille.episode.rules import Clock
 from robotouille_client.loadtest.histogram import Histogram, Measurements
-from robotouille_client.loadtest.schedule import SETTLED, StepSchedule
+from robotouille_client.loadtest.players import SETTLED, StepSchedule
 from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
 durations = st.floats(min_value=2e-6, max_value=1e4)

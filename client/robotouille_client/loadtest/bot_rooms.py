@@ -9,8 +9,7 @@ from robotouille import World
 from robotouille.episode.rules import Clock
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_client.loadtest.participant import Environment, Participant, RawMessage
-from robotouille_client.loadtest.players import Actor, Partner, Player
-from robotouille_client.loadtest.schedule import back_and_forth
+from robotouille_client.loadtest.players import Actor, Partner, Player, back_and_forth
 
 MANY_STEPS = 1_000_000
 """Step limit of the episodes, so that they last for the whole test."""

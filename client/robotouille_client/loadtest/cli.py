@@ -157,7 +157,7 @@ def _report(load_test: LoadTest, options: LoadOptions) -> None:
 def _check(plan: LoadPlan) -> None:
     # Conditions on several options at once, which no field of the plan can express.
     from robotouille import World
-    from robotouille_client.loadtest.schedule import back_and_forth
+    from robotouille_client.loadtest.players import back_and_forth
 
     if not (plan.rooms or plan.spectators):
         raise RobotouilleError("nothing to do: use --rooms or --spectators")

@@ -11,6 +11,8 @@ import gc
 import json
 import os
 import random
+import select
+import selectors
 import signal
 import sys
 import time
@@ -24,7 +26,6 @@ from robotouille_client.loadtest.bot_rooms import BotRoom, Pinger, SlowReader, S
 from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.participant import Environment, Participant
 from robotouille_client.loadtest.players import Player
-from robotouille_client.loadtest.schedule import precise_loop
 from robotouille_client.loadtest.worker_pool import keep_to_cores
 from robotouille_client.loadtest.workload import WorkerShare
 from robotouille_client.sockets import server_uri
@@ -265,8 +266,35 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if len(sys.argv) > 1:
         keep_to_cores(tuple(map(int, sys.argv[1].split(","))))
-    with asyncio.Runner(loop_factory=precise_loop) as runner:
+    with asyncio.Runner(loop_factory=_precise_loop) as runner:
         runner.run(_main())
+
+
+_SELECT_LIMIT = 1024
+"""`select` accepts only descriptors below this number."""
+
+
+def _precise_loop() -> asyncio.AbstractEventLoop:
+    """Return a new event loop with timers of microseconds, if the system allows it."""
+    if not hasattr(selectors, "EpollSelector"):
+        return asyncio.new_event_loop()
+    selector = _PreciseSelector()
+    if selector.fileno() >= _SELECT_LIMIT:
+        selector.close()
+        return asyncio.new_event_loop()
+    return asyncio.SelectorEventLoop(selector)
+
+
+if hasattr(selectors, "EpollSelector"):
+
+    class _PreciseSelector(selectors.EpollSelector):
+        """Selector that waits with `select`, because `epoll` rounds up to milliseconds."""
+
+        def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+            if timeout is None or timeout <= 0:
+                return super().select(timeout)
+            select.select((self.fileno(),), (), (), timeout)
+            return super().select(0)
 
 
 if __name__ == "__main__":
