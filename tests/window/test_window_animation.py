@@ -13,11 +13,11 @@ from tests.support.scripted import planned
 
 from robotouille import State, Timing, World, load_task
 from robotouille.domain.rendering import RenderingFile, rendering_of
-from robotouille.domain.rendering.art import Art, ParticleEffect
+from robotouille.domain.art import Art, ParticleEffect
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
-from robotouille_client.window.drawing.motion import Motion, Pose
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.spots import Motion, Pose
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import View
 

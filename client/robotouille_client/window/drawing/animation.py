@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille.domain.rendering.art import ParticleEffect
+from robotouille.domain.art import ParticleEffect
 from robotouille.world.world import State
 from robotouille_client.window.drawing.spots import Spot
 from robotouille_client.window.pictures.appearance import SceneSprites

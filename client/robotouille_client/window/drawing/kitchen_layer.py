@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import pygame
 
-from robotouille.domain.rendering.art import SIDES, ParticleEffect
-from robotouille.world.grounding.floor import Tile
+from robotouille.domain.art import SIDES, ParticleEffect
+from robotouille.world.grounding.objects import Tile
 from robotouille.world.grounding.objects import Object
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import (
@@ -18,8 +18,7 @@ from robotouille_client.window.drawing.animation import (
     draw_particles,
     particle_looks,
 )
-from robotouille_client.window.drawing.motion import Pose
-from robotouille_client.window.drawing.spots import RAISED, Spot, size_in, sizes_of_tiles
+from robotouille_client.window.drawing.spots import RAISED, Pose, Spot, size_in, sizes_of_tiles
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import (
     Appearance,

@@ -13,8 +13,7 @@ from robotouille_client.window.drawing.label_placement import (
     nearest_point,
     place_labels,
 )
-from robotouille_client.window.drawing.motion import Pose
-from robotouille_client.window.drawing.spots import HEAD, player_area
+from robotouille_client.window.drawing.spots import HEAD, Pose, player_area
 from robotouille_client.window.drawing.tips import Listing, Tip, Tips
 from robotouille_client.window.drawing.window_layout import Layout, UiOverlay
 from robotouille_client.window.pictures.shapes import badge, box, pill, seat_fill, speech

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille.world.presentation.usefulness import work_in_progress
+from robotouille.world.presentation.work import work_in_progress
 from robotouille.world.scene import Placed
 from robotouille.world.timers import Progress
 from robotouille.world.world import State
-from robotouille_client.window.drawing.motion import Pose
+from robotouille_client.window.drawing.spots import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import SceneSprites
 from robotouille_client.window.pictures.shapes import RING_STEPS, frame, ring

@@ -13,6 +13,7 @@ from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
 from robotouille_client.window.drawing.interruptions import (
     Interruptions,
+    Notices,
     visible_offline,
     visible_pause,
 )
@@ -20,11 +21,11 @@ from robotouille_client.window.drawing.key_strip import KeyStrip
 from robotouille_client.window.drawing.kitchen_layer import KitchenLayer, Preloader, SceneFrame
 from robotouille_client.window.drawing.labels import Labels, LabelSurroundings
 from robotouille_client.window.drawing.lobby_card import Ground
-from robotouille_client.window.drawing.motion import Motion, Pose
-from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel import Panel, with_readable_names
 from robotouille_client.window.drawing.spots import (
+    Motion,
+    Pose,
     Spot,
     extent,
     occupied,

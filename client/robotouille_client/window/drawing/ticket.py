@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pygame
 
 from robotouille.world.grounding.goal import Fit
-from robotouille.world.presentation.usefulness import work_towards
+from robotouille.world.presentation.work import work_towards
 from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.drawing.window_layout import Layout

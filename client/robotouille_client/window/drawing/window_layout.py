@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 
 import pygame
 
-from robotouille.world.grounding.floor import Tile
+from robotouille.world.grounding.objects import Tile
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import View
 

@@ -15,7 +15,7 @@ from robotouille.domain.rendering import Language, language_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
-from robotouille.world.grounding.floor import Tile
+from robotouille.world.grounding.objects import Tile
 from robotouille.world.presentation.near_misses import (
     InputBinding,
     NearMisses,
@@ -23,7 +23,7 @@ from robotouille.world.presentation.near_misses import (
     things_upon,
 )
 from robotouille.world.presentation.places import capitalised
-from robotouille.world.presentation.usefulness import useful_actions, work_in_progress
+from robotouille.world.presentation.work import useful_actions, work_in_progress
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import Placed, scene
 from robotouille.world.timers import Progress
