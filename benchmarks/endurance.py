@@ -24,7 +24,7 @@ from tests.support.window_play import Timer
 
 if TYPE_CHECKING:
     from robotouille_client.window.app.local_game import LocalGame
-    from robotouille_client.window.forms.display import Display
+    from robotouille_client.window.forms.screen import Display
 
 RATE, MINUTES = 5, 60
 GAME_STEPS, SIZE_STEPS = 150, 40
@@ -47,7 +47,7 @@ def evening(steps: int, samples: int, sizes: Sequence[tuple[int, int]] = SIZES) 
     from robotouille_client.bots.kinds import BotKind
     from robotouille_client.bots.partners import prompt_partners
     from robotouille_client.window.app.local_game import GameSetup, LocalGame
-    from robotouille_client.window.forms.display import Display
+    from robotouille_client.window.forms.screen import Display
 
     timer, done, dice = Timer(), 0, random.Random(1)
     due = [steps * (n + 1) // samples for n in range(samples)]
@@ -77,7 +77,7 @@ def play(game: LocalGame, display: Display, dice: random.Random) -> Iterator[Non
     """Play one game frame by frame; the player acts, points and chats at random."""
     import pygame
 
-    from robotouille_client.window.forms.display import Devices
+    from robotouille_client.window.forms.screen import Devices
     from robotouille_client.window.window import Window
 
     window, source = Window(devices=Devices(display)), game.source

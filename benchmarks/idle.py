@@ -31,7 +31,7 @@ from robotouille_client.client import connect
 if TYPE_CHECKING:
     from robotouille_client.window.drawing.window_layout import Strip
     from robotouille_client.window.forms.card_slot import Cards
-    from robotouille_client.window.forms.display import Display
+    from robotouille_client.window.forms.screen import Display
     from robotouille_client.window.sources.local import LocalSource
     from robotouille_client.window.view import GameSource
 
@@ -67,7 +67,7 @@ def resting_game(task: str, steps: int = 1000, now: Callable[[], float] = time.m
 
 
 async def in_window(source: GameSource, display: Display, cards: Cards | None = None) -> None:
-    from robotouille_client.window.forms.display import Devices
+    from robotouille_client.window.forms.screen import Devices
     from robotouille_client.window.window import Window
 
     await Window(devices=Devices(display), cards=cards).run(source, linger=None)
@@ -104,7 +104,7 @@ async def menu(display: Display) -> None:
 async def paused(display: Display) -> None:
     """Show a paused replay."""
     from robotouille.replay.recording import read_recording
-    from robotouille_client.window.forms.display import Devices
+    from robotouille_client.window.forms.screen import Devices
     from robotouille_client.window.options import WindowStyle
     from robotouille_client.window.replay.viewer import RecordingViewer
     from robotouille_client.window.window import Window
@@ -167,7 +167,7 @@ async def share(show: Show, display: Display, seconds: float) -> float:
 
 def measure(show: Show, seconds: float = SECONDS, *, headless: bool = True) -> float:
     """Open a display and return the load of a screen in percent of a core."""
-    from robotouille_client.window.forms.display import Display
+    from robotouille_client.window.forms.screen import Display
 
     display = Display(SIZE, headless=headless)
     try:

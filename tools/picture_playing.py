@@ -27,9 +27,8 @@ from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.app.server_menus import LobbyMenu
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.forms.screen import Display, Screen
 from robotouille_client.window.options import TimeSource
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import (

@@ -8,9 +8,8 @@ from functools import cache
 
 import pygame
 
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.screen import Screen, text_size
+from robotouille_client.window.forms.screen import Display, Screen, text_size
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 
 __all__ = ["asked", "ctrl", "drawn", "typesetter"]

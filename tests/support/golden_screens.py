@@ -27,9 +27,8 @@ from robotouille_client.window.app.play_menu import PlayMenu, TaskPicker
 from robotouille_client.window.app.replays_menu import ReplaysMenu
 from robotouille_client.window.app.server_menus import JoinMenu, LobbyMenu, OpenMenu
 from robotouille_client.window.app.settings import Settings
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.forms.screen import Display, Screen
 from robotouille_client.window.input.commands import KeyMap
 from robotouille_client.window.preferences import Preferences
 from tests.support.games import play_through, record

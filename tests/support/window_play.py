@@ -13,8 +13,8 @@ import pygame
 from robotouille import GroundAction, State, World
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import layout
-from robotouille_client.window.forms.display import Devices
 from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.screen import Devices
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.input.controls import towards
 from robotouille_client.window.options import DisplayOptions, TimeSource, WindowStyle

@@ -17,9 +17,8 @@ from robotouille_client.window.app import replays
 from robotouille_client.window.app.app import App, UserFiles
 from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.app.settings import Settings, load_settings
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.forms.screen import Display, Screen
 from robotouille_client.window.options import TimeSource
 from robotouille_client.window.view import GameSource
 from robotouille_client.window.window import Window

@@ -22,7 +22,7 @@ import pygame
 from tests.support.window_session import WindowSession
 
 from robotouille import State, World
-from robotouille_client.window.forms.display import Display
+from robotouille_client.window.forms.screen import Display
 
 # The fonts of the system are listed by a program: once, before any test.
 FONTS = pytest.importorskip("pygame.font")

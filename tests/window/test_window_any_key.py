@@ -18,7 +18,7 @@ from robotouille.episode.rules import Clock
 from robotouille_client.window.app.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
 from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.app.settings import Settings
-from robotouille_client.window.forms.display import Display
+from robotouille_client.window.forms.screen import Display
 from robotouille_client.window.view import (
     Bubble,
     FarewellView,

@@ -23,7 +23,7 @@ from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.drawing.kitchen_layer import Preloader
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.forms.display import Display
+from robotouille_client.window.forms.screen import Display
 from robotouille_client.window.pictures import shapes as kept
 from robotouille_client.window.pictures.sprites import Sprites
 

@@ -12,11 +12,11 @@ import pygame
 import pytest
 from tests.support.screens import REAL_INPUT, SIZE, Screen, open_screen
 
-from robotouille_client.window.forms.display import DESKTOPS
+from robotouille_client.window.forms.screen import DESKTOPS
 
 PROGRAM = """
 import asyncio
-from robotouille_client.window.forms.display import Display
+from robotouille_client.window.forms.screen import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
 from robotouille_client.window.forms.widgets import Button, Choice

@@ -18,10 +18,9 @@ from robotouille_client.window.app.main_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.app.server_menus import JoinMenu, OpenMenu
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.app.user_interface import UserInterface
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.picker import Picker
-from robotouille_client.window.forms.screen import FIRST, NEXT, text_size
+from robotouille_client.window.forms.screen import FIRST, NEXT, Display, text_size
 from robotouille_client.window.forms.widgets import Button, Choice, DrawContext, Row, TextField
 from robotouille_client.window.input.commands import Command, KeyMap
 from robotouille_client.window.input.controls import Controls

@@ -31,9 +31,9 @@ from robotouille_client.window.app.replays_menu import (
 )
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.app.thumbnails import Thumbnails
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.picker import EntryText, PickerEntry
+from robotouille_client.window.forms.screen import Display
 from robotouille_client.window.forms.widgets import Words
 from robotouille_client.window.input.commands import Command
 from robotouille_client.window.sources.texts import dish_title, task_title

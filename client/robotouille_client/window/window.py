@@ -12,8 +12,8 @@ import pygame
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import UiOverlay
 from robotouille_client.window.forms.card_slot import Cards, CardSlot
-from robotouille_client.window.forms.display import Devices, Display
 from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.screen import Devices, Display
 from robotouille_client.window.input.commands import Command, Gamepads, KeyMap
 from robotouille_client.window.input.play_input import PlayInput
 from robotouille_client.window.options import DisplayOptions, TimeSource, WindowStyle

@@ -19,9 +19,8 @@ from robotouille_client.window.app.remote_games import RemoteGames
 from robotouille_client.window.app.replays import Replays
 from robotouille_client.window.app.settings import Settings, SettingsFile
 from robotouille_client.window.app.user_interface import UserInterface
-from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.rows import MenuChoice
-from robotouille_client.window.forms.screen import WindowClosedError
+from robotouille_client.window.forms.screen import Display, WindowClosedError
 from robotouille_client.window.input.commands import KeyMap
 from robotouille_client.window.options import TimeSource
 from robotouille_client.window.preferences import Preferences

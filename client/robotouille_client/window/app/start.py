@@ -40,8 +40,7 @@ def open_app(options: StartOptions = StartOptions()) -> App:
     require_screen()
     from robotouille.domain.related_files import other_renderings, shipped_rendering
     from robotouille_client.window.app.settings import load_settings, settings_path
-    from robotouille_client.window.forms.display import Display
-    from robotouille_client.window.forms.screen import Screen
+    from robotouille_client.window.forms.screen import Display, Screen
 
     if options.rendering:
         shipped_rendering(options.rendering)

@@ -14,9 +14,8 @@ from robotouille_client.window.app.settings import Settings, SettingsFile
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import Strip
 from robotouille_client.window.forms.card_slot import Cards
-from robotouille_client.window.forms.display import Devices, Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.screen import Screen, WindowClosedError
+from robotouille_client.window.forms.screen import Devices, Display, Screen, WindowClosedError
 from robotouille_client.window.input.commands import Gamepads, KeyMap
 from robotouille_client.window.input.sounds import Sounds
 from robotouille_client.window.options import DisplayOptions, TimeSource, WindowStyle
