@@ -21,10 +21,9 @@ from pathlib import Path
 
 from robotouille import World, load_task
 from robotouille.installation import data_folder
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.kitchen.kernels import COMPILED
 from robotouille.planning.plan import Limits
-from robotouille.planning.solvers import solve
+from robotouille.planning.solvers import AnytimePlanner, solve
 
 ROOT = Path(__file__).resolve().parents[1]
 SINGLE = ("synchronous", "asynchronous")

@@ -19,8 +19,8 @@ import numpy as np
 import pygame
 
 from robotouille import Task, load_task
+from robotouille.domain.art import SIDES
 from robotouille.domain.rendering import RenderingFile, rendering_of
-from robotouille.domain.rendering.art import SIDES
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 from robotouille_client.window.pictures.shapes import RING_STEPS, SHAPES, badge, ring, tick
 from robotouille_client.window.pictures.sprites import Sprites, generate

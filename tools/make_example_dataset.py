@@ -22,8 +22,8 @@ from rich.progress import track
 
 from robotouille import World, load_task
 from robotouille.episode import Absence, ActionRequest, Clock, Episode, Rules, Stepped
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.container import compress
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille_data.database import database_url

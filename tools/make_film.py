@@ -20,8 +20,8 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 from robotouille import World, load_task
 from robotouille.episode import ActionRequest, Clock, Episode, Rules, Stepped
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import recording_of
 from robotouille_client.window.replay.film import film

@@ -22,8 +22,8 @@ import pygame
 from robotouille import World
 from robotouille.certification.certificate import Deadline
 from robotouille.episode import Absence, ActionRequest, Clock, Episode, Rules
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.container import compress
 from robotouille.replay.distances import estimates
 from robotouille.replay.recorder import Recorder, header

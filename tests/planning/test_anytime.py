@@ -7,8 +7,8 @@ import random
 import pytest
 
 from robotouille import State, World, load_task
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Limits, SearchResult, replay, write_plan
+from robotouille.planning.solvers import AnytimePlanner
 from tests.planning.kitchen.kitchens import explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
 from tests.support.samples import quick_sample

@@ -11,9 +11,8 @@ import pytest
 from robotouille import World
 from robotouille.errors import PluginError
 from robotouille.planning import plugins
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Limits, Proof, replay
-from robotouille.planning.solvers import solve
+from robotouille.planning.solvers import AnytimePlanner, solve
 
 WORKSHOP_PLANNER = '''
 """A planner for workshops. It knows one plan by heart."""

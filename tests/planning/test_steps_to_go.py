@@ -13,9 +13,8 @@ from typer.testing import CliRunner
 from robotouille import State, World
 from robotouille.certification.certificate import Deadline
 from robotouille.episode import ActionRequest, Episode, Rules
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Limits
-from robotouille.planning.solvers import solve
+from robotouille.planning.solvers import AnytimePlanner, solve
 from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotient
 from robotouille_client.cli.main import app
 from tests.planning.kitchen.kitchens import explored, row

@@ -8,8 +8,8 @@ import zlib
 import pytest
 
 from robotouille import RecordingError
-from robotouille.replay.container import MAX_ENTRIES
 from robotouille.replay.container import (
+    MAX_ENTRIES,
     MAX_FRAME,
     compress,
     frame_ends,

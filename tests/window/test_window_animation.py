@@ -12,8 +12,8 @@ import pytest
 from tests.support.scripted import planned
 
 from robotouille import State, Timing, World, load_task
-from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.domain.art import Art, ParticleEffect
+from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
 from robotouille_client.window.drawing.painter import Painter

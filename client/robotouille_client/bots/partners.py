@@ -107,8 +107,8 @@ def prompt_partners(
     if kind is not BotKind.PLANNER:
         make = policy_maker(kind, seed)
         return PromptPartners({player: make(start, player) for player in players})
-    from robotouille.planning.anytime import AnytimePlanner
     from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
+    from robotouille.planning.solvers import AnytimePlanner
 
     known = AnytimePlanner(World(start.world.task))
     options = PlannerOptions(seed=seed, words=words)

@@ -16,7 +16,7 @@ from robotouille.domain.schema import Delayed, DomainFile, EffectDef
 from robotouille.domain.task import complete_domain
 from robotouille.errors import RobotouilleError
 from robotouille.planning import Limits, read_plan, replay
-from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille_evaluation.packs.pack import KnownPlan, Pack, PackInstance, canonical_json
 
 EXPANSIONS = 25_000

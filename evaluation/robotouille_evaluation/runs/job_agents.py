@@ -8,7 +8,6 @@ from functools import lru_cache
 from robotouille import GroundAction, State, World
 from robotouille.errors import RobotouilleError
 from robotouille.planning import Plan
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import (
     Did,
     PlannerOptions,
@@ -18,6 +17,7 @@ from robotouille.planning.policies import (
     Script,
     TeamPolicy,
 )
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille_evaluation.agents.joint_team import JointTeam
 from robotouille_evaluation.agents.making import make_strategy, team_strategy
 from robotouille_evaluation.agents.proposal import (

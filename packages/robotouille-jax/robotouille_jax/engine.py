@@ -335,7 +335,7 @@ Search = tuple[Array, Array, Array]
 
 
 def goal_reached(goal: GoalTable, atoms: Array) -> Array:
-    """Return whether the goal holds, by the search of `robotouille.batch.goal_kernels`."""
+    """Return whether the goal holds, by the search of `robotouille.batch.state_kernels`."""
     conditions = len(goal.there)
     if not conditions:
         return jnp.ones((), bool)

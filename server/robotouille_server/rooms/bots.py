@@ -35,8 +35,8 @@ from robotouille.world.world import World
 
 if TYPE_CHECKING:
     from robotouille.episode.rules import Substitute as Kind
-    from robotouille.planning.anytime import AnytimePlanner
     from robotouille.planning.policies.policy import Policy
+    from robotouille.planning.solvers import AnytimePlanner
     from robotouille.world.timers import BusyRow, TimerRow
 
 EXPANSIONS = 200
@@ -89,7 +89,7 @@ class BotWorld:
     def planner(self) -> AnytimePlanner:
         """Planner of all bots of the task."""
         if self._anytime is None:
-            from robotouille.planning.anytime import AnytimePlanner
+            from robotouille.planning.solvers import AnytimePlanner
 
             self._anytime = AnytimePlanner(self.world)
         return self._anytime

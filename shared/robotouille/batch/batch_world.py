@@ -11,15 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.mask_kernels import (
+from robotouille.batch.rules import CompiledRules
+from robotouille.batch.single_copy import row_of, state_of
+from robotouille.batch.state_kernels import (
     joint_mask_copies,
     mask_copies,
     random_copies,
     valid_copies,
     vector_copies,
 )
-from robotouille.batch.rules import CompiledRules
-from robotouille.batch.single_copy import row_of, state_of
 from robotouille.batch.step_kernels import first_invalid, step_copies
 from robotouille.batch.tables import CopyRange, Ints, initial_row, tables
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.mask_kernels import observe_row
 from robotouille.batch.rules import CompiledRules
+from robotouille.batch.state_kernels import observe_row
 from robotouille.batch.step_kernels import step_row
 from robotouille.batch.tables import Ints, in_words, initial_row, tables
 from robotouille.errors import WrongWorldError

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.goal_kernels import get, goal_reached, holds, kernel
 from robotouille.batch.rules import CONDITIONAL, CREATION, DELETION, REPETITIVE
+from robotouille.batch.state_kernels import get, goal_reached, holds, kernel
 from robotouille.batch.tables import CopyRange, Ints
 from robotouille.compiling import unsigned
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
 from robotouille.errors import RobotouilleError, WrongArgumentError
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Limits
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.world import State, World
 
 LIMITS = Limits(expansions=2_000)

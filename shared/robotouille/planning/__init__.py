@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille.planning.anytime import AnytimePlanner
     from robotouille.planning.plan import (
         UNLIMITED,
         Limits,
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
         write_plan,
     )
     from robotouille.planning.plugins import AnytimeSearch, DomainPlanner
-    from robotouille.planning.solvers import Search, solve
+    from robotouille.planning.solvers import AnytimePlanner, Search, solve
     from robotouille.planning.steps_to_go import StepsLeft, StepsToGo
 else:
     from robotouille.lazy_exports import lazy_exports
@@ -31,10 +30,8 @@ else:
     __getattr__ = lazy_exports(
         __name__,
         "robotouille.planning.plan",
-        "robotouille.planning.plan",
         "robotouille.planning.plugins",
         "robotouille.planning.solvers",
-        "robotouille.planning.anytime",
         "robotouille.planning.steps_to_go",
     )
 

@@ -15,12 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from robotouille.domain.task import Task, TimingProfile
-from robotouille.planning import solvers as optimal
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.errands import ErrandList, PlanTrace, errands
 from robotouille.planning.plan import UNLIMITED, Limits, Plan, SearchResult, replay
 from robotouille.planning.plan_repair import PlanRepair
 from robotouille.planning.plugins import domain_planner
+from robotouille.planning.solvers import AnytimePlanner, solve
 from robotouille.world.timers import Timers
 from robotouille.world.world import State, World
 
@@ -192,7 +191,7 @@ class StepsToGo:
                 self._find_any(self._relaxed, state, limits)
             searches = limits.expansions is None
         elif self._known[_key(state)].steps is not None or not searches:
-            self._record(state, optimal.solve(self._world, state, limits=NO_SEARCH))
+            self._record(state, solve(self._world, state, limits=NO_SEARCH))
         if searches and not self._known[_key(state)].exact:
             self._search(state, limits)
 
@@ -235,7 +234,7 @@ class StepsToGo:
 
     def _search(self, state: State, limits: Limits) -> None:
         if self._anytime is None or self._known[_key(state)].steps is not None:
-            self._record(state, optimal.solve(self._world, state, limits=limits))
+            self._record(state, solve(self._world, state, limits=limits))
             return
         for result in self._anytime.search(state, limits, beam=0):
             known = self._record(state, result)

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from robotouille.certification.certificate import Deadline
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.errands import ErrandList, PlanTrace, errands
 from robotouille.planning.plan import Limits
 from robotouille.planning.plan_repair import PlanRepair
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille.planning.steps_to_go import StepsLeft, StepsToGo
 from robotouille.world.world import State, World
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-from robotouille.world.grounding.floor import Tile
-from robotouille.world.grounding.objects import Object
+from robotouille.world.grounding.objects import Object, Tile
 from robotouille.world.world import State, World
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Limits, Plan
 from robotouille.planning.policies.deferral import defer_blocked
 from robotouille.planning.policies.plan_watch import (
@@ -23,6 +22,7 @@ from robotouille.planning.policies.plan_watch import (
 )
 from robotouille.planning.policies.script import Script
 from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, with_others_aside
+from robotouille.planning.solvers import AnytimePlanner
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, play_team
 from tests.world.kitchens import kitchen

@@ -16,8 +16,8 @@ from robotouille.domain.task import Timing
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.usefulness import work_in_progress
 from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.work import work_in_progress
 from robotouille.world.scene import scene
 from robotouille.world.world import State, World
 from robotouille_client.bots.partners import MakePartners

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import pygame
 
-from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.art import ParticleEffect
+from robotouille.domain.rendering import RenderingFile
 from robotouille.world.world import State
 from robotouille_client.window.drawing.spots import Spot
 from robotouille_client.window.pictures.appearance import SceneSprites

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import pygame
 
 from robotouille.domain.art import SIDES, ParticleEffect
-from robotouille.world.grounding.objects import Tile
-from robotouille.world.grounding.objects import Object
+from robotouille.world.grounding.objects import Object, Tile
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import (
     StepAnimation,

@@ -23,8 +23,8 @@ from robotouille.world.presentation.near_misses import (
     things_upon,
 )
 from robotouille.world.presentation.places import capitalised
-from robotouille.world.presentation.work import useful_actions, work_in_progress
 from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.work import useful_actions, work_in_progress
 from robotouille.world.scene import Placed, scene
 from robotouille.world.timers import Progress
 from robotouille.world.world import State, World

@@ -12,8 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
+from robotouille.domain.art import Art, Facings, Fact
 from robotouille.domain.rendering import Entity, RenderingFile
-from robotouille.domain.rendering.art import Art, Facings, Fact
 from robotouille.domain.schema import DomainFile, InputFile
 from robotouille.world.grounding.objects import Object
 from robotouille.world.scene import Placed, scene

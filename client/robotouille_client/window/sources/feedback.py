@@ -9,8 +9,8 @@ from functools import partial
 
 from robotouille.planning.policies.team_talk import announced_version, appealed, requested
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.usefulness import Occupancy
 from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.work import Occupancy
 from robotouille.world.scene import Placed, scene
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State

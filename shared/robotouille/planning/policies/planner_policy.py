@@ -23,7 +23,6 @@ from functools import cached_property
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.plan_watch import (
     PastStep,
@@ -58,9 +57,10 @@ from robotouille.planning.policies.team_talk import (
     request,
     requested,
 )
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.usefulness import Occupancy
 from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.work import Occupancy
 from robotouille.world.world import State, World
 
 logger = logging.getLogger(__name__)

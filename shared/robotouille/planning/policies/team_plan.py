@@ -14,14 +14,14 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
 from robotouille.planning.plan import Limits, Plan, Proof, SearchResult
 from robotouille.planning.policies.deferral import defer_blocked
 from robotouille.planning.policies.script import Script
 from robotouille.planning.policies.standing import leads_to, standing_at, walks_aside
+from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.usefulness import Occupancy
+from robotouille.world.presentation.work import Occupancy
 from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State
 

@@ -15,8 +15,7 @@ from robotouille.domain.schema import Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
 from robotouille.errors import UnknownNameError, WrongWorldError, did_you_mean
 from robotouille.world.grounding.atoms import EXISTS, USED, AtomTable
-from robotouille.world.grounding.floor import Floor
-from robotouille.world.grounding.objects import Object, initial_facts, place_objects
+from robotouille.world.grounding.objects import Floor, Object, initial_facts, place_objects
 
 MAX_CREATED = 500
 """Largest number of one created kind that names from outside can make a world reserve."""

@@ -1,4 +1,4 @@
-"""The objects of a problem, their names, and the facts that their positions imply.
+"""The objects of a problem, their names, the facts that their positions imply, and the floor.
 
 Objects of a kind are numbered by position (docs/file_formats.md, "Names"). The domain's `layout`
 rules define the facts that follow from positions
@@ -7,14 +7,16 @@ rules define the facts that follow from positions
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 from robotouille.domain.schema import Condition, LayoutRule, ObjectDef
 from robotouille.domain.task import Task
 
+Tile = tuple[int, int]
 Atom = tuple[str, ...]
 """A ground predicate: its name, then the names of its arguments."""
 
@@ -40,8 +42,8 @@ class Object:
     name: str
     kind: str
     type: str
-    tile: tuple[int, int] | None = None
-    facing: tuple[int, int] | None = None
+    tile: Tile | None = None
+    facing: Tile | None = None
     level: int = 0
     label: str | int | None = None
     predicates: tuple[str, ...] = ()
@@ -134,7 +136,7 @@ def _stacks(
     objects: tuple[Object, ...], kind: str, stations: set[str]
 ) -> Iterator[tuple[Object, list[Object]]]:
     """Yield each station that carries objects of a type, with the objects from the bottom up."""
-    by_tile: defaultdict[tuple[int, int] | None, list[Object]] = defaultdict(list)
+    by_tile: defaultdict[Tile | None, list[Object]] = defaultdict(list)
     for thing in objects:
         if thing.type == kind:
             by_tile[thing.tile].append(thing)
@@ -160,3 +162,88 @@ def _default(
     for thing in objects:
         if thing.type == kind and thing.name not in taken:
             yield (rule.predicate, thing.name)
+
+
+# South comes first: there, a player who faces the station turns its back to the viewer.
+_NEIGHBOURS = ((0, -1), (0, 1), (-1, 0), (1, 0))
+
+
+class Floor:
+    """Tiles of a grid without a station, and walks over them.
+
+    Attributes:
+        stations: The tile of each station.
+        plain: The stations of the most frequent kind, usually tables, at which players only put
+            things down.
+    """
+
+    def __init__(self, width: int, height: int, objects: tuple[Object, ...], stations: set[str]):
+        self.width = width
+        self.height = height
+        self.stations = {o.name: o.tile for o in objects if o.type in stations and o.tile}
+        self.plain = _plain([o for o in objects if o.type in stations])
+        self.blocked = frozenset(self.stations.values())
+        # Only players have a direction; their tiles are where walks begin.
+        self._starts = tuple(o.tile for o in objects if o.facing is not None and o.tile)
+        self._walks: dict[Tile, dict[Tile, Tile]] = {}
+
+    def is_free(self, tile: Tile) -> bool:
+        """Return whether a tile is on the grid and has no station."""
+        x, y = tile
+        return 0 <= x < self.width and 0 <= y < self.height and tile not in self.blocked
+
+    @cached_property
+    def reachable(self) -> frozenset[Tile]:
+        """The free tiles that some player can reach from its start."""
+        found: set[Tile] = set()
+        for start in self._starts:
+            if start not in found:
+                found.update(self._walk_from(start))
+        return frozenset(found)
+
+    def beside(self, station: str) -> list[Tile]:
+        """Return the reachable free tiles next to a station, the preferred one first."""
+        x, y = self.stations[station]
+        around = [(x + dx, y + dy) for dx, dy in _NEIGHBOURS]
+        return [tile for tile in around if self.is_free(tile) and tile in self.reachable]
+
+    def standing(self, station: str) -> Tile:
+        """Return the tile from which a station is used, or its own tile if it is enclosed."""
+        beside = self.beside(station)
+        return beside[0] if beside else self.stations[station]
+
+    def path(self, start: Tile, goal: Tile) -> list[Tile]:
+        """Return a shortest walk with both ends; only the ends if none exists."""
+        came_from = self._walk_from(goal)
+        if start not in came_from:
+            return [start, goal]
+        path = [start]
+        while path[-1] != goal:
+            path.append(came_from[path[-1]])
+        return path
+
+    def distance(self, here: str, there: str) -> int:
+        """Return the length of the walk between the tiles from which two stations are used."""
+        return len(self.path(self.standing(here), self.standing(there))) - 1
+
+    def _walk_from(self, goal: Tile) -> dict[Tile, Tile]:
+        """Return the next tile on the way to `goal` for each tile from which it can be reached."""
+        known = self._walks.get(goal)
+        if known is None:
+            known = {goal: goal}
+            queue = deque([goal])
+            while queue:
+                x, y = tile = queue.popleft()
+                for dx, dy in _NEIGHBOURS:
+                    neighbour = (x + dx, y + dy)
+                    if neighbour not in known and self.is_free(neighbour):
+                        known[neighbour] = tile
+                        queue.append(neighbour)
+            # Searching backward from the goal answers all walks to it with one search.
+            self._walks[goal] = known
+        return known
+
+
+def _plain(stations: list[Object]) -> frozenset[str]:
+    kinds = Counter(each.kind for each in stations).most_common(1)
+    return frozenset(each.name for each in stations if each.kind == kinds[0][0])

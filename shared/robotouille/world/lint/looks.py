@@ -12,6 +12,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any, Literal
 
+from robotouille.domain.art import Art
 from robotouille.domain.derived import created_kinds, domain_kinds, parameter_types
 from robotouille.domain.files import is_file, read_json
 from robotouille.domain.related_files import (
@@ -22,9 +23,7 @@ from robotouille.domain.related_files import (
     rendering_path,
     shipped_rendering,
 )
-from robotouille.domain.rendering import RENDERING_FILES, RenderingFile
-from robotouille.domain.rendering.art import Art
-from robotouille.domain.rendering.rendering_file import Language
+from robotouille.domain.rendering import RENDERING_FILES, Language, RenderingFile
 from robotouille.domain.schema import DomainFile
 from robotouille.domain.task import Task, read_domain
 from robotouille.errors import Fault, FileError, did_you_mean

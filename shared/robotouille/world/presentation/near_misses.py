@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.presentation.places import capitalised
-from robotouille.world.presentation.usefulness import Occupancy, changes_something, work_in_progress
 from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.work import Occupancy, changes_something, work_in_progress
 from robotouille.world.scene import Placed
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World

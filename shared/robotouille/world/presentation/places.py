@@ -12,7 +12,7 @@ from string import Formatter
 from typing import Literal
 
 from robotouille.domain.rendering import PlaceWords
-from robotouille.world.grounding.floor import Floor, Tile
+from robotouille.world.grounding.objects import Floor, Tile
 
 
 def filled(template: str, *called: str, **words: str) -> str:

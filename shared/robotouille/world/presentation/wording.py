@@ -16,8 +16,7 @@ from robotouille.domain.rendering import Language
 from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.presentation.places import filled, parameters, places
-from robotouille.world.presentation.preparation import Work, preparation_of
-from robotouille.world.presentation.usefulness import Occupancy
+from robotouille.world.presentation.work import Occupancy, Work, preparation_of
 from robotouille.world.scene import Placed, scene
 from robotouille.world.text import describe
 from robotouille.world.unmet import Unmet, UnmetKind

@@ -14,6 +14,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from robotouille.domain.art import (
+    Art,
+    Facings,
+    FileName,
+    ParticleEffect,
+    Ratio,
+    as_listed,
+    as_named,
+    as_pictured,
+)
 from robotouille.domain.files import read_model
 from robotouille.domain.related_files import (
     FileKind,
@@ -23,16 +33,6 @@ from robotouille.domain.related_files import (
     read_extending,
     rendering_path,
     shipped_rendering,
-)
-from robotouille.domain.rendering.art import (
-    Art,
-    Facings,
-    FileName,
-    ParticleEffect,
-    Ratio,
-    as_listed,
-    as_named,
-    as_pictured,
 )
 from robotouille.domain.schema import Extends, Name, Schema
 from robotouille.domain.task import Task
