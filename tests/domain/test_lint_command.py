@@ -37,6 +37,44 @@ def test_faults_of_several_files(tmp_path: Path) -> None:
     ]
 
 
+def test_an_unknown_field_hides_no_unknown_name(tmp_path: Path) -> None:
+    write(tmp_path, "small.json", DOMAIN)
+    broken = changed({**PROBLEM, "domain": "small"}, "objects", "item", 0, "stak-level", to=1)
+    problem = write(tmp_path, "problem.json", changed(broken, "goal", 0, "predicate", to="iscutt"))
+    broken = changed(DOMAIN, "action_defs", 0, "sfx", 0, "parm", to="i")
+    broken = changed(broken, "layout", 0, "predicate", to="att")
+    domain = write(tmp_path, "other.json", broken)
+    assert lint(problem, domain)[1] == [
+        f"{problem}: error: objects.item[0].stak-level: unknown field 'stak-level'; "
+        "did you mean 'stack-level'?",
+        f"{problem}: error: goal[0].predicate: unknown predicate 'iscutt'; did you mean 'iscut'?",
+        f"{domain}: error: action_defs[0].sfx[0].parm: unknown field 'parm'; did you mean 'param'?",
+        f"{domain}: error: layout[0].predicate: unknown predicate 'att'; did you mean 'at'?",
+    ]
+
+
+def test_faults_of_a_problem_do_not_hide_those_of_its_domain(tmp_path: Path) -> None:
+    write(tmp_path, "small.json", changed(DOMAIN, "layout", 0, "predicate", to="att"))
+    broken = changed({**PROBLEM, "domain": "small"}, "width", to="three")
+    problem = write(tmp_path, "problem.json", broken)
+    first, second = lint(problem)[1]
+    assert first.startswith(f"{problem}: error: width: input should be a valid integer")
+    assert "small.json: layout[0].predicate: unknown predicate 'att'" in second
+
+
+def test_faults_of_a_problem_do_not_hide_those_of_other_files(tmp_path: Path) -> None:
+    never = changed(DOMAIN, "action_defs", 0, "immediate_fx", to=[])
+    never = changed(never, "layout", to=never["layout"][1:])
+    never = changed(never, "action_defs", 0, "sfx", to=[])
+    write(tmp_path, "small.json", {**never, "input_json": "none.json"})
+    broken = changed({**PROBLEM, "domain": "small", "config": {}}, "goal", 0, "args", to=["leak"])
+    problem = write(tmp_path, "problem.json", broken)
+    lines = "\n".join(lint(problem)[1])
+    assert "unknown kind of object 'leak'" in lines
+    assert "'cut' can never apply: nothing makes 'at' true" in lines
+    assert "input_json: there is no file 'none.json'" in lines
+
+
 def test_warnings_do_not_fail(tmp_path: Path) -> None:
     write(tmp_path, "small.json", DOMAIN)
     goal = [

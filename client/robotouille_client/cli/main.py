@@ -182,34 +182,29 @@ def lint_file(name: str, domain: str | None = None) -> list[Fault]:
     from robotouille import load_task
     from robotouille.domain.files import read_json
     from robotouille.domain.rendering import RenderingFile
-    from robotouille.world.lint import lint_task
+    from robotouille.world.lint import (
+        faults_for,
+        lint_domain_file,
+        lint_problem_file,
+        lint_task,
+    )
 
     try:
         raw = read_json(Path(name)) if name.endswith(".json") else {}
         keys = set(raw) if isinstance(raw, dict) else set()
         if "name" in keys or "action_defs" in keys:
-            return _lint_domain(Path(name))
+            return lint_domain_file(Path(name))
         if name.endswith(".input.json") or keys & {"keyboard_actions", "mouse_click_actions"}:
             return _lint_input(Path(name), domain)
         if keys & set(RenderingFile.model_fields) and not keys & {"goal", "width"}:
             return _lint_rendering(Path(name))
+        if name.endswith(".json"):
+            return lint_problem_file(Path(name), domain)
         return lint_task(load_task(name, domain=domain))
     except FileError as error:
-        other = Path(error.file).name
-        if not error.file.endswith(".json") or other == Path(name).with_suffix(".json").name:
-            return list(error.faults)
-        return [Fault(f"{other}: {f.path}", f.message, f.severity) for f in error.faults]
+        return faults_for(Path(name), error)
     except RobotouilleError as error:
         return [Fault("", str(error))]
-
-
-def _lint_domain(path: Path) -> list[Fault]:
-    from robotouille.domain.domain_checks import check_domain
-    from robotouille.domain.task import complete_domain, read_domain
-    from robotouille.world.lint import lint_domain_file
-
-    domain = complete_domain(read_domain(str(path)))
-    return check_domain(domain) or lint_domain_file(domain, path)
 
 
 def _lint_input(path: Path, domain: str | None) -> list[Fault]:

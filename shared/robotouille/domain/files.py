@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, Any, NoReturn, TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from robotouille.domain.schema import EFFECT_KINDS
 from robotouille.errors import Fault, FileError, did_you_mean
@@ -104,7 +105,7 @@ def validate(raw: Any, model: type[M], source: str) -> M:
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise FileError(source, [_fault(raw, model, e) for e in error.errors()]) from None
+        raise FileError(source, [_fault(raw, model, e) for e in _errors(error)]) from None
 
 
 def known_part(raw: Any, model: type[M]) -> M | None:
@@ -116,9 +117,9 @@ def known_part(raw: Any, model: type[M]) -> M | None:
     try:
         return model.model_validate(part)
     except ValidationError as error:
-        unknown = error.errors(include_url=False, include_input=False)
+        errors = _errors(error)
     try:
-        for each in unknown:
+        for each in errors:
             if each["type"] != "extra_forbidden":
                 return None
             place = part
@@ -159,6 +160,13 @@ def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not a JSON number")
+
+
+def _errors(error: ValidationError) -> list[ErrorDetails]:
+    """Return pydantic's errors, except lists that are too short only because of invalid items."""
+    errors = error.errors()
+    invalid_inside = {e["loc"][:i] for e in errors for i in range(len(e["loc"]))}
+    return [e for e in errors if e["type"] != "too_short" or e["loc"] not in invalid_inside]
 
 
 def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
