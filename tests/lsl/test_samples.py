@@ -9,7 +9,7 @@ import pytest
 
 from robotouille import GroundAction, World
 from robotouille.protocol import messages
-from robotouille_client.lsl.stream import (
+from robotouille_client.lsl import (
     STEP_CHANNELS,
     Latency,
     Outlets,

@@ -15,8 +15,7 @@ import pytest
 
 from robotouille_client import Client, Game, connect
 from robotouille_client.errors import ConnectionFailedError
-from robotouille_client.lsl.cli import main
-from robotouille_client.lsl.stream import Outlets, stream
+from robotouille_client.lsl import Outlets, main, stream
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual
 
@@ -80,7 +79,7 @@ def test_missing_library_is_explained(
 
 PROGRAM = """
 import json, sys, pylsl
-from robotouille_client.lsl.stream import open_outlets
+from robotouille_client.lsl import open_outlets
 from robotouille_client.sansio.game_events import Announced, StateChanged
 from robotouille import World
 

@@ -1,1 +1,0 @@
-"""Streaming of episodes to the Lab Streaming Layer. Needs the extra `lsl`."""
