@@ -22,6 +22,7 @@ from robotouille.episode.rules import Clock
 from robotouille.protocol.messages import Create
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
+from robotouille_client.window import StartOptions, open_app
 from robotouille_client.window.app.app import App
 from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.app.local_games import TUTORIAL, TutorialSource, kind_of
@@ -34,7 +35,6 @@ from robotouille_client.window.app.settings import (
     save_settings,
     settings_path,
 )
-from robotouille_client.window.app.start import StartOptions, open_app
 from robotouille_client.window.forms.widgets import Choice
 from robotouille_client.window.input.commands import Command, KeyMap
 
@@ -367,7 +367,7 @@ def open_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
     """Save settings to the user's file, and open the app with start options."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    monkeypatch.setattr("robotouille_client.window.app.start.require_screen", lambda: None)
+    monkeypatch.setattr("robotouille_client.window.require_screen", lambda: None)
     apps: list[App] = []
 
     def open_it(settings: Settings, options: StartOptions | None = None) -> App:

@@ -15,9 +15,8 @@ from typer.testing import CliRunner
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_client import connect
 from robotouille_client.bots import cli as bots
-from robotouille_client.window import cli, parse_size
+from robotouille_client.window import StartOptions, cli, parse_size
 from robotouille_client.window.app.remote_game import RemoteGame
-from robotouille_client.window.app.start import StartOptions
 from robotouille_client.window.preferences import Preferences
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
@@ -198,7 +197,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[tuple[bool, boo
                 first.close()
 
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr("robotouille_client.window.app.start.open_app", Recorded)
+    monkeypatch.setattr("robotouille_client.window.open_app", Recorded)
     done = runner.invoke(client_app, list(words))
     assert done.exit_code == 0, done.output
     return found

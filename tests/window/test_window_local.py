@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from robotouille_client.bots.partner_process import GONE, RESTARTED, PartnerProcess
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
@@ -20,7 +19,14 @@ from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.recording import read_recording
 from robotouille.world.presentation.wording import Wording
 from robotouille_client.bots.kinds import BotKind
-from robotouille_client.bots.partners import Decision, PromptPartners, prompt_partners
+from robotouille_client.bots.partners import (
+    GONE,
+    RESTARTED,
+    Decision,
+    PartnerProcess,
+    PromptPartners,
+    prompt_partners,
+)
 from robotouille_client.window.app.game_cards import GameCards
 from robotouille_client.window.app.local_game import (
     NO_CERTIFICATE,

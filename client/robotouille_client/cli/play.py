@@ -105,7 +105,7 @@ def play(
         return
     if setup:
         sound_task(setup.load())
-    from robotouille_client.window.app.start import StartOptions, open_app
+    from robotouille_client.window import StartOptions, open_app
 
     if tasks is None and task is not None and task.partition("@")[0].endswith(".json"):
         tasks = Path(task).parent

@@ -308,7 +308,7 @@ def command(
     if not (menu or enters):
         raise RobotouilleError("--no-menu requires the CODE of an episode")
 
-    from robotouille_client.window.app.start import StartOptions, open_app
+    from robotouille_client.window import StartOptions, open_app
 
     app = open_app(
         StartOptions(

@@ -10,8 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
-from robotouille_client.bots.partner_process import PartnerProcess
-from robotouille_client.bots.partners import MakePartners
+from robotouille_client.bots.partners import MakePartners, PartnerProcess
 from robotouille_client.console import explain
 from robotouille_client.window.app.local_games import LocalGames
 from robotouille_client.window.app.main_menu import KeysMenu, SettingsMenu, main_menu, quit_form

@@ -23,8 +23,7 @@ from robotouille.replay.recorder import Recorder, header
 from robotouille.world.lint import sound_task
 from robotouille.world.world import World
 from robotouille_client.bots.kinds import BotKind, given_names
-from robotouille_client.bots.partner_process import PartnerProcess
-from robotouille_client.bots.partners import MakePartners, Partners, PromptPartners
+from robotouille_client.bots.partners import MakePartners, PartnerProcess, Partners, PromptPartners
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 
 KEPT_RECORDINGS = 50
