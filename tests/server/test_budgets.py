@@ -13,7 +13,7 @@ import pytest
 
 from robotouille import ProtocolError
 from robotouille.protocol import messages
-from robotouille.protocol.codec import JSON, MAX_FIELDS, MAX_ITEMS, MAX_LIST, MSGPACK, SUBPROTOCOLS
+from robotouille.protocol.codec import JSON, MAX_FIELDS, MAX_ITEMS, MAX_LIST, MSGPACK
 from robotouille_server import Server
 from robotouille_server.runtime.budgets import (
     COSTS,
@@ -210,14 +210,6 @@ async def test_number_of_absent_spectators_is_bounded(tmp_path: Path) -> None:
         wire = await watcher(server, code)
         assert room.spectators == 1
         wire.cut()
-
-
-@pytest.mark.parametrize("codec", [JSON, MSGPACK], ids=SUBPROTOCOLS[::-1])
-@pytest.mark.parametrize("counts", [(1, 2), (16, 1), (9, 9), (20, 30)])
-def test_joined_fields_equal_the_whole_message(codec: Any, counts: tuple[int, int]) -> None:
-    parts = [{f"{i}-{j}": [j, "é"] for j in range(count)} for i, count in enumerate(counts)]
-    joined = codec.join([codec.pack_fields(part) for part in parts])
-    assert joined == codec.pack(parts[0] | parts[1])
 
 
 def test_message_with_many_errors_is_refused_early() -> None:

@@ -24,7 +24,7 @@ from robotouille_server import Server
 from robotouille_server.rooms.journal import Journal
 from robotouille_server.rooms.lobby import INSPECTION_SECONDS
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.storage import Appender, FileCondition, Folder
+from robotouille_server.rooms.storage import Appender, Folder
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run, virtual
 
@@ -225,20 +225,6 @@ class TestFolder:
         with pytest.raises(OSError, match=r"."):
             folder.read("d.rbt")
         assert secret.read_bytes().endswith(b"business")
-
-    def test_file_reports_its_condition(self, tmp_path: Path) -> None:
-        folder = Folder(tmp_path)
-        file = folder.create("a")
-        file.append(b"whole")
-        assert (file.condition(), file.read()) == (FileCondition.WHOLE, b"whole")
-        (tmp_path / "a").unlink()
-        file.append(b" still")
-        assert (file.condition(), file.read()) == (FileCondition.REMOVED, b"whole still")
-        other = folder.create("b")
-        other.append(b"whole")
-        os.truncate(tmp_path / "b", 2)
-        other.append(b" again")
-        assert other.condition() is FileCondition.CUT_SHORT
 
 
 NAME = "20260101T000000Z_multi_agent-01_lettuce_burger_0123456789abcdef.rbt.part"

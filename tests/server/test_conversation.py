@@ -19,8 +19,6 @@ from tests.support.servers import raw, serving
 from tests.support.thorough import thorough
 from tests.support.virtual_time import run, virtual
 
-JOINED = {"type": "join", "ref": 9}
-
 # Message, code of the answer, and the field that the answer names.
 WRONG: list[tuple[Any, str, str]] = [
     ([], "message/malformed", ""),

@@ -69,6 +69,8 @@ async def test_unopened_episodes_leave_no_file_open(tmp_path: Path) -> None:
             await asyncio.sleep(1)
         assert len(list(Path("/dev/fd").iterdir())) == before
         assert not list(tmp_path.iterdir())
+        disk.full = False
+        assert (await ada.ask({"type": "create"}, "created"))["code"]
 
 
 @virtual

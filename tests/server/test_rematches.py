@@ -77,7 +77,7 @@ async def test_rematch_is_announced_in_the_ended_room(tmp_path: Path) -> None:
         await eve.join(games[0].code, role="spectator")
         assert games[1].rematch_code == ""
         created = await ada.create(rematch=games[0].code)
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.2)
         assert eve.game is not None
         assert {games[1].rematch_code, eve.game.rematch_code} == {created.code}
         await bob.leave()

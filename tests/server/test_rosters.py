@@ -13,57 +13,11 @@ import pytest
 from robotouille_client import connect
 from robotouille_client.sansio.game_events import RosterChanged
 from robotouille_server import Server
-from robotouille_server.rooms.publisher import ROSTER_SECONDS, SpectatorRosters
-from robotouille_server.rooms.write_ahead import CommitGate
-from robotouille_server.runtime.timer_queue import TimerQueue
+from robotouille_server.rooms.publisher import ROSTER_SECONDS
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import virtual
 
 HELLO = {"type": "hello", "protocol": 1, "name": "eve"}
-
-
-class Table:
-    """Recorder of the times at which rosters are published."""
-
-    def __init__(self) -> None:
-        self.gate = CommitGate(None)
-        self.published: list[float] = []
-        self._timers = TimerQueue()
-        self._begun = self._timers.time()
-        self.rosters = SpectatorRosters(self._timers, self.gate, self._publish)
-
-    def _publish(self) -> None:
-        self.published.append(round(self._timers.time() - self._begun, 2))
-
-
-@virtual
-async def test_first_change_is_published_at_once_and_later_ones_together() -> None:
-    table = Table()
-    for _ in range(100):  # In one second.
-        table.rosters.changed()
-        await asyncio.sleep(0.01)
-    await asyncio.sleep(5)
-    assert table.published == [0.0, 0.25, 0.5, 0.75, 1.0]
-    table.rosters.changed()
-    await asyncio.sleep(0)
-    await asyncio.sleep(0.01)
-    assert table.published[5:] == [6.0]
-
-
-@virtual
-async def test_closed_gate_withholds_rosters() -> None:
-    table = Table()
-    table.gate.failing = True
-    for _ in range(20):
-        table.rosters.changed()
-        await asyncio.sleep(0.5)
-    assert table.published == []
-    table.gate.failing = False
-    table.rosters.released()
-    await asyncio.sleep(5)
-    table.rosters.released()
-    await asyncio.sleep(5)
-    assert table.published == [10.0]
 
 
 async def rosters(one: Raw, seconds: float) -> list[dict[str, Any]]:
@@ -306,20 +260,3 @@ async def test_client_library_reports_waits_after_a_restart(tmp_path: Path) -> N
         assert changed.waits_for == games[0].waits_for == ("robot1",)
         await ada.__aexit__(None, None, None)
         await bob.__aexit__(None, None, None)
-
-
-@virtual
-async def test_episode_without_waits_sets_few_timers(tmp_path: Path) -> None:
-    async with serving(tmp_path, move_budget="0") as server, table(server) as (ada, bob, _):
-        room = next(iter(server.lobby.rooms.values()))
-        timers, looks = room.driver._timers, []
-        call_at = timers.call_at
-        timers.call_at = lambda due, call: looks.append(due) or call_at(due, call)  # type: ignore
-        for _ in range(100):
-            await ada.act()
-            await bob.act()
-        assert len(looks) <= 2
-        await asyncio.sleep(5.0)
-        looks.clear()
-        await asyncio.sleep(3600.0)
-        assert looks == []

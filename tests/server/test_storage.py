@@ -80,21 +80,6 @@ async def test_snapshot_waits_for_unwritten_events(tmp_path: Path) -> None:
 
 
 @virtual
-async def test_episode_without_recording_is_not_opened(tmp_path: Path) -> None:
-    disk = FullDisk(tmp_path)
-    async with with_clients(tmp_path, "ada", storage=disk) as (_, ada):
-        disk.full = True
-        blocked = disk.create("x.rbt.part")
-        with pytest.raises(OSError, match="No space"):
-            blocked.append(b"x")
-        with pytest.raises(ProtocolError, match="No space left") as error:
-            await ada.create("synchronous/01")
-        assert error.value.code == "server/recording"
-        disk.full = False
-        assert (await ada.create("synchronous/01")).code
-
-
-@virtual
 async def test_unclosed_recording_is_closed_at_the_next_start(tmp_path: Path) -> None:
     disk = FullDisk(tmp_path)
     async with with_clients(tmp_path, "ada", storage=disk) as (_, ada):

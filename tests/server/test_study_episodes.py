@@ -134,7 +134,7 @@ async def test_disguised_bot_is_not_revealed(tmp_path: Path) -> None:
             heard = [await ada.ask({"type": "join", "episode": code}, "joined")]
             await bob.ask({"type": "join", "episode": code}, "joined")
             await bob.send({"type": "say", "text": "hi"})
-            await bob.send({"type": "act", "seq": 1, "action": None})
+            await bob.send({"type": "act", "seq": 1, "action": None, "waits": True})
             await ada.send({"type": "act", "seq": 1, "action": None})
             while heard[-1]["type"] != "delta":
                 heard.append(await ada.receive())
@@ -142,7 +142,7 @@ async def test_disguised_bot_is_not_revealed(tmp_path: Path) -> None:
             listed = await lab.ask({"type": "list"}, "episodes")
             words = json.dumps([heard, listed])
             assert {"said", "roster", "snapshot"} <= {message["type"] for message in heard}
-            for secret in ('"bot"', "shown_as", "delay_ms", "treatments"):
+            for secret in ('"bot"', "shown_as", "delay_ms", "treatments", '"waits"'):
                 assert secret not in words
             room = server.lobby.find(code)
             assert room.episode.seat("robot2").kind == "bot"

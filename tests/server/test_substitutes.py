@@ -13,7 +13,6 @@ from robotouille.replay.recording import read_recording
 from robotouille.world.world import shared_world
 from robotouille_server import Server
 from robotouille_server.rooms.bot_worker import ThreadBotWorker
-from robotouille_server.rooms.bots import Bots
 from tests.support.executors import ImmediateExecutor
 from tests.support.questions import question
 from tests.support.servers import Raw, raw, serving
@@ -100,24 +99,6 @@ async def test_substitute_decides_again_after_a_short_return(tmp_path: Path) -> 
 
 TASK = load_task("training/03_multi_agent@2")
 START = shared_world(TASK).initial
-
-
-@virtual
-async def test_thread_returns_the_actions_of_bots() -> None:
-    here = Bots()
-    here.show(TASK)
-    worker = ThreadBotWorker(ImmediateExecutor())
-    assert await worker.learn(TASK, "robot1") is None
-    asked = question(START, kind="random")
-    assert await worker.ask(TASK, asked) == here.answer(TASK.digest, asked)
-
-
-@virtual
-async def test_error_of_a_bot_reaches_the_caller() -> None:
-    worker = ThreadBotWorker(ImmediateExecutor())
-    await worker.ask(TASK, question(START))
-    with pytest.raises(KeyError, match="no action 'dance'"):
-        await worker.ask(TASK, question(START, observed=((("robot1", "dance", (), True),),)))
 
 
 @virtual

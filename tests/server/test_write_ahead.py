@@ -13,13 +13,9 @@ from robotouille.episode import (
     Clock,
     Episode,
     Event,
-    Paused,
     PauseReason,
-    Resumed,
     Rules,
 )
-from robotouille.errors import ProtocolError
-from robotouille_server.rooms import write_ahead
 from robotouille_server.rooms.write_ahead import MAX_DEFERRED, CommitGate, WriteAhead
 
 ONE = World("synchronous/01_cheese_sandwich")
@@ -107,11 +103,6 @@ class TestFailingLog:
         table.say("lost?")
         table.rule.flush(1.0)
 
-    def test_episode_is_paused_and_nothing_is_published(self, table: Table) -> None:
-        assert table.published == []
-        assert PauseReason.STORAGE in table.episode.pauses
-        assert table.failing == [True]
-
     def test_writing_is_retried_only_on_request(self, table: Table, log: Log) -> None:
         before = log.attempts
         table.say("more")
@@ -120,17 +111,6 @@ class TestFailingLog:
         table.rule.flush(2.0, retry=True)
         assert log.attempts == before + 1
         assert table.failing == [True]
-
-    def test_events_are_published_in_order_when_writing_works(self, table: Table, log: Log) -> None:
-        table.say("again")
-        log.full = False
-        table.rule.flush(2.0, retry=True)
-        kinds = [type(event) for event in table.published]
-        assert kinds == [ChatPosted, Paused, ChatPosted, Resumed]
-        assert table.said() == ["lost?", "again"]
-        assert log.written[-4:] == table.published
-        assert table.failing == [True, False]
-        assert PauseReason.STORAGE not in table.episode.pauses
 
     def test_log_may_fail_at_the_end_of_the_pause(
         self, table: Table, log: Log, monkeypatch: pytest.MonkeyPatch
@@ -159,11 +139,3 @@ class TestFailingLog:
         log.full = False
         table.rule.flush(2.0, retry=True)
         assert sent == MAX_DEFERRED * ["ada"]
-
-    def test_check_space_refuses_when_too_much_is_unwritten(
-        self, table: Table, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        table.gate.check_space()
-        monkeypatch.setattr(write_ahead, "MAX_UNWRITTEN", 100)
-        with pytest.raises(ProtocolError, match="no space"):
-            table.gate.check_space()
