@@ -1,9 +1,14 @@
-"""Default names of bots."""
+"""Names and options of bots."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from robotouille_client.bots.cli import command
 from robotouille_client.bots.kinds import given_names
 from robotouille_client.console.kept_seat import kept_seat, kept_seat_of
 
@@ -37,3 +42,20 @@ def test_first_name_is_shared_if_all_are_taken(tmp_path: Path) -> None:
     with kept_seat(tmp_path, URL, CODE, "ada"):
         with kept_seat_of(tmp_path, URL, CODE, ("ada",)) as found:
             assert found == ("ada", None)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["planner", "--seats", "all"], "only a language model (llm) plays several --seats"),
+        (["planner", "--seats", "all"], "start one bot with --seat for each seat"),
+        (["llm", "--seats", "all", "--seat", "robot1"], "not both"),
+        (["llm", "--control", "joint"], "--control needs --seats"),
+    ],
+)
+def test_conflicting_bot_options_are_rejected(words: list[str], told: str) -> None:
+    app = typer.Typer()
+    app.command()(command)
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1
+    assert told in " ".join(done.stderr.split())

@@ -244,15 +244,6 @@ def test_refused_hello_closes_the_client(
     assert type(client.error) is kind
 
 
-def test_unanswered_hello_times_out() -> None:
-    client = new()
-    client.connection_made(0.0)
-    assert client.get_timer() == 15.0
-    client.handle_timer(15.0)
-    assert client.state is ClientState.CLOSED
-    assert "did not welcome the client" in client.farewell
-
-
 def test_hello_follows_a_limited_number_of_redirects(server: ScriptedServer) -> None:
     client = new()
     for port in range(9001, 9005):

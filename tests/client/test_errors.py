@@ -1,13 +1,14 @@
-"""Public names and errors of the client library."""
+"""Public errors and events are documented and can be imported."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import robotouille_client
 from robotouille import RobotouilleError
-from robotouille_client import errors
+from robotouille_client import GameEvent, errors
 
 ROOT = Path(__file__).resolve().parents[2]
 PUBLIC = [
@@ -53,3 +54,10 @@ def test_error_tree_in_the_docstring_matches_the_classes() -> None:
         assert depth == 0 or kind.__bases__ == (above[depth - 1],)
         above[depth:] = [kind]
     assert above[0] is RobotouilleError
+
+
+def test_all_events_are_documented() -> None:
+    page = (ROOT / "docs/api.md").read_text("utf-8")
+    table = page.partition("| event | when |")[2].partition("\n\n")[0]
+    documented = re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)
+    assert set(documented) == {kind.__name__ for kind in get_args(GameEvent)}

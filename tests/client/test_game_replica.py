@@ -1,10 +1,14 @@
-"""Copy of an episode, updated message by message, without sockets and clock."""
+"""Replica of a game: snapshots, deltas, actions, rosters and several seats."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from robotouille import GroundAction, ProtocolError
+from robotouille import GroundAction, ProtocolError, World
+from robotouille.episode.lifecycle import Controller
+from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
 from robotouille_client.sansio.game_events import (
@@ -13,9 +17,8 @@ from robotouille_client.sansio.game_events import (
     Announced,
     ChatReceived,
     GameEnded,
-    ObservationReceived,
-    RosterChanged,
     StateChanged,
+    TakenStep,
 )
 from robotouille_client.sansio.game_replica import GameReplica
 from tests.support.scripted_server import ScriptedServer
@@ -50,16 +53,6 @@ def test_no_state_before_the_first_snapshot(server: ScriptedServer) -> None:
         _ = game.state
     game.receive(server.delta(), 0.0)
     assert game.step == 0
-
-
-def test_deltas_update_the_state(server: ScriptedServer, game: GameReplica) -> None:
-    for _ in range(5):
-        game.receive(server.delta([first_action(game)]), 1.0)
-        assert game.state == server.state
-    assert (game.step, game.step_time) == (5, 1.0)
-    changes = game.poll()
-    assert [type(event) for event in changes] == [StateChanged] * 5
-    assert game.seen == messages.Seen(episode="e1", step=5)
 
 
 def test_delta_lists_waiting_players(server: ScriptedServer, game: GameReplica) -> None:
@@ -194,17 +187,6 @@ def test_repeated_chat_message_is_one_event(game: GameReplica) -> None:
     assert game.messages_to_send() == [messages.Say(text="hello")]
 
 
-def test_roster_updates_phase_turn_and_pause(game: GameReplica) -> None:
-    assert game.my_move
-    pause = messages.Pause(reason="operator")
-    roster = messages.Roster(phase="paused", seats=[], turn="robot2", pause=pause)
-    game.receive(roster, 0.0)
-    assert (game.paused, game.my_move, game.turn) == (True, False, "robot2")
-    (event,) = game.poll()
-    assert isinstance(event, RosterChanged)
-    assert event.pause == pause
-
-
 def test_roster_updates_the_spectators(game: GameReplica) -> None:
     roster = messages.Roster(phase="running", seats=[], spectators=9, spectator_names=["eva"])
     game.receive(roster, 0.0)
@@ -222,16 +204,6 @@ def test_only_the_first_spectator_names_are_kept(server: ScriptedServer) -> None
     assert game.spectator_names == tuple(names[9:17])
 
 
-def test_observations_answer_actions_in_a_text_view(server: ScriptedServer) -> None:
-    game = GameReplica(server.joined())
-    game.receive(server.observation(), 0.0)
-    assert game.synced
-    assert not game.has_state
-    seq = game.propose("Wait", 0.0)
-    game.receive(server.observation(step=1, seq=seq, reasons=["no"]), 0.0)
-    assert game.results() == [(seq, rejected(1, "no", "action/invalid"))]
-
-
 # Several seats
 
 
@@ -242,23 +214,6 @@ def team(server: ScriptedServer) -> GameReplica:
     game.receive(server.snapshot(), 0.0)
     game.poll()
     return game
-
-
-def test_several_seats_act_in_one_step(server: ScriptedServer, team: GameReplica) -> None:
-    assert (team.seat, team.own_seats) == ("robot1", ("robot1", "robot2"))
-    actions = [team.state.actions(seat)[at] for seat, at in (("robot1", 0), ("robot2", 1))]
-    numbers = [
-        team.propose(action, 0.0, seat=seat)
-        for action, seat in zip(actions, team.own_seats, strict=True)
-    ]
-    assert numbers == [4, 5]
-    acts = team.messages_to_send()
-    assert [(act.seq, act.seat) for act in acts if isinstance(act, messages.Act)] == [
-        (4, "robot1"),
-        (5, "robot2"),
-    ]
-    team.receive(server.delta(actions, seq=numbers), 0.0)
-    assert team.results() == [(4, ActResult(True, 1)), (5, ActResult(True, 1))]
 
 
 def test_single_seat_is_not_named_in_messages(game: GameReplica) -> None:
@@ -327,24 +282,6 @@ def test_rejection_names_its_seat(team: GameReplica) -> None:
     assert [act.seat for act in team.unanswered] == ["robot1"]
 
 
-def test_each_seat_gets_its_own_observation(server: ScriptedServer) -> None:
-    game = GameReplica(server.joined(seats=["robot1", "robot2"]))
-    game.receive(server.observation(seat="robot1"), 0.0)
-    assert not game.synced
-    game.receive(server.observation(seat="robot2", actions=["Chop"]), 0.0)
-    assert game.synced
-    assert game.observation is game.observations["robot1"]
-    assert game.observations["robot2"].actions == ("Chop",)
-    assert [event.seat for event in game.poll() if isinstance(event, ObservationReceived)] == [
-        "robot1",
-        "robot2",
-    ]
-    game.receive(server.observation(step=1, seat="robot1"), 0.0)
-    seq = game.propose("Chop", 0.0, seat="robot2")
-    game.receive(server.observation(step=1, seat="robot2", seq=seq, reasons=["no"]), 0.0)
-    assert game.results() == [(seq, rejected(1, "no", "action/invalid"))]
-
-
 def test_actions_of_all_seats_are_repeated_after_a_reconnect(
     server: ScriptedServer, team: GameReplica
 ) -> None:
@@ -371,3 +308,52 @@ def test_more_seats_than_players_are_rejected(server: ScriptedServer, game: Game
     snapshot = server.snapshot().model_copy(update={"seats": seats})
     with pytest.raises(ProtocolError, match="more seats than players"):
         game.receive(snapshot, 0.0)
+
+
+WORLD = World("multi_agent/02")
+ONE, OTHER = WORLD.players
+MOVE, *_ = [action for action in WORLD.initial.actions(ONE) if action.name == "move"]
+OTHER_MOVE, *_ = [action for action in WORLD.initial.actions(OTHER) if action.name == "move"]
+
+
+def taken(**told: Any) -> TakenStep:
+    return TakenStep.of(messages.Delta(step=1, **told), WORLD)
+
+
+def both(**told: Any) -> TakenStep:
+    rows = [[1, OTHER_MOVE.name, *OTHER_MOVE.arguments], [0, MOVE.name, *MOVE.arguments]]
+    return taken(did=rows, seq=[7, 3], **told)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"did": [[9, MOVE.name, *MOVE.arguments]], "seq": [1]},
+        {"did": [[-1, MOVE.name, *MOVE.arguments]], "seq": [1]},
+        {"did": [[0, MOVE.name, *MOVE.arguments]] * 3, "seq": [1, 2, 3]},
+        {"waits": [-1]},
+        {"waits": [0] * 3},
+        {"did": [["robot1", MOVE.name]], "seq": [1]},
+        {"did": [[0, "fly", "robot1"]], "seq": [1]},
+        {"did": [[0, MOVE.name, *MOVE.arguments]], "seq": []},
+        {"waits": [2]},
+    ],
+)
+def test_inconsistent_delta_is_an_error(told: dict[str, Any]) -> None:
+    with pytest.raises(RobotouilleError):
+        taken(**told)
+
+
+def test_step_is_added_to_the_roster_unless_a_substitute_acted() -> None:
+    def seats(controller: Controller) -> tuple[messages.SeatInfo, ...]:
+        here = {"name": "ada", "acted": 4, "rejected": 2}
+        return (
+            messages.SeatInfo(player=ONE, controller=Controller.HUMAN, **here),
+            messages.SeatInfo(player=OTHER, controller=controller, **here),
+        )
+
+    step = both(unmet={"1": ["no"]})
+    one, other = step.tallied(seats(Controller.BOT))
+    assert [(seat.acted, seat.rejected) for seat in (one, other)] == [(4, 3), (5, 2)]
+    for controller in (Controller.ABSENT, Controller.SUBSTITUTE):
+        assert step.tallied(seats(controller))[1].acted == 4
