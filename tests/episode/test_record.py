@@ -1,11 +1,25 @@
-"""Chat, moderation, events and turns of an episode."""
+"""Chat, moderation, outcomes and rules of an episode."""
 
 from __future__ import annotations
 
+import json
+
 import pytest
+from pydantic import ValidationError
 
 from robotouille import ProtocolError
-from robotouille.episode import AnnouncementMade, ChatPosted, Moderated, Moderation
+from robotouille.episode import (
+    AnnouncementMade,
+    ChatPosted,
+    Clock,
+    Moderated,
+    Moderation,
+    Outcome,
+    Reason,
+    Rules,
+    SeatTally,
+)
+from robotouille.episode.rules import MOVE_BUDGET
 from tests.support.episodes import start
 
 
@@ -51,3 +65,51 @@ def test_muted_participant_can_be_unmuted() -> None:
     assert episode.record.muted == {"p", "t"}
     episode.moderate(Moderation.UNMUTED, "other", "p", "ada", 2.0)
     assert episode.record.muted == {"t"}
+
+
+OUTCOME = Outcome(Reason.ABANDONED, 7, 1.2345, (SeatTally("robot1", 3, 1, 2, 4),), "why")
+
+
+def test_outcome_round_trips_through_json() -> None:
+    row = OUTCOME.to_json()
+    assert json.loads(json.dumps(row)) == row
+    assert row["seconds"] == 1.234
+    assert Outcome.from_json(row).to_json() == row
+
+
+@pytest.mark.parametrize("reason", Reason)
+def test_only_the_goal_is_a_success(reason: Reason) -> None:
+    assert Outcome(reason, 1, 1.0, ()).success == (reason is Reason.GOAL)
+
+
+@pytest.mark.parametrize(
+    ("clock", "asked", "seats", "budget"),
+    [
+        (Clock.LOCKSTEP, None, 2, MOVE_BUDGET),
+        (Clock.LOCKSTEP, None, 1, None),
+        (Clock.REALTIME, None, 2, None),
+        (Clock.TURN, 0, 2, None),
+        (Clock.TURN, 7.5, 2, 7.5),
+    ],
+)
+def test_default_move_budget_needs_several_seats(
+    clock: Clock, asked: float | None, seats: int, budget: float | None
+) -> None:
+    assert Rules(clock=clock).with_budget(asked, seats).move_budget == budget
+
+
+@pytest.mark.parametrize(
+    "rules",
+    [
+        {"step_rate": 0.0},
+        {"step_rate": 61},
+        {"move_budget": 0.001},
+        {"max_steps": 0},
+        {"grace": -1},
+        {"clock": "sundial"},
+        {"weather": "rain"},
+    ],
+)
+def test_rules_out_of_range_are_refused(rules: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        Rules(**rules)  # type: ignore[arg-type]
