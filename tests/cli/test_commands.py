@@ -86,19 +86,6 @@ def test_replay_export(recording: Path, tmp_path: Path) -> None:
     assert notes >= {"roster", "started"}
 
 
-@pytest.mark.parametrize("ending", ["mp4", "gif"])
-def test_replay_video(recording: Path, tmp_path: Path, ending: str) -> None:
-    av = pytest.importorskip("av")
-    pytest.importorskip("pygame")
-    film = tmp_path / f"game.{ending}"
-    options = ["--size", "320x240", "--speed", "12"]
-    done = robotouille("replay", "video", str(recording), str(film), *options)
-    assert done.exit_code == 0, done.output
-    with av.open(str(film)) as container:
-        frames = sum(1 for _ in container.decode(video=0))
-    assert f"{frames} frames" in done.output
-
-
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
@@ -115,6 +102,38 @@ def test_invalid_arguments_are_explained(recording: Path, words: list[str], reas
     assert done.exit_code == 1
     assert reason in done.output
     assert "Traceback" not in done.output
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "kind"),
+    [
+        ("a.png", b"\x89PNG\r\n\x1a\n", "a PNG picture"),
+        ("folder", None, "a folder"),
+        ("folder.json", None, "a folder"),
+        ("empty", b"", "an empty file"),
+        ("a.dat", bytes(range(256)), "a binary file"),
+        ("game.rbt", b"RBTL\x03", "a recording"),
+    ],
+)
+@pytest.mark.parametrize("command", ["play", "text", "plan", "lint"])
+def test_other_files_than_problems_are_named(
+    tmp_path: Path, command: str, name: str, content: bytes | None, kind: str
+) -> None:
+    path = tmp_path / name
+    path.mkdir() if content is None else path.write_bytes(content)
+    done = robotouille(command, str(path))
+    assert done.exit_code == 1
+    assert f"{path}: " in done.output
+    assert f"is {kind}; expected " in done.output
+
+
+def test_other_files_than_recordings_are_named(tmp_path: Path) -> None:
+    picture = tmp_path / "a.png"
+    picture.write_bytes(b"\x89PNG\r\n\x1a\n")
+    done = robotouille("replay", "info", str(picture))
+    assert f"{picture}: not a recording but a PNG picture; the server writes" in done.output
+    done = robotouille("replay", "verify", str(tmp_path))
+    assert f"{tmp_path}: is a folder; expected a recording (.rbt)" in done.output
 
 
 def bot(url: str, code: str, name: str, **environment: str) -> subprocess.Popen[str]:

@@ -20,7 +20,9 @@ BROKEN = {
     "Infinity": (GOOD.replace("3", "-Infinity", 1).encode(), "-Infinity is not a JSON number"),
     "a name twice": (b'{"width": 3, "width": 4}', "the name 'width' occurs twice in one object"),
     "Latin-1": ('{"goal_description": "Crêpe"}'.encode("latin-1"), "is not UTF-8 text: byte 24"),
-    "binary": (bytes(range(256)), "is not UTF-8 text"),
+    "binary": (bytes(range(256)), "is a binary file; expected a JSON file"),
+    "picture": (b"\x89PNG\r\n\x1a\n\0\0", "is a PNG picture; expected a JSON file"),
+    "UTF-16": ("{}".encode("utf-16"), "is not UTF-8 text: byte 0"),
     "deep": (b"[" * 100_000, f"nested more than {MAX_NESTING} levels"),
     "deep objects": (b'{"a":' * 5000 + b"1" + b"}" * 5000, "nested more than"),
     "a huge number": (b'{"width": ' + b"9" * 5000 + b"}", "is not JSON: .*digits"),
@@ -52,7 +54,7 @@ def test_huge_file_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_unreadable_files_raise(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"cannot be read: No such file"):
         read_json(tmp_path / "nothing.json")
-    with pytest.raises(FileError, match=r"cannot be read: Is a directory"):
+    with pytest.raises(FileError, match=r"is a folder; expected a JSON file"):
         read_json(tmp_path)
     folder = tmp_path / "folder.json"
     folder.mkdir()

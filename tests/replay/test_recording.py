@@ -158,8 +158,9 @@ def test_open_and_closed_files_have_the_same_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"", "does not begin"),
-        (b"PK\x03\x04", "does not begin"),
+        (b"", "not a recording but an empty file"),
+        (b"PK\x03\x04", "not a recording but a ZIP archive; .* .rbt files"),
+        (b"RBTL", "ends after"),
         (b"RBTL\x01", "format version 1; this software reads only 3: .* record the game again"),
         (
             compress(b"RBTL\x02" + GAME[5:]),

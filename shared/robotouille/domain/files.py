@@ -33,6 +33,33 @@ def is_file(path: Path) -> bool:
         return False
 
 
+_BEGINNINGS = (
+    (b"\x89PNG", "a PNG picture"),
+    (b"\xff\xd8\xff", "a JPEG picture"),
+    (b"%PDF", "a PDF document"),
+    (b"PK\x03\x04", "a ZIP archive"),
+    (b"\x1f\x8b", "a gzip file"),
+    (b"RBTL", "a recording"),
+    (b"\x28\xb5\x2f\xfd", "a Zstandard file, such as a recording"),
+)
+"""First bytes of kinds of files that are often given by mistake."""
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+def content_kind(content: bytes) -> str:
+    """Return what a file's content, or its beginning, looks like, e.g. `a PNG picture`."""
+    if not content:
+        return "an empty file"
+    for beginning, kind in _BEGINNINGS:
+        if content.startswith(beginning):
+            return kind
+    # Text has no control characters except tab, line feed, form feed, carriage return and escape.
+    control = set(range(32)) - {9, 10, 12, 13, 27}
+    if content.startswith(_UTF16) or control.isdisjoint(content[:1024]):
+        return "a text file"
+    return "a binary file"
+
+
 def read_json(path: Path) -> Any:
     """Return the JSON value in a file.
 
@@ -48,9 +75,14 @@ def read_json(path: Path) -> Any:
         if len(content) > MAX_FILE_BYTES:
             _fail(path, f"the file is longer than {MAX_FILE_BYTES:,} bytes")
         text = content.decode("utf-8-sig")
+    except IsADirectoryError:
+        _fail(path, "is a folder; expected a JSON file")
     except OSError as error:
         _fail(path, f"cannot be read: {error.strerror or error}")
     except UnicodeDecodeError as error:
+        kind = content_kind(content)
+        if kind != "a text file":
+            _fail(path, f"is {kind}; expected a JSON file")
         _fail(path, f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")
     except ValueError as error:
         _fail(path, f"cannot be read: {error}")

@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.files import is_file, read_json, validate
+from robotouille.domain.files import content_kind, is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import Task, Timing, build_task, read_domain
 from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgumentError
@@ -106,6 +106,7 @@ def _check_is_problem(raw: Any, path: Path) -> None:
 def _find(name: str, *, files: bool) -> Path:
     if name.endswith(".json"):
         if not is_file(Path(name)):
+            _refuse_other_file(name)
             raise UnknownTaskError(name, task_names(), _file_near(name))
         return Path(name)
     names = shipped_names() if name.startswith(GENERATED) else task_names()
@@ -116,8 +117,27 @@ def _find(name: str, *, files: bool) -> Path:
             raise FileError(
                 name, [Fault("", f"is ambiguous: {len(matches)} tasks match: {listed}")]
             )
+        if files:
+            _refuse_other_file(name)
         raise UnknownTaskError(name, names, _file_near(name) if files else None)
     return data_folder("problems") / f"{matches[0]}.json"
+
+
+def _refuse_other_file(name: str) -> None:
+    """Raise FileError if the name is that of a folder or of a file that is not a problem."""
+    path = Path(name)
+    try:
+        if path.name and path.is_dir():
+            kind = "a folder"
+        elif path.is_file():
+            with path.open("rb") as file:
+                kind = content_kind(file.read(1024))
+        else:
+            return
+    except OSError:
+        return
+    expected = "expected the name of a task, or a problem file that ends in .json"
+    raise FileError(name, [Fault("", f"is {kind}; {expected}")])
 
 
 def _file_near(name: str) -> str | None:

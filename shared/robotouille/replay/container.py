@@ -21,6 +21,7 @@ from typing import Any
 
 import msgpack
 
+from robotouille.domain.files import content_kind
 from robotouille.errors import RecordingError
 
 if sys.version_info >= (3, 14):
@@ -145,10 +146,17 @@ def _check_entries(payload: bytes) -> None:
 
 def check_magic(stream: bytes) -> None:
     """Raise RecordingError unless an uncompressed stream begins like a readable recording."""
-    if len(stream) < len(MAGIC) or stream[:4] != MAGIC[:4]:
-        raise RecordingError("not a recording: it does not begin with 'RBTL'")
+    if stream[:4] != MAGIC[:4]:
+        raise RecordingError(_other_content(stream))
+    if len(stream) < len(MAGIC):
+        raise RecordingError("not a recording: it ends after 'RBTL'")
     if stream[4] != FORMAT_VERSION:
         raise RecordingError(_other_version(stream[4]))
+
+
+def _other_content(content: bytes) -> str:
+    kind = content_kind(content[:1024])
+    return f"not a recording but {kind}; the server writes recordings as .rbt files"
 
 
 def _other_version(version: int) -> str:
@@ -284,7 +292,7 @@ def _feed(
             continue
         found.append(more)
         if not found[0].startswith(MAGIC[: min(4, len(found[0]))]):
-            raise RecordingError("not a recording: it does not begin with 'RBTL'")
+            raise RecordingError(_other_content(found[0]))
         if len(found) * PLAIN_PIECE > limit and sum(map(len, found)) > limit:
             raise RecordingError(f"damaged: more than {limit:,} bytes, uncompressed")
 

@@ -440,6 +440,8 @@ def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
             content = file.read(MAX_FILE + 1)
         if len(content) > MAX_FILE:
             raise RecordingError(f"{path}: larger than {MAX_FILE:,} bytes")
+    except IsADirectoryError:
+        raise RecordingError(f"{path}: is a folder; expected a recording (.rbt)") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
