@@ -57,7 +57,6 @@ def write_report(
     if find_spec("pyarrow") is None:
         raise MissingExtraError("a report", "bench")
     from robotouille_evaluation.report.page import results_page
-    from robotouille_evaluation.report.write import write_parquet
 
     rows = sorted(rows, key=_order)
     tables, figures = all_tables(rows), all_figures(rows)
