@@ -29,8 +29,8 @@ from robotouille_server.rooms.publisher import ROSTER_SECONDS, WAITING_SECONDS
 from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
 from robotouille_server.rooms.seat_limits import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
 from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
-from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.budgets import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.runtime.logs import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.process_limits import RESERVED
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import MAX_FILES

@@ -25,8 +25,7 @@ from robotouille_server.rooms.room_factory import Surroundings
 from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.rooms.storage import Folder
-from robotouille_server.runtime.audit_log import AuditLog
-from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.logs import AuditLog, get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.transport import MAX_SURPLUS_CONNECTIONS, Admission

@@ -18,10 +18,9 @@ from pydantic_core import ErrorDetails, PydanticUndefined
 from pydantic_settings import BaseSettings
 
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
-from robotouille.terminal import tell
+from robotouille.terminal import tell, version_option
 from robotouille_server.runtime.process_limits import rare_collections
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.version_option import VersionOption
 
 if TYPE_CHECKING:
     from robotouille_server.app import Server
@@ -43,7 +42,8 @@ def _flags(model: type[BaseSettings], run: Callable[[BaseSettings], None]) -> Ca
         run(_settings(model, values))
 
     by_name = inspect.Parameter.KEYWORD_ONLY
-    parameters = [inspect.Parameter("version", by_name, default=False, annotation=VersionOption)]
+    version = Annotated[bool, version_option()]
+    parameters = [inspect.Parameter("version", by_name, default=False, annotation=version)]
     for name, field in model.model_fields.items():
         if field.annotation in SECRET:
             continue

@@ -84,6 +84,21 @@ def options_from(options: type[Any]) -> Callable[[Callable[..., Any]], Callable[
     return decorate
 
 
+def version_option() -> Any:
+    """Return Typer's option `--version`, which prints the release and ends the program."""
+    import typer  # Slow, and unused in processes that only print.
+
+    from robotouille.installation import RELEASE
+
+    def show(wanted: bool) -> None:
+        if wanted:
+            typer.echo(RELEASE)
+            raise typer.Exit
+
+    description = "Print the version and exit."
+    return typer.Option("--version", callback=show, is_eager=True, help=description)
+
+
 def _default(field: dataclasses.Field[Any]) -> Any:
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()

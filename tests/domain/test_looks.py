@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from robotouille import FileError, load_task
 from robotouille.installation import data_folder
-from robotouille.world.lint.looks import lint_look
+from robotouille.world.lint_renderings import lint_look
 from robotouille_client.cli.main import lint_file
 from robotouille_client.cli.play import play
 from robotouille_client.window.cli import command as client

@@ -20,7 +20,7 @@ import pytest
 from robotouille import World, load_task
 from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
-from robotouille.planning.policies.script import Script
+from robotouille.planning.policies.policy import Script
 from robotouille.replay.recording import read_recording
 from robotouille_client import Game, StateChanged, connect
 from tests.support.processes import process

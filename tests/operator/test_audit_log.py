@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from robotouille_server.runtime import audit_log as audit
-from robotouille_server.runtime.audit_log import AuditLog
+from robotouille_server.runtime import logs
+from robotouille_server.runtime.logs import AuditLog
 from tests.support.operator import CHANGE, audited, bearer, table, viewing
 from tests.support.virtual_time import virtual
 
@@ -92,12 +92,12 @@ async def test_unwritable_audit_log_is_an_alert(tmp_path: Path) -> None:
 def test_large_audit_log_is_rotated_and_the_oldest_file_deleted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(audit, "MAX_AUDIT_BYTES", 300)
+    monkeypatch.setattr(logs, "MAX_AUDIT_BYTES", 300)
     log = AuditLog(tmp_path / "audit.log", lambda: NOW)
     for number in range(60):
         log.note("announce", by="lab", details={"number": number})
     files = sorted(tmp_path.iterdir())
-    assert len(files) == 1 + audit.KEPT_FILES
+    assert len(files) == 1 + logs.KEPT_FILES
     assert all(file.stat().st_size < 600 for file in files)
     lines = [json.loads(line) for file in files for line in file.read_text().splitlines()]
     numbers = sorted(line["number"] for line in lines)

@@ -16,7 +16,7 @@ from robotouille_server.auth import Role, RoleGrant
 from robotouille_server.operator import operator_view
 from robotouille_server.operator.guard import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Access, LoginAudit
 from robotouille_server.operator.principal import RequestRefusedError
-from robotouille_server.runtime.audit_log import AuditLog
+from robotouille_server.runtime.logs import AuditLog
 from tests.support.operator import CHANGE, GUESS, audited, bearer, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual

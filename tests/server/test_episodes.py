@@ -14,7 +14,7 @@ from robotouille import State, World, load_task, task_names
 from robotouille.episode import Clock
 from robotouille.installation import data_folder
 from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.policies.script import Script
+from robotouille.planning.policies.policy import Script
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, StateChanged, connect
 from robotouille_client.bots import Policy, RandomPolicy, play

@@ -20,6 +20,6 @@ def own_renderings(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def found(name: str) -> Path:
         return own if name == "renderings" else data_folder(name)
 
-    for module in ("domain.related_files", "world.lint.looks"):
+    for module in ("domain.related_files", "world.lint_renderings"):
         monkeypatch.setattr(f"robotouille.{module}.data_folder", found)
     return own

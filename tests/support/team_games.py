@@ -21,7 +21,7 @@ from robotouille.episode import (
 from robotouille.planning.beam.planner import EXPANSIONS
 from robotouille.planning.plan import UNLIMITED, Limits, SearchResult
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, TeamPolicy
-from robotouille.planning.policies.script import Did
+from robotouille.planning.policies.policy import Did
 from robotouille.planning.solvers import AnytimePlanner
 
 __all__ = ["Idle", "RandomWalker", "TeamGame", "play_team"]

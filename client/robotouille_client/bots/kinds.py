@@ -61,7 +61,7 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
 
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:
     from robotouille.planning.plan import read_plan
-    from robotouille.planning.policies.script import Script
+    from robotouille.planning.policies.policy import Script
     from robotouille.world.world import World
 
     if plan is None:

@@ -21,8 +21,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.text import plain
 
 if TYPE_CHECKING:
-    from robotouille.planning.policies.policy import Policy
-    from robotouille.planning.policies.script import Did
+    from robotouille.planning.policies.policy import Did, Policy
     from robotouille.world.world import State
     from robotouille_client.bots.seat_policy import MakePolicy
 

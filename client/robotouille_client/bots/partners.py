@@ -36,8 +36,7 @@ from robotouille.planning.bot_process import (
     state_row,
     unpacker,
 )
-from robotouille.planning.policies.policy import Policy, TeamPolicy, waits
-from robotouille.planning.policies.script import Did
+from robotouille.planning.policies.policy import Did, Policy, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, policy_maker

@@ -221,7 +221,7 @@ def _lint_input(path: Path, domain: str | None) -> list[Fault]:
 
 def _lint_rendering(path: Path) -> list[Fault]:
     from robotouille.domain.task import read_domain
-    from robotouille.world.lint import lint_rendering
+    from robotouille.world.lint_renderings import lint_rendering
 
     own = path.with_name(path.name.replace(".rendering.json", ".json"))
     domain = read_domain(str(own)) if own != path and own.is_file() else None

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, ParamSpec
 import typer
 
 from robotouille.errors import FileError, ProtocolError, RobotouilleError
-from robotouille.terminal import printable, quoted, tell
+from robotouille.terminal import printable, quoted, tell, version_option
 
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
@@ -47,20 +47,7 @@ __all__ = [
 ]
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        from robotouille.installation import RELEASE
-
-        typer.echo(RELEASE)
-        raise typer.Exit
-
-
-VersionOption = Annotated[
-    bool,
-    typer.Option(
-        "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
-    ),
-]
+VersionOption = Annotated[bool, version_option()]
 
 P = ParamSpec("P")
 
@@ -115,7 +102,7 @@ def check_look(task: Task | None, rendering: str, lenient: bool) -> None:
     Raises:
         RobotouilleError: The rendering is unknown or unusable.
     """
-    from robotouille.world.lint import lint_look
+    from robotouille.world.lint_renderings import lint_look
 
     errors = lint_look(task, rendering)
     if errors and not lenient:

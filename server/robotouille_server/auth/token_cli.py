@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.terminal import options_from, printable, printable_json, tell
+from robotouille.terminal import options_from, printable, printable_json, tell, version_option
 from robotouille_server.auth.keys import (
     KEPT_KEYS,
     MAX_KEYS,
@@ -31,7 +31,6 @@ from robotouille_server.auth.keys import (
 from robotouille_server.auth.revocation import REVOKED_FILE, load_revoked, revoke
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import RoleGrant, Tokens
-from robotouille_server.version_option import VersionOption
 
 KEYS_VARIABLE = "ROBOTOUILLE_KEYS"
 STDIN = "-"
@@ -55,7 +54,7 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
     )
 
     @app.callback()
-    def options(version: VersionOption = False) -> None: ...
+    def options(version: Annotated[bool, version_option()] = False) -> None: ...
 
     _add_mint(app, wall)
     _add_show(app, wall)

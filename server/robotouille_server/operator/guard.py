@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 from robotouille.errors import ProtocolError
 from robotouille_server.auth import PROXY_HEADERS, RoleGrant
 from robotouille_server.operator.principal import Principal, RequestRefusedError
-from robotouille_server.runtime.audit_log import AuditLog, Details
 from robotouille_server.runtime.budgets import TokenBucket
+from robotouille_server.runtime.logs import AuditLog, Details
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send

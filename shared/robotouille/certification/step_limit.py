@@ -11,7 +11,7 @@ from robotouille.domain.files import is_file
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, UnknownTaskError
 from robotouille.planning.plan import Plan, read_plan, replay
-from robotouille.planning.policies.script import Script
+from robotouille.planning.policies.policy import Script
 from robotouille.world.world import World
 
 

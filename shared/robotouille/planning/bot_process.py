@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import msgpack
 
 if TYPE_CHECKING:
-    from robotouille.planning.policies.script import Did
+    from robotouille.planning.policies.policy import Did
     from robotouille.world.timers import BusyRow, TimerRow
     from robotouille.world.world import State, World
 

@@ -11,7 +11,7 @@ from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
 from robotouille.planning.beam.planner import BeamPlanner, Solution
 from robotouille.planning.policies import PlannerPolicy
-from robotouille.planning.policies.script import Did
+from robotouille.planning.policies.policy import Did
 from robotouille.planning.policies.standing import (
     is_out_of_the_way,
     standing_at,

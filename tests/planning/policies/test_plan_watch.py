@@ -20,7 +20,7 @@ from robotouille.planning.policies.plan_watch import (
     Teammates,
     facts_about,
 )
-from robotouille.planning.policies.script import Script
+from robotouille.planning.policies.policy import Script
 from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, with_others_aside
 from robotouille.planning.solvers import AnytimePlanner
 from tests.support.samples import quick_sample

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from robotouille.domain.rendering import NO_WORDS, read_language
 from robotouille.errors import FileError, RobotouilleError
-from robotouille.world.lint import lint_look
+from robotouille.world.lint_renderings import lint_look
 from robotouille_client.window.app.settings import Settings, SettingsFile
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import Strip

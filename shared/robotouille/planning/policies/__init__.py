@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
-    from robotouille.planning.policies.policy import Policy, RandomPolicy, TeamPolicy
-    from robotouille.planning.policies.script import Did, Script
+    from robotouille.planning.policies.policy import Did, Policy, RandomPolicy, Script, TeamPolicy
 else:
     from robotouille.lazy_exports import lazy_exports
 
     __getattr__ = lazy_exports(
         __name__,
-        "robotouille.planning.policies.script",
         "robotouille.planning.policies.policy",
         "robotouille.planning.policies.planner_policy",
     )

@@ -12,7 +12,7 @@ from itertools import count
 from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
-from robotouille.planning.policies.script import depend, running_effects
+from robotouille.planning.policies.policy import depend, running_effects
 from robotouille.planning.policies.standing import standing_at, walk_to
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
-from robotouille.planning.policies.script import Did, Script, does_something
+from robotouille.planning.policies.policy import Did, Script, does_something
 from robotouille.planning.policies.standing import leads_to, standing_at
 from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, station_in_the_way
 from robotouille.world.world import State

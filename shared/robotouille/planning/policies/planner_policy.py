@@ -31,7 +31,7 @@ from robotouille.planning.policies.plan_watch import (
     Teammates,
     facts_about,
 )
-from robotouille.planning.policies.script import Did, Script
+from robotouille.planning.policies.policy import Did, Script
 from robotouille.planning.policies.standing import (
     leads_to,
     standing_at,

@@ -17,7 +17,7 @@ from enum import Enum, auto
 from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
 from robotouille.planning.plan import Limits, Plan, Proof, SearchResult
 from robotouille.planning.policies.deferral import defer_blocked
-from robotouille.planning.policies.script import Script
+from robotouille.planning.policies.policy import Script
 from robotouille.planning.policies.standing import leads_to, standing_at, walks_aside
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction

@@ -47,7 +47,7 @@ from robotouille.installation import data_folder
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Object, bound
-from robotouille.world.lint.looks import lint_names, lint_pictures
+from robotouille.world.lint_renderings import lint_names, lint_pictures
 from robotouille.world.scene import scene
 from robotouille.world.world import World
 
