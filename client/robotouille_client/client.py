@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import random
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from types import TracebackType
@@ -37,6 +38,9 @@ class Client:
     Its requests raise `ConnectionFailedError` if the connection is closed, or if the server does
     not answer within 15 seconds of connection, and `ProtocolError` if the server refuses.
 
+    Args:
+        rng: Source of the random delays between connection attempts. Simulations pass a seeded one.
+
     Attributes:
         connected: Set while there is a connection on which the server has welcomed the client.
     """
@@ -51,6 +55,7 @@ class Client:
         reconnect: bool = True,
         token: str | None = None,
         resume: str | None = None,
+        rng: random.Random | None = None,
     ) -> None:
         self.connected = asyncio.Event()
         self.protocol = ClientProtocol(
@@ -61,6 +66,7 @@ class Client:
             reconnect=reconnect,
             token=token,
             resume=resume,
+            rng=rng,
         )
         self._codec = codec
         self._socket: ClientConnection | None = None

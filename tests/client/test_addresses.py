@@ -117,7 +117,7 @@ def test_commands_check_the_address_before_connecting(
 
 
 def delays(seed: int, count: int = 12) -> list[float]:
-    return list(islice(reconnect_delays(random.Random(seed).uniform), count))
+    return list(islice(reconnect_delays(random.Random(seed)), count))
 
 
 @given(st.integers(), st.integers(1, 200))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
 from robotouille import ProtocolError
@@ -205,6 +207,21 @@ def test_reconnect_delays_grow_and_start_over_after_a_welcome(server: ScriptedSe
     assert client.connect_at <= 10.2
 
 
+def test_reconnect_delays_depend_on_the_given_source_only(server: ScriptedServer) -> None:
+    def waits(seed: int) -> list[float]:
+        client = in_lobby(server, rng=random.Random(seed))
+        client.connection_lost(0.0)
+        found = [client.connect_at]
+        client.connection_made(1.0)
+        client.receive(server.welcome(resumed=True), 1.0)
+        client.connection_lost(1.0)
+        return [*found, client.connect_at]
+
+    before = random.getstate()
+    assert waits(1) == waits(1) != waits(2)
+    assert random.getstate() == before
+
+
 def test_first_connection_is_attempted_once(server: ScriptedServer) -> None:
     client = new()
     client.connection_failed(ConnectionFailedError("nobody there"), 0.0)
@@ -371,7 +388,7 @@ def test_only_a_bye_without_retry_closes_the_client(server: ScriptedServer) -> N
 
 def test_inconsistent_snapshot_raises_and_fail_closes_the_client(server: ScriptedServer) -> None:
     client = playing(server)
-    with pytest.raises(ProtocolError, match="another hash") as caught:
+    with pytest.raises(ProtocolError, match="hash does not match") as caught:
         client.receive(server.snapshot(hash="0" * 16), 0.0)
     client.fail(caught.value)
     assert client.farewell.startswith("invalid message from the server: state/mismatch")

@@ -117,7 +117,7 @@ class Participant:
         Raises:
             ProtocolError: The server refuses.
         """
-        waits = reconnect_delays(self.environment.rng.uniform)
+        waits = reconnect_delays(self.environment.rng)
         while True:
             await asyncio.sleep(next(waits))
             try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from urllib.parse import SplitResult, urlsplit, urlunsplit
 
 from robotouille.protocol import messages
@@ -58,9 +58,7 @@ def check_redirect(current: SplitResult, url: str) -> None:
         )
 
 
-def reconnect_delays(
-    uniform: Callable[[float, float], float] = random.uniform,
-) -> Iterator[float]:
+def reconnect_delays(rng: random.Random) -> Iterator[float]:
     """Yield the seconds to wait before each connection attempt, without end.
 
     The upper limit of the delay doubles from `FIRST_DELAY` to `MAX_DELAY`.
@@ -70,4 +68,4 @@ def reconnect_delays(
         limit = min(2 * limit, MAX_DELAY)
         # Every delay is random, also the longest ones. Otherwise all clients of a restarted
         # server would keep arriving in the same instant.
-        yield limit * uniform(0.5, 1.0)
+        yield limit * rng.uniform(0.5, 1.0)

@@ -14,6 +14,7 @@ actions are sent again.
 
 from __future__ import annotations
 
+import random
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Generic, Literal, TypeVar
@@ -83,6 +84,7 @@ class ClientProtocol(Generic[G]):
         reconnect: bool = True,
         token: str | None = None,
         resume: str | None = None,
+        rng: random.Random | None = None,
     ) -> None:
         self.state = ClientState.OFFLINE
         self.url = url
@@ -100,7 +102,8 @@ class ClientProtocol(Generic[G]):
         self.welcomed = self.resumed = False
         self._make_game = make_game
         self._token = token
-        self._delays: Iterator[float] = reconnect_delays()
+        self._rng = rng or random.Random()
+        self._delays: Iterator[float] = reconnect_delays(self._rng)
         self._moves = 0
         self._greeting_due = 0.0
         self._online_since = 0.0
@@ -396,7 +399,7 @@ class ClientProtocol(Generic[G]):
         self.resumed = welcome.resumed
         self._online_since, self.welcomed, self._moves = now, True, 0
         # The connection works again, so the next loss starts with a short delay.
-        self._delays = reconnect_delays()
+        self._delays = reconnect_delays(self._rng)
 
     def _implied_join(self) -> messages.Join | None:
         """Return the join that matches an episode entered through a resume token alone."""

@@ -209,6 +209,7 @@ class Participant:
                 url=f"ws://127.0.0.1:{PORT}",
                 name=self.name,
                 codec=JSON if self.encoding == "json" else MSGPACK,
+                rng=random.Random(f"{self.sim.seed}/{incarnation}"),
             )
             if resume is not None:
                 client.come_back_with(resume)

@@ -267,7 +267,6 @@ def run_seed(seed: int, *, trace: bool = False) -> Report:
     """
     collecting = gc.isenabled()
     gc.disable()
-    random.seed(seed)  # The client's delays between connection attempts are random.
     try:
         return Simulation(seed, trace=trace).run()
     finally:
