@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 import os
+import re
 import signal
 import socket
 import tomllib
@@ -99,6 +100,10 @@ def _complaint(
         where = variable
     elif name not in values and file:
         where = f"{file}: {name}"
+    if fault["type"] in ("enum", "literal_error"):
+        possible = re.findall("'([^']*)'", fault["ctx"]["expected"])
+        near = did_you_mean(fault["input"], possible)
+        return f"{where}: unknown value {fault['input']!r}{near} (possible: {', '.join(possible)})"
     return f"{where}: {fault['msg']}, found {fault['input']!r}"
 
 

@@ -123,7 +123,15 @@ def test_settings_come_from_flag_then_environment_then_file(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--mode", "sundial"], "--mode: Input should be 'turn', 'lockstep' or 'realtime'"),
+        (
+            ["--mode", "realtme"],
+            "--mode: unknown value 'realtme'; did you mean 'realtime'? "
+            "(possible: turn, lockstep, realtime)",
+        ),
+        (
+            ["--log-level", "x"],
+            "--log-level: unknown value 'x' (possible: debug, info, warning, error)",
+        ),
         (["--port", "70000"], "--port: Input should be less than or equal to 65535"),
         (["--config", "no-such.toml"], "no-such.toml"),
         (["--frobnicate"], "No such option"),
