@@ -31,7 +31,7 @@ TABLES = {**METADATA.tables, **VIEWS.tables}
 UNKNOWN_TABLE = re.compile(r'no such table: (\S+)|relation "([^"]+)" does not exist')
 UNKNOWN_COLUMN = re.compile(r'no such column: (\S+)|column "?([^\s"]+)"? does not exist')
 UNKNOWN_SOURCE = re.compile(r'missing FROM-clause entry for table "([^"]+)"')
-"""Error messages of SQLite and PostgreSQL."""
+"""These three patterns match error messages of SQLite and PostgreSQL."""
 SOURCE = re.compile(r"\b(?:from|join|,)\s+(\w+)(?:\s+(?:as\s+)?(\w+))?", re.IGNORECASE)
 LABELS_HINT = " (labels are rows of the table labels)"
 NEAR = 0.6
@@ -57,7 +57,7 @@ def _about_table(name: str) -> str:
 
 
 def _about_column(name: str, query: str) -> str:
-    """Explain an unknown column of the qualifying table, or of the tables in the query."""
+    """Explain an unknown column: of the table before the dot, or of all tables in the query."""
     sources = {alias: TABLES[table] for alias, table in _sources(query)}
     qualifier, _, column = name.rpartition(".")
     own = sources.get(qualifier.lower())
@@ -119,7 +119,7 @@ QUOTED = re.compile(
 )
 """String literals, quoted names and comments. The group matches text in double quotes."""
 WRITES = "statements that write, attach or change a setting are refused"
-# A list of what is allowed, because later versions of SQLite may have further actions.
+# The list has the allowed actions, because later versions of SQLite may add others.
 ALLOWED = frozenset({
     sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE
 })  # fmt: skip
@@ -263,7 +263,7 @@ KEYS = ("episode_id", "id")
 """Columns that can select episodes. The first one in the answer is used."""
 
 MAX_TOLD = 20
-"""Label names or values listed in a message."""
+"""Maximum number of label names or values in a message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,13 +288,13 @@ def select_episodes(
     consent: tuple[str, str] | None = None,
     seconds: float = SECONDS,
 ) -> Selection:
-    """Select the episodes of a query, or all episodes, that have the given labels.
+    """Select the episodes that a query returns (without a query: all) and that have the labels.
 
     Args:
         connection: Connection from `reading`.
         url: URL of the same database. The query runs on its own, restricted connection.
         query: SQL with a column `episode_id` or `id`.
-        consent: Name and value of a label that is counted separately.
+        consent: Name and value of a further label. Episodes without it are counted separately.
         seconds: Time limit of the query.
 
     Raises:

@@ -75,7 +75,7 @@ class RowBuilder:
             case "notes":
                 for note in frame["notes"]:
                     self._note(note)
-            # Later states are checkpoints for seeking and repeat what the steps say.
+            # Later states are checkpoints for seeking, and contain nothing that the steps lack.
             case "state" if frame["step"] == 0:
                 self._busy = frame["busy"]
                 self._repeats.begin(frame)
@@ -94,7 +94,7 @@ class RowBuilder:
             move = moves.get(player)
             applied = None if move is None else move[2]
             others_turn = turn is not None and turn != seat.number
-            # `waits` lists players without an action that declared that they wait.
+            # `waits` lists the players who declared that they wait instead of acting.
             seat.refused = seat.refused or player in waits
             did = seat.activity(applied, busy.get(player, 0) > 0, others_turn)
             action = (None, None, None, None, None) if move is None else move
@@ -149,7 +149,7 @@ class RowBuilder:
             case "said" if seat:
                 seat.said += 1
             case "started":
-                # Requests before the start were not for a step, so nobody waited because of them.
+                # Requests before the start belong to no step: the first step must not count them.
                 for each in self._seats.values():
                     each.refused = False
         details = {key: value for key, value in note.items() if key not in OF_THEIR_OWN}
@@ -166,7 +166,7 @@ class RowBuilder:
     def episode(self) -> Row:
         """Return the row of the episode."""
         header, rules, end = self._header, self._header["rules"], self._outcome
-        # A footer that disagrees means that frames were lost or the file was edited.
+        # A footer with another number of steps means that frames were lost or the file was edited.
         if end is not None and end["steps"] != self._step:
             raise RecordingError(f"{self._step} steps recorded, but the footer has {end['steps']}")
         real_time = rules["clock"] == Clock.REALTIME
@@ -271,7 +271,7 @@ def _json(value: object) -> str:
 
 
 MAX_ROWS = 100_000
-"""Rows held in memory. A longer recording gives its rows in several parts."""
+"""Maximum number of rows in memory. The rows of a longer recording come in several parts."""
 
 TableRows = tuple[sa.Table, Sequence[Row]]
 

@@ -33,7 +33,7 @@ from robotouille_client.sansio.game_events import (
 
 MAX_LINES = 40
 MAX_CHAT = 40
-"""Unread lines and chat messages that are kept: a model's context is limited."""
+"""Maximum numbers of unread lines and chat messages, because a model's context is limited."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +59,9 @@ class GameLog:
     """Unread events of a game, as lines.
 
     Attributes:
-        unread: True if the player has not read something that it may wait for: actions and
-            messages of others, or changes of the kitchen.
-        own_messages: Number of own chat messages that came back from the server.
+        unread: True if there is news for a player who waits for a change: actions or messages of
+            others, or changes in the kitchen.
+        own_messages: Number of the player's chat messages that the server has delivered.
     """
 
     def __init__(self, game: Game) -> None:
@@ -170,9 +170,9 @@ Until = Literal["change", "my_move"]
 
 LEAVE_SECONDS = 2.0
 ECHO_SECONDS = 3.0
-"""Time within which an own chat message comes back."""
+"""Maximum time for the server to deliver the player's chat message."""
 END_SECONDS = 2.0
-"""Time within which the outcome follows the last step."""
+"""Maximum time between the last step and the outcome."""
 
 
 class OpenGame:

@@ -1,8 +1,8 @@
 """A participant's copy of an episode, kept up to date by the server's messages.
 
-`GameReplica` does no I/O and reads no clock. Its owner passes messages and the time in (`receive`,
-`handle_timer` at the time of `get_timer`) and takes out messages (`messages_to_send`), results of
-actions (`results`) and events (`poll`).
+`GameReplica` does no I/O and reads no clock. Its owner passes messages and the time to `receive`,
+and calls `handle_timer` when `get_timer` says so. After each call, the owner collects messages
+(`messages_to_send`), results of actions (`results`) and events (`poll`).
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ CHAT_ERRORS = frozenset({
 })  # fmt: skip
 
 
-# A program that never reads its events must not run out of memory: the oldest ones go.
+# A program that never reads its events must not run out of memory: the oldest ones are dropped.
 MAX_EVENTS = 10_000
-# The rules allow no longer episode. A larger number from a faulty server would make clients that
-# keep a row for each step allocate without limit.
+# The rules allow at most this many steps. A larger number from a faulty server would make clients
+# that keep a row for each step allocate without limit.
 MAX_STEP = 1_000_000
 # No window shows more names, and a list of thousands would cost memory in every client.
 MAX_SPECTATOR_NAMES = 8
@@ -63,8 +63,8 @@ class ActDetails(TypedDict, total=False):
         reasoning: Text for the recording that no player sees, of at most 8,000 characters.
         anticipates: True if the action may become valid through another action in the same step.
             Servers that do not support this reject an action that is not valid yet.
-        waits: True if a decision to do nothing means waiting for a place or a teammate. The
-            recording does not count waiting as idle.
+        waits: True if a decision to do nothing means waiting for a blocked station or a teammate.
+            The recording does not count waiting as idle.
     """
 
     think_ms: int
@@ -81,9 +81,9 @@ class GameReplica:
         name: The participant's name in this episode, numbered if the name was taken.
         own_seats: The seats that the client plays, in seat order; empty for a spectator.
         seat: The first of `own_seats`, or None.
-        starts_at: During the countdown, the start of the game on the clock of `receive`.
+        starts_at: During the countdown, the time at which the game starts, on the clock of `now`.
         spectators: The number of spectators; `spectator_names` has the first few names.
-        waits_for: The seats that a step has waited for, for at least two seconds.
+        waits_for: The seats whose decisions the step has awaited for at least two seconds.
         rematch_code: The code of the rematch, once a participant has asked for one.
         ended: True if no more events follow: the episode ended, or the client is out of it.
         farewell: The reason for `ended`.
@@ -170,12 +170,12 @@ class GameReplica:
 
     @property
     def observation(self) -> ObservationReceived | None:
-        """The last observation in words of `seat`."""
+        """The last observation in words for `seat`."""
         return self._observed.get(self.seat)
 
     @property
     def observations(self) -> Mapping[str, ObservationReceived]:
-        """The last observation in words of each own seat."""
+        """The last observation in words for each seat of the client."""
         return {seat: seen for seat, seen in self._observed.items() if seat is not None}
 
     @property
@@ -194,11 +194,11 @@ class GameReplica:
 
     @property
     def my_move(self) -> bool:
-        """True if any own seat may act in the current step."""
+        """True if any of the client's seats may act in the current step."""
         return any(self.may_act(seat) for seat in self.own_seats)
 
     def may_act(self, seat: str) -> bool:
-        """Return whether `seat` is an own seat that may act in the current step."""
+        """Return whether `seat` is one of the client's and may act in the current step."""
         if not self.running or seat not in self.own_seats or self.turn not in (None, seat):
             return False
         return not self.has_state or self.state.busy_steps(seat) == 0
@@ -214,15 +214,15 @@ class GameReplica:
     ) -> int:
         """Queue an action and return its sequence number, under which `results` reports it.
 
-        While there is no connection the action stays undecided. It is then sent again, and
-        executed once.
+        If the connection is lost, the action stays undecided. It is sent again after the
+        reconnect, and executed once.
 
         Args:
             action: The action, or None to do nothing.
-            seat: The own seat that acts; the first one by default.
+            seat: The client's seat that acts; its first one by default.
 
         Raises:
-            ProtocolError: `seat/none`: spectators cannot act; `seat/unknown`: not an own seat.
+            ProtocolError: `seat/none`: spectators cannot act; `seat/unknown`: not the client's.
             ValueError: The message does not allow one of the details.
         """
         player = self._own_seat(seat)
@@ -255,9 +255,9 @@ class GameReplica:
         return player if len(self.own_seats) > 1 else None
 
     def ready(self, ready: bool = True) -> None:
-        """Tell the server whether the game may begin as far as the own seats are concerned.
+        """Tell the server whether all of the client's seats are ready for the game.
 
-        The message is repeated after a lost connection. It has no effect once the game has begun.
+        The client repeats the message after a lost connection. It has no effect after the start.
 
         Raises:
             ProtocolError: `seat/none`: games do not wait for spectators.
@@ -268,7 +268,7 @@ class GameReplica:
 
     @property
     def is_ready(self) -> bool:
-        """True if the game does not wait for the own seats. Always true once it has begun."""
+        """True if all of the client's seats are ready. Always true once the game has begun."""
         return all(seat.ready for seat in self.seats if seat.player in self.own_seats)
 
     def say(self, text: str) -> None:
@@ -279,10 +279,10 @@ class GameReplica:
         """Add a text of any length to the recording that no participant sees.
 
         Args:
-            seat: The own seat that the note belongs to; the first one by default.
+            seat: The client's seat that the note belongs to; its first one by default.
 
         Raises:
-            ProtocolError: `seat/unknown`: not an own seat.
+            ProtocolError: `seat/unknown`: not the client's seat.
             ValueError: The message does not allow this topic.
         """
         owner = self._seat_field(self._own_seat(seat)) if self.own_seats else seat
@@ -294,7 +294,7 @@ class GameReplica:
 
     @property
     def unanswered(self) -> tuple[messages.Act, ...]:
-        """The last action of each own seat that has no answer."""
+        """The last action of each of the client's seats, if it has no answer."""
         return self._sent.unanswered
 
     # Output
@@ -342,7 +342,7 @@ class GameReplica:
             case messages.Rejected():
                 self._rejected(message, now)
             case messages.Said():
-                # A resumed session repeats chat lines. Number 0 is a server without numbers.
+                # After a resume, chat lines are repeated. Servers that do not number them send 0.
                 if message.number > self.said or message.number == 0:
                     self.said = max(self.said, message.number)
                     self._emit(ChatReceived(message.name, message.seat, message.text))
@@ -400,7 +400,7 @@ class GameReplica:
         self.left, self.step_time = message.left, now
         self.pause = message.pause
         self._show_audience(message, now)
-        # Another process may have played this seat; its sequence numbers must not come again.
+        # Another process may have played this seat. Its sequence numbers must not be reused.
         self._sent.seq = max(self._sent.seq, message.seq)
         self._settle(self.seat, message.last_seq, message.last_step, message.last_reasons)
         for answer in message.answers:
@@ -416,12 +416,13 @@ class GameReplica:
         elif self._reader is not None:
             world = self._reader.world
         else:
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, "a snapshot without its task")
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "the first snapshot contains no task")
         values = message.model_dump(include={"facts", "timers", "busy"})
         tables = message.model_dump(include={"predicates", "objects", "atoms"})
         reader = StateReader(world, tables, values)
         if reader.state.digest != message.hash:
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, "the snapshot's state has another hash")
+            message = "the snapshot's hash does not match its state"
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, message)
         return reader
 
     def _roster(self, message: messages.Roster, now: float) -> None:
@@ -446,8 +447,8 @@ class GameReplica:
         if self._reader is None:
             return
         if self._resyncing:
-            # The snapshot is on its way. Ask again now and then, in case the server dropped the
-            # request because of a rate limit.
+            # A snapshot was requested. Repeat the request from time to time, in case the server
+            # dropped it because of a rate limit.
             self._skipped_deltas += 1
             if self._skipped_deltas % RESYNC_EVERY == 0:
                 self._outgoing.append(messages.Resync())
@@ -485,7 +486,7 @@ class GameReplica:
 
     def _observe(self, message: messages.Observation, now: float) -> None:
         if self.has_state:
-            # View `both`: the text of a step that the deltas have not reached yet.
+            # With the view `both`, an observation of a later step means that deltas are missing.
             if message.step > self.step and not self._resyncing:
                 self._resync()
         elif message.step < self.step:

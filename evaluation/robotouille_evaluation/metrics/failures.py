@@ -1,18 +1,19 @@
 """Causes of failed episodes, by the paper's appendix "Failure Mode Taxonomy Details".
 
 The paper asks which part of the decision process an agent was uncertain about: the state (S), the
-actions (A), the transition function (T), or the goal (G). People read each run and decided. This
-module decides from the states and answers, so results are repeatable for every run. For the agent's
-reasoning (S, and bad starts) it recognizes only plain statements.
+actions (A), the transition function (T), or the goal (G). For the paper, people read each run and
+decided. This module decides from the states and answers, so its results are repeatable. In the
+agent's reasoning (used for S and bad starts), it recognizes only plain statements.
 
-It collects evidence first. `classify` then weighs it as the appendix does:
+The module first collects evidence. `classify` then weighs it as the appendix does:
 
-1. Actions: the run ends with rejected answers that name no action, or one out of reach.
+1. Actions: the run ends with rejected answers that name no action, or an action out of reach.
 2. State: near the end the agent still claims that something is done although it is not.
 3. Transitions: a rule was violated, and the same action never worked afterwards.
 4. Goal: something that contradicts the goal is still there at the end, or the first reasoning
    omitted a part of the goal.
-5. Otherwise the category with most evidence, rule violations first: recovering took too long.
+5. Otherwise, the category with most evidence. Rule violations outweigh everything else: the agent
+   took too long to recover from them.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from robotouille_evaluation.metrics.rows import Category
 from robotouille_evaluation.metrics.trajectory import AnswerVerdict, StepAnswer, Trajectory
 
 LAST_SHARE = 0.75
-"""Share of the answers after which the end of a run begins."""
+"""Answers after this share of all answers count as the end of a run."""
 
 
 class Subcategory(StrEnum):
@@ -78,7 +79,8 @@ CATEGORIES = {
 class Evidence:
     """Evidence for a subcategory: what a seat did or said after `step` steps.
 
-    `lasting` evidence still mattered at the end: not recovered from, still claimed, or still there.
+    Evidence is `lasting` if it mattered at the end: the agent had not recovered from it, still
+    claimed it, or had not removed it.
     """
 
     step: int
@@ -127,7 +129,7 @@ def classify(trajectory: Trajectory, budget: int) -> Failure | None:
 
 
 def _failure(found: list[Evidence]) -> Failure:
-    """Return the failure with most evidence in one category; of equal ones, the latest."""
+    """Return a failure of the subcategory with most evidence; the latest one wins a tie."""
     counts = Counter(each.subcategory for each in found)
     most = max(counts.values())
     chosen = next(e.subcategory for e in reversed(found) if counts[e.subcategory] == most)
@@ -173,7 +175,7 @@ def _outrun(state: State, answer: StepAnswer) -> bool:
 
 
 def _wrong_at_the_end(answers: tuple[StepAnswer, ...]) -> Iterator[int]:
-    """Yield the numbers of the rejected answers with which each seat ended."""
+    """Yield the numbers of the rejected answers after each seat's last accepted one."""
     for seat in {answer.seat for answer in answers}:
         for number in reversed(range(len(answers))):
             if answers[number].seat == seat:
@@ -207,7 +209,7 @@ _BY_WEIGHT = (
     Subcategory.ONE_ITEM,
     Subcategory.OTHER_RULE,
 )
-"""Order of precedence: a player at the wrong place breaks other rules as well."""
+"""Order of precedence, since a player at the wrong station also breaks other rules."""
 
 
 def _rule_of(state: State, unmet: Unmet) -> Subcategory:
@@ -313,7 +315,7 @@ def _prepared(world: World) -> frozenset[str]:
 
 
 def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:
-    """Yield first reasonings that mention the goal without all of its ingredients."""
+    """Yield each seat's first reasoning if it mentions the goal but not all ingredients."""
     world = trajectory.world
     kinds = sorted(_ingredients(world))
     seen: set[str] = set()

@@ -2,7 +2,7 @@
 
 An experiment file names a base file for each group (`override /llm: base_llm`) and the differences
 from it. `${llm.temperature}` refers to another setting. This part of the Hydra format is supported.
-`${hydra:…}`, a path of the run, stays unchanged.
+`${hydra:…}` refers to a path of the run and stays unchanged.
 
 A checkout may come from anyone. Files outside it are never read, and sizes are limited.
 """
@@ -88,7 +88,8 @@ def _step(part: str) -> ExampleStep | None:
         return None
     after = len(before) + len(OBSERVATION)
     begin = len(part) - len(rest.lstrip())
-    # As in the published pattern, blanks before an answer count only if no later answer exists.
+    # As in the published pattern, an answer after a blank observation counts only if no later
+    # answer exists.
     end = part.find(REASONING, begin)
     if end < 0:
         end = part.find(REASONING, after)
@@ -173,14 +174,14 @@ MAX_REFERENCES = 20
 """Longest chain of references."""
 
 MAX_CHARACTERS = 1_000_000
-"""Most characters of an experiment's settings after references are resolved."""
+"""Maximum number of characters of an experiment's settings with references resolved."""
 
 MAX_DEPTH = 50
 """Deepest nesting of lists and mappings."""
 
 MAX_INTEGER = 2**63 - 1
 MAX_QUOTED = 100
-"""Most characters of a value that an error shows."""
+"""Maximum number of characters of a value in an error."""
 
 
 def read_yaml(path: Path, root: Path) -> dict[str, Any]:
@@ -188,7 +189,7 @@ def read_yaml(path: Path, root: Path) -> dict[str, Any]:
 
     Raises:
         FileError: The file cannot be read, leads outside, is not a mapping, or has aliases. A few
-            lines of aliases can expand to more than any memory holds.
+            lines of aliases can expand to more than memory can hold.
         MissingExtraError: PyYAML is not installed.
     """
     return _parsed(path, read_text(path, root))
@@ -207,7 +208,7 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if isinstance(event, yaml.AliasEvent):
-                _fail(path, f"{_place(event.start_mark)}aliases (*name) are not read")
+                _fail(path, f"{_place(event.start_mark)}aliases (*name) are not supported")
             if depth > MAX_DEPTH:
                 _fail(path, f"is nested more than {MAX_DEPTH} levels deep")
         value = yaml.safe_load(text)

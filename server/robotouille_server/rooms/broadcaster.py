@@ -41,16 +41,16 @@ KEPT_DELTAS = 64
 KEPT_SAID, KEPT_NOTICES = 200, 20
 
 MAX_SPECTATOR_NAMES = 8
-"""Spectator names in a roster or snapshot. Both go to everybody, so other spectators are only
-counted."""
+"""Maximum number of spectator names in a roster or snapshot. Everybody receives both, so a longer
+list would cost too much; further spectators are only counted."""
 
 
 class LongWait:
-    """Announced seats for which the present step has waited long.
+    """Seats for which the current step has waited so long that the roster names them.
 
     Attributes:
-        players: The announced seats; empty if no long wait was announced.
-        since: The start of the step that the announcement was about.
+        players: The seats that the last roster named; empty if it named none.
+        since: The start of the step in which they were named.
     """
 
     __slots__ = ("_episode", "players", "since")
@@ -62,7 +62,7 @@ class LongWait:
 
     @property
     def still(self) -> tuple[str, ...]:
-        """Seats for which the announced step still waits."""
+        """Seats for which that step still waits; empty after it."""
         if not self.players or self._episode.step_began != self.since:
             return ()
         return self._episode.waits_for
@@ -207,7 +207,7 @@ class Broadcaster:
     # Events
 
     def publish_step(self, event: Stepped) -> None:
-        """Send the delta of a step to everybody who keeps up."""
+        """Send the delta of a step to all clients that keep up."""
         self._snapshots.forget()
         delta = self._episode_messages.delta(event)
         payload = MSGPACK.pack(delta)
@@ -330,9 +330,9 @@ class Broadcaster:
     def publish_unwritable(self) -> None:
         """Tell everybody that the episode is paused because its recording cannot be written.
 
-        Everything else in the roster is as it was sent last: later changes are not written.
+        The rest of the roster repeats the last one, because later changes are not written yet.
         """
-        # Nothing was sent yet, so no client can have a wrong impression.
+        # No roster was sent yet, so there is none to correct.
         last = self._last_roster
         if last is None:
             return
@@ -351,10 +351,11 @@ class Broadcaster:
     # Snapshots
 
     def ask_snapshot(self, session: Session) -> None:
-        """Send a snapshot; further requests in the same turn of the event loop share the next one.
+        """Send a snapshot, but at most one in each turn of the event loop.
 
-        A snapshot can be a hundred times as large as the request, so a flood of requests would
-        otherwise use up the server's time.
+        Further requests in the same turn share a snapshot in the next turn. A snapshot can be a
+        hundred times as large as the request, so a flood of requests would otherwise use up the
+        server's time.
         """
         peer = session.peer
         if peer is None:

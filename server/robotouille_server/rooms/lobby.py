@@ -92,7 +92,7 @@ class Lobby:
     # Observers
 
     def observe(self, observer: RoomObserver) -> None:
-        """Call an observer for all rooms from now on, and at once for those that exist."""
+        """Call an observer for all later events, and at once for the rooms that are open now."""
         self._observers.append(observer)
         for room in self.rooms.values():
             if room in self._live:
@@ -136,8 +136,8 @@ class Lobby:
         existing = self.rooms.get(game.next)
         if existing is not None and existing.episode.phase is not Phase.ENDED:
             return existing
-        # Only for a new room: joining the rematch that another player has opened is always
-        # possible.
+        # Checked only for a new room: players may always join a rematch that another player has
+        # opened.
         self._check_capacity(owner, reserved=False)
         room = self._add(self._factory.new(game.setup_for(owner), owner))
         game.next = room.id
@@ -160,7 +160,7 @@ class Lobby:
                 raise
             message = "no recent episode has this id or code; create a new one"
             raise ProtocolError(ErrorCode.EPISODE_UNKNOWN, message, "rematch") from None
-        message = "this game has not ended; it can be played again when it has"
+        message = "this game has not ended yet; request a rematch after its end"
         raise ProtocolError("message/invalid-field", message, "rematch")
 
     def _check_capacity(self, owner: str, *, reserved: bool) -> None:
@@ -194,7 +194,7 @@ class Lobby:
                 self._round_trips.begin()
             self.opened(room)
         self._count()
-        # Publishes the events of the restart or the opening, and sets the first timer.
+        # `flush` publishes the events of the restart or the opening, and sets the first timer.
         room.driver.flush()
         return room
 
@@ -208,7 +208,7 @@ class Lobby:
     def start_patience(self) -> None:
         """Start the time that restored episodes wait for their players.
 
-        The server calls this when clients can reach it. Before, nobody could be late.
+        The server calls this once clients can reach it. Until then, no player can return.
         """
         now = self._timers.time()
         for room in self.rooms.values():
@@ -312,10 +312,10 @@ class Lobby:
 
         Args:
             request: The filter and the page.
-            only: The id or code of the only episode to list, or empty.
+            only: The id or code of a single episode to list, or empty for all.
             owner: The pseudonym of the participant who asks. Labels are shown to an episode's
                 owner only.
-            operator: True if an operator asks, who sees all labels.
+            operator: True if the participant is an operator, who sees all labels.
         """
         wanted = request.labels.items()
         if request.closed:
@@ -367,9 +367,9 @@ class Lobby:
         loop = asyncio.get_running_loop()
         if room.journal is not None:
             # A researcher expects a file for every labelled or reserved episode, played or not.
-            # Others would only fill the folder with empty recordings.
+            # Other unplayed episodes would only fill the folder with empty recordings.
             kept = room.episode.record.used or room.reserved or bool(room.labels)
-            # In a thread: compressing a long recording takes longer than a step may be late.
+            # A thread does this, because compressing a long recording would delay steps.
             finish = partial(_finish, room.journal, kept=kept)
             closing = loop.run_in_executor(None, finish)
             self._closing.add(closing)
@@ -379,8 +379,8 @@ class Lobby:
 
     def _linger(self, room: Room) -> None:
         self._rematches.add(room)
-        # At least the grace: an absent participant may return after the end as long as in a
-        # running episode.
+        # Keep the room for the grace at least: an absent participant may return after the end for
+        # as long as during the episode.
         seconds = max(LINGER_SECONDS, room.episode.rules.grace)
         loop = asyncio.get_running_loop()
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
@@ -392,7 +392,7 @@ class Lobby:
             await asyncio.wait(self._closing)
 
     def suspend(self, episode: str) -> list[Session]:
-        """Leave an episode to another process; return its members (none if left before)."""
+        """Hand an episode over to another process. Return its members; none the second time."""
         room = self.rooms.get(episode)
         if room is None:
             return []
@@ -471,7 +471,7 @@ def _measure_round_trips(room: Room) -> bool:
 
 
 def _finish(journal: Journal, *, kept: bool) -> str:
-    """Close a recording; delete it if nobody took part and nobody was expected to."""
+    """Close a recording and return its name, or delete it if it is not `kept`."""
     if kept:
         return journal.close()
     journal.discard()

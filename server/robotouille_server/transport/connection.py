@@ -77,7 +77,7 @@ def frame_of(payload: bytes | str) -> bytes:
 
 
 class Connection(ServerConnection):
-    """Connection of the library that passes messages straight to a receiver."""
+    """Connection of the library `websockets` that passes messages straight to a receiver."""
 
     def __init__(self, *arguments: Any, admission: Admission, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -87,8 +87,9 @@ class Connection(ServerConnection):
         self._parts: list[bytes] = []
         self._is_text = False
         self._leaving: asyncio.Task[None] | None = None
-        # Our own reader, because frames must be charged before the library processes them. With it,
-        # a server with 600 episodes used 0.63 of a core instead of 0.70 (docs/decisions/0025).
+        # The server reads frames itself, because it must charge for them before the library
+        # processes them. With this reader, a server with 600 episodes used 0.63 of a core instead
+        # of 0.70 (docs/decisions/0025).
         self._reader = FrameReader(masked=True, max_size=MAX_OWN)
         self._request_size = 0
         self._request_end = b""
@@ -99,7 +100,7 @@ class Connection(ServerConnection):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        # Always balanced by `admit`: otherwise the server would count itself full over time.
+        # Each `admit` needs one `release`: otherwise the server would count itself full over time.
         self._admission.release()
         self._reader.clear()
         self._parts.clear()
@@ -122,7 +123,7 @@ class Connection(ServerConnection):
         """Abort the connection."""
         if not self.transport.is_closing():
             self._admission.metrics.dropped.labels(reason).inc()
-        # Without a close frame: this client is hostile or does not read.
+        # Send no close frame: this client is hostile or does not read.
         self.transport.abort()
 
     def pause_reading(self, why: str) -> None:
@@ -141,7 +142,7 @@ class Connection(ServerConnection):
             self.give_way()
 
     def give_way(self) -> None:
-        """Process data that has arrived after all other connections have had a turn."""
+        """Let all other connections have a turn before the data that has arrived is processed."""
         if GIVE_WAY not in self._paused:
             self.pause_reading(GIVE_WAY)
             # Reading stops, so a flood stays in the kernel's buffers and TCP slows down its sender.
@@ -159,8 +160,8 @@ class Connection(ServerConnection):
 
     def data_received(self, data: bytes) -> None:
         """Split data into frames; the library's parser gets the request and whole frames."""
-        # The fast path of every message. While others wait for their turn, new data queues behind
-        # them.
+        # Usually the data is processed at once. While other connections wait for their turn, it
+        # queues behind theirs.
         if self._paused or self._loop_budget.free:
             self._take(data)
         else:
@@ -176,8 +177,8 @@ class Connection(ServerConnection):
             # The end mark has four bytes and may be split over two packets.
             self._request_end = seen[-3:]
             self._request_size += len(data)
-            # Less than the library accepts (128 lines of 8 KiB), because handshakes may be many and
-            # slow.
+            # The limit is lower than the library's (128 lines of 8 KiB), because there may be many
+            # slow handshakes.
             if self._request_size > MAX_REQUEST:
                 self.drop("early")
             else:
@@ -320,7 +321,7 @@ class PendingConnection(asyncio.Protocol):
         if not self._admitted:
             count = admission.metrics.dropped
             (count.labels("descriptors") if few else count.labels("full")).inc()
-            # Without an answer: even a TLS alert or an HTTP 503 would cost a handshake.
+            # Send no answer: even a TLS alert or an HTTP 503 would cost a handshake.
             raw.abort()
             return
         admission.pending.add(self)
@@ -360,7 +361,7 @@ class PendingConnection(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         if self._encrypting is None:
             self._go_on(data)
-        # Bounded: a client may send anything while the handshake is not reported yet.
+        # Limited, because a client may send anything until the handshake is reported.
         elif len(self._early) + len(data) <= MAX_REQUEST:
             self._early += data  # It arrived before `start_tls` reported the end of the handshake.
         else:

@@ -56,11 +56,11 @@ class Episode:
     Attributes:
         record: The episode's data.
         pauses: The reasons for which the game is paused now.
-        step_began: Time at which the move budget of the present step started.
+        step_began: Time at which the move budget of the current step started.
     """
 
-    # A server has one of these for each room, and slots are a part of how the memory for a room
-    # fell from 137 to 52 KiB (docs/decisions/0019).
+    # A server has one episode for each room. Slots helped to reduce the memory for a room from 137
+    # to 52 KiB (docs/decisions/0019).
     __slots__ = ("_presence", "_reported", "_submissions", "pauses", "record", "step_began")
 
     def __init__(
@@ -150,17 +150,17 @@ class Episode:
 
     @property
     def on_turn(self) -> str | None:
-        """The only player who may act now; None if the clock has no turns or no game is on."""
+        """The only player who may act now; None without turns, or if no game is in progress."""
         return self.record.on_turn
 
     @property
     def waits_for(self) -> tuple[str, ...]:
-        """The players whose decision the present step waits for; none with the wall clock."""
+        """The players whose decisions the current step awaits; none with the wall clock."""
         record = self.record
         if not record.running:
             return ()
-        # Not only the players without a decision: a seat that is busy, or has neither a participant
-        # nor a substitute, holds up nobody.
+        # A missing decision alone does not delay the step: nobody waits for a seat that is busy, or
+        # that has neither a participant nor a substitute.
         awaited = record.clock.awaited(record.step)
         return tuple(p for p in awaited if not record.seats[p].decided(record.state))
 
@@ -169,8 +169,8 @@ class Episode:
         record = self.record
         if not record.events:
             return []
-        # A new list instead of `clear()`: the caller keeps the old one while it writes and
-        # publishes, and may cause further events.
+        # Replace the list instead of clearing it: the caller keeps the old one while it writes and
+        # publishes, which may cause further events.
         events, record.events = record.events, []
         return events
 
@@ -203,7 +203,7 @@ class Episode:
         Raises:
             ProtocolError: `episode/ended`, `episode/full`, `seat/unknown` or `seat/taken`.
         """
-        # The first free seat, so that the same joins always fill the same seats.
+        # Choose the first free seat, so that the same joins always fill the same seats.
         players = (player,) if player is not None else self.record.free_seats()[:1]
         (taken,) = self.join_several(
             players, name, kind, now, session=session, participant=participant, ready=ready
@@ -235,8 +235,8 @@ class Episode:
         seats = record.check_free(players)
         for seat in seats:
             seat.take(name, kind, session, participant, record.ran(now))
-        # Distinguishes the outcomes `everybody left` and `nobody came`, and lets a participant
-        # return after `open_for` is over.
+        # `used` separates the outcomes `everybody left` and `nobody came`, and lets a participant
+        # return after `open_for` has passed.
         record.used = True
         # Report after all seats are taken: no event may show a participant with some of them.
         for seat in seats:
@@ -267,7 +267,7 @@ class Episode:
     def leave(
         self, players: str | Collection[str], now: float, why: Departure = Departure.LEFT
     ) -> None:
-        """Free a participant's seats for good. The absence rule decides how the game goes on.
+        """Free a participant's seats for good. The absence rule decides how the game continues.
 
         Has no effect on free seats or after the end.
         """
@@ -277,10 +277,10 @@ class Episode:
             return
         name = seats[0].name
         for seat in seats:
-            # Two loops, here and in `set_present`: no step, pause or end may fall between the seats
-            # of one participant (docs/decisions/0031).
+            # Two loops, here and in `set_present`, because no step, pause or end may occur while
+            # only some seats of a participant have changed (docs/decisions/0031).
             seat.vacate(record.ran(now))
-            # Otherwise a delayed action of the old participant would move the next one.
+            # Otherwise a delayed action of this participant would count for the next one.
             self._submissions.drop(seat.player)
             seat.away = now
         for seat in seats:
@@ -332,7 +332,8 @@ class Episode:
                 record.starts_at = None
                 record.emit(CountdownChanged(None))
             return
-        # Bots and models need no time to get ready, and other clocks wait for the first decision.
+        # Only people in real time need a countdown: bots and models are ready at once, and other
+        # clocks wait for the first decision.
         people = any(seat.kind == Controller.HUMAN for seat in record.seats.values())
         if not (record.rules.countdown and record.rules.scheduled and people):
             self._start(now)
@@ -346,7 +347,7 @@ class Episode:
         record.start()
         record.started = now
         record.clock.start(now)
-        # Zero by definition: all times in events count from here.
+        # The time is zero by definition: all times in events count from the start.
         record.emit(Started(0.0))
         self._update_presence(now)
         if record.state.goal_reached:  # A task may begin with its goal reached.
@@ -363,7 +364,7 @@ class Episode:
     def _end(self, reason: Reason, now: float, detail: str = "") -> None:
         self.record.end(reason, now, detail)
         self.record.starts_at = None
-        # Held requests get no answer: the client learns of the end from `ended` instead.
+        # Requests that are still delayed get no answer: `ended` informs the client instead.
         self._submissions.clear()
         self.pauses.until.clear()
 
@@ -376,7 +377,7 @@ class Episode:
         expected: Collection[str] = (),
         paused: bool = False,
     ) -> None:
-        """Go on with an episode whose record was restored from a recording.
+        """Continue an episode whose record was restored from a recording.
 
         The game stays paused until the participants who were present are back.
 
@@ -390,11 +391,11 @@ class Episode:
         if record.in_progress:
             record.started = now - elapsed
         record.clock.start(now)
-        # Recorded as an event of its own: the next recovery must know who was expected after this
-        # one, even if the process stops again before anybody returns.
+        # The recording needs this event: if the process stops again before anybody returns, the
+        # next recovery must know for whom this one waited.
         record.emit(Restarted(elapsed))
-        # Times of absence are on the clock of the process that stopped, which means nothing here.
-        # Every grace begins again, as after other pauses that were not the participants' doing
+        # Times of absence use the clock of the stopped process, which this process does not have.
+        # Every grace period restarts, as after other pauses that participants did not cause
         # (docs/decisions/0015).
         present = [seat for seat in record.seats.values() if seat.present]
         for seat in record.seats.values():
@@ -436,7 +437,7 @@ class Episode:
     def resume(self, why: PauseReason, now: float) -> None:
         """Remove a reason for a pause. The game resumes if there is no other reason."""
         if why in self.pauses:
-            # Through `Presence`, because lifting an outer reason lets the time of absences count
+            # `Presence` removes the reason: if no outer reason is left, the time of absences counts
             # again.
             self._presence.lift(why, now)
             self._update_pauses(now)
@@ -476,8 +477,8 @@ class Episode:
             else:
                 record.enter_phase(PhaseEvent.RESUME)
                 record.stopwatch.go_on(elapsed)
-                # The step's and the seats' budgets start again, so nobody pays for a pause with
-                # time to think (docs/decisions/0015).
+                # The budgets of the step and the seats restart, so that a pause takes nobody's time
+                # to think (docs/decisions/0015).
                 record.clock.resume(now)
                 self._start_move_timer(now)
                 record.emit(Resumed(elapsed))
@@ -490,7 +491,7 @@ class Episode:
 
         An action whose preconditions do not hold, or a text that names no action, is rejected at
         once, and the seat may decide again. During a pause the decision waits. If a treatment
-        delays the seat, all this happens when the delay is over.
+        delays the seat, the request is handled after the delay.
 
         Raises:
             ProtocolError: `seat/unknown`, `episode/waiting`, `episode/ended` or `action/stale`; or
@@ -527,7 +528,8 @@ class Episode:
     def substitute(self, player: str, action: GroundAction | None, now: float) -> None:
         """Submit a substitute's action for the next step.
 
-        Has no effect if the substitute does not control the seat. An invalid action counts as none.
+        Has no effect if the substitute does not control the seat. An invalid action counts as doing
+        nothing.
         """
         if self._submissions.substitute(player, action, now):
             self._take_decided_steps(now)
@@ -548,8 +550,8 @@ class Episode:
         record = self.record
         record.check_open()
         self._check_chat(text)
-        # Spectators share one quota: their number is not limited by the task, unlike that of the
-        # seats.
+        # Spectators share one quota, because the task limits the number of seats, but not the
+        # number of spectators.
         quota = record.seat(player).quota if player else record.audience_quota
         size = NOTE_BYTES + len(name.encode()) + len(text.encode())
         record.take_quota(quota, size, player, now, "you cannot chat here any more")
@@ -611,8 +613,8 @@ class Episode:
             participant: Pseudonym for later sessions; possibly empty.
             name: The participant's name, for the recording.
         """
-        # After the end, nothing may follow the footer of the recording, but the decision still
-        # holds for everybody who is in the room.
+        # After the end, the decision still applies in the room, but it is not recorded: nothing may
+        # follow the footer of a recording.
         self.record.apply_moderation(what, session, participant)
         if not self.record.ended:
             elapsed = self.record.elapsed(now)
@@ -621,14 +623,14 @@ class Episode:
     # Time
 
     def due(self) -> float | None:
-        """Return when `tick` has something to do; None if only requests can move the episode."""
+        """Return when to call `tick`; None if only requests can advance the episode."""
         record = self.record
         if record.ended:
             return None
         clock = record.clock.due() if record.running else record.starts_at
         held = self._submissions.due()
         if held is None and self._presence.complete and not self.pauses.until:
-            return clock  # The usual case, kept short: servers ask after every message.
+            return clock  # Fast path for the usual case: servers ask after every message.
         absence = self._presence.due()
         return min((time for time in (clock, held, absence) if time is not None), default=None)
 
@@ -652,22 +654,22 @@ class Episode:
                 self._take_step(at)
         self._release_held(now)
 
-    # One at a time: a released decision may complete a step, after which the next held request is
-    # evaluated in another state.
+    # Requests are released one at a time: a decision may complete a step, and then the next held
+    # request is evaluated in another state.
     def _release_held(self, now: float) -> None:
         for _ in self._submissions.release(now):
             self._take_decided_steps(now)
 
     def _tick_absence(self, now: float) -> None:
         for why in self.pauses.expired(now):
-            # The other reasons end without consequences: the game goes on, with the absence rule
-            # for those who are not back.
+            # When another reason expires, the game continues. The absence rule then applies to
+            # participants who are not back.
             if why in (PauseReason.DESERTED, PauseReason.ABSENCE):
                 self._end(Reason.ABANDONED, now, self._presence.missing())
                 return
             self.resume(why, now)
-        # Once for each participant: with the absence rule `end`, the first departure ends the game,
-        # and its text names one person.
+        # One call for each participant: with the absence rule `end`, the first departure ends the
+        # game, and the outcome names only that participant.
         for players in by_holder(self._presence.overdue(now)):
             self.leave(players, now, Departure.LOST)
 
@@ -690,7 +692,7 @@ class Episode:
 
     def _end_if_finished(self, now: float, *, goal: bool) -> bool:
         """Return whether the episode has ended."""
-        # First: a goal reached in the very last step counts.
+        # Check the goal first, because a goal reached in the very last step counts.
         if goal:
             self._end(Reason.GOAL, now)
         elif self.record.step >= self.record.rules.max_steps:

@@ -140,7 +140,7 @@ class EpisodeRecord:
 
     @property
     def on_turn(self) -> str | None:
-        """The only player who may act now; None if the clock has no turns or no game is on."""
+        """The only player who may act now; None without turns, or if no game is in progress."""
         # Also during a pause: an action may be submitted then and waits for its step.
         turn = self.clock.on_turn(self.step)
         return turn if turn is not None and self.in_progress else None

@@ -65,8 +65,8 @@ class ErrorCode(StrEnum):
     RATE_CODES = "rate/codes"
     """Too many wrong episode codes from this address or token subject. Wait."""
     RATE_CONNECTIONS = "rate/connections"
-    """`bye` only: too many connections from this address or token subject, or another client of
-    the address needed the place and this connection had not sent `hello`."""
+    """`bye` only: too many connections from this address or token subject, or the connection had
+    not sent `hello` and a newer one from the address needed its place."""
     RATE_SEATS = "rate/seats"
     """The seat was taken, resumed or made ready too often. Wait."""
     RATE_EPISODES = "rate/episodes"

@@ -255,8 +255,8 @@ class EpisodeInfo(FromServer):
     )
     closes: float | None = Field(
         default=None,
-        description="Seconds until the episode closes without participants; null after the "
-        "first `joined`, or without `open_for`.",
+        description="Seconds until the episode closes if nobody joins; null after the first "
+        "`joined`, or without `open_for`.",
     )
     reason: str = Field(default="", description="The outcome's reason; empty before the end.")
     detail: str = Field(default="", description="The outcome's explanation for people.")

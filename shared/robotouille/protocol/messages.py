@@ -182,7 +182,9 @@ class Create(Message):
     seats: Annotated[int, Field(ge=1, le=16)] | None = Field(
         default=None, description="Number of seats, for tasks that support several."
     )
-    clock: ByValue[Clock] | None = Field(default=None, description="When steps are taken.")
+    clock: ByValue[Clock] | None = Field(
+        default=None, description="The clock: when steps are taken."
+    )
     timing: ByValue[Timing] | None = Field(
         default=None,
         description="The timing profile. Without a server setting the default is `people` in real "
@@ -218,8 +220,8 @@ class Create(Message):
     )
     open_for: OpenFor | None = Field(
         default=None,
-        description="Seconds after which the episode closes if nobody has joined, also across "
-        "restarts. Without it: ten minutes, which begin again after a restart.",
+        description="Seconds after which the episode closes if nobody has joined; restarts do not "
+        "extend this time. By default ten minutes, counted again after a restart.",
     )
     labels: Labels = Field(
         default={},
@@ -238,8 +240,8 @@ class Create(Message):
     )
     participants: Annotated[dict[Identifier, Identifier], Field(max_length=16)] = Field(
         default={},
-        description="Participant ids for the seats' tokens, by player. A participant id has the "
-        "same pseudonym in all episodes of one owner.",
+        description="Participant ids for the seats' tokens, by player. An id gets the same "
+        "pseudonym in all episodes of one owner.",
     )
     tokens: bool = Field(
         default=False, description="Request a role token for each seat in `created`."
@@ -355,8 +357,8 @@ class Act(Message):
     )
     waits: bool = Field(
         default=False,
-        description="With the action null: the player waits for a place or another player, and "
-        "does not count as idle.",
+        description="With the action null: the player waits for a blocked station or another "
+        "player, and is not idle.",
     )
 
 
@@ -446,8 +448,8 @@ class Created(FromServer):
     code: Identifier = Field(description="The code to share with participants.")
     tokens: dict[str, str] = Field(
         default={},
-        description="Role tokens by player, if requested. Each admits to one seat only and "
-        "expires one day after `open_for`.",
+        description="Role tokens by player, if requested. Each is for one seat only and expires "
+        "one day after `open_for`.",
     )
 
 
@@ -570,7 +572,8 @@ class Snapshot(FromServer):
         default=[], description="Reasons for its rejection; empty if it was applied."
     )
     answers: list[SeatAnswer] = Field(
-        default=[], description="The same three values for each further seat of the client."
+        default=[],
+        description="`last_seq`, `last_step` and `last_reasons` of the client's further seats.",
     )
     turn: str | None = Field(
         default=None, description="The player whose turn it is, with the clock `turn`."
@@ -611,7 +614,8 @@ class Delta(FromServer):
         "not seen before.",
     )
     busy: dict[str, int] | None = Field(
-        default=None, description="All busy players with their steps; absent if unchanged."
+        default=None,
+        description="All busy players, with the steps that remain; absent if unchanged.",
     )
     did: list[list[int | str]] = Field(
         default=[],

@@ -1,15 +1,15 @@
 """A policy that plans for its seat, alone or together with other planner bots.
 
 Planner bots in several seats make the same plan from the same state, each for the whole team, and
-each plays its own part (docs/decisions/0029-identical-team-plans.md). Only events that all of them
-receive in the same order make them plan again: an unplanned action, too many steps without
-progress, a change of participants, or a chat message. So they plan from the same state, however
-long each takes.
+each plays its own part (docs/decisions/0029-identical-team-plans.md). The bots plan again only
+after events that all of them receive in the same order: an unplanned action, too many steps without
+progress, a change of participants, or a chat message. So all of them plan from the same state, even
+if some take longer.
 
-Participants outside the team are assumed to stand still, and the bots plan around them. Without
-such a plan the bots ask for a place, and plan as if they had it or as if everybody were in the
-team. They do the part of that plan that need not be undone, and make way while they wait
-(docs/decisions/0038-bots-with-people.md).
+The bots assume that participants outside the team stand still, and plan around them. If there is no
+such plan, the bots ask the others for help and plan as if the others stepped aside, or as if they
+were in the team. The bots carry out the part of that plan that need not be undone, and move out of
+the way while they wait (docs/decisions/0038-bots-with-people.md).
 """
 
 from __future__ import annotations
@@ -72,15 +72,15 @@ RECONSIDER = 4
 # many plans.
 MAX_CATCHING_UP = 3
 
-# Steps before a search is repeated that found no plan, if others have acted. Each failure doubles
-# them up to the maximum, since the same obstacle usually persists.
+# A search that found no plan is repeated after this many steps, if others have acted. Each failure
+# doubles the number up to the maximum, since the same obstacle usually persists.
 RETRY, MAX_RETRY = 5, 40
 
 POLITE = 3
-"""Steps for which a seat waits for others at its place before it makes way."""
+"""Steps for which a seat waits for participants outside the team before it makes way for them."""
 
 YIELDING = 4
-"""Steps for which a seat that made way stays away."""
+"""Steps for which a seat stays away from a station that it left on request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class PlannerPolicy:
     true if the last action counts on another seat's action in the same step.
 
     Args:
-        anytime: A planner of the task to share, which saves its analysis.
+        anytime: A planner of the task to share, so that the task is not analysed again.
         start: The state from which `observe` follows the game.
     """
 
@@ -128,7 +128,7 @@ class PlannerPolicy:
         self._known: Mapping[str, str] = {}
         self._only = len(world.players) == 1
         self._punctual = world.task.timing is Timing.BENCHMARK
-        # Until `meet` reports the clock: the timing `people` is used for play in real time.
+        # A guess until `meet` reports the clock: games in real time use the timing `people`.
         self._hurried = not self._punctual
         self._lockstep = False
         self._anytime = anytime or AnytimePlanner(World(world.task))
@@ -160,7 +160,7 @@ class PlannerPolicy:
         return self._watch is None or self._watch.assumption is Assumption.TEAM
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        """Set the kind of participant in each seat, and the clock; only bots are counted on."""
+        """Set the clock and the kind of each seat's participant. Only bots can be in the team."""
         self._lockstep = clock == "lockstep"
         self._hurried = clock == "realtime"
         if self._silent:
@@ -203,8 +203,8 @@ class PlannerPolicy:
 
     def _catch_up(self) -> None:
         """Process the steps since a plan became necessary."""
-        # Each missed step is checked on its own, so that this seat draws the same conclusions as
-        # seats that had the plan at once.
+        # Each missed step is checked separately, so that this seat reaches the same conclusions as
+        # seats that finished planning earlier.
         while self._unprocessed:
             watch = self._followed
             if watch is None:
@@ -269,8 +269,8 @@ class PlannerPolicy:
         """Stop following the plan; the next `act` makes one from the present or a past step."""
         if past is None:
             self._unprocessed.clear()
-        # All seats of the team plan from the step in which they noticed the deviation, which all of
-        # them notice in the same step.
+        # All seats of the team notice a deviation in the same step, and plan from that step. So
+        # they make the same plan.
         step, state = (self._step, self._state) if past is None else (past.step, past.state)
         if state is not None:
             self._needed = PlanBase(step, state, facts_about(self._outsiders, state))
@@ -325,7 +325,7 @@ class PlannerPolicy:
 
     @property
     def waiting(self) -> bool:
-        """True if the last `act` did nothing because of a blocked place or a participant.
+        """True if the last `act` did nothing because of a blocked station or another participant.
 
         Waiting for a running effect does not count.
         """
@@ -359,7 +359,7 @@ class PlannerPolicy:
             self._may_improve = self._punctual and self._is_worth_improving(made.found)
         else:
             logger.debug("%s finds no plan from here", self.player)
-            # The count is per state: the next plan from here makes the other assumption first.
+            # Counted for each state: the next plan from this one tries the other assumption first.
             self._in_vain[base.state] = tried + 1
         # A proof that the goal is out of reach needs no second search.
         helpless = made.assumption is Assumption.NOTHING and not made.found.unsolvable
@@ -378,8 +378,8 @@ class PlannerPolicy:
 
     def _improve(self, state: State) -> None:
         """Search for a shorter remaining plan of a single seat."""
-        # Only with the timing `benchmark`, since elsewhere plan lengths say little about time. Only
-        # without other seats, which would have to change their parts too.
+        # Called only with the timing `benchmark`, since otherwise plan lengths say little about
+        # time, and only for a single seat, since other seats would have to change their parts too.
         for result in self._search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
                 self._follow_instead(result.plan, state)
