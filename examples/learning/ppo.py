@@ -1,6 +1,6 @@
 """Train a policy on synchronous/01 by proximal policy optimisation with action masks.
 
-pip install 'robotouille[rl]' && pip install --group rl-example
+pip install '.[rl]' && pip install --group rl-example
 python examples/learning/ppo.py [--task TASK] [--steps N] [--reward sparse] [--curve FILE.png]
 
 Every few thousand steps the policy plays 20 episodes. The curve shows the share of these episodes

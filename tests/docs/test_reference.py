@@ -104,6 +104,11 @@ def codes_in_the_sources() -> set[str]:
     return found - NO_CODES
 
 
+def test_pages_install_from_a_clone() -> None:
+    # No release is on an index, where the name could belong to a stranger.
+    assert [page for page in PAGES if re.search(r"pip install '?robotouille\b", read(page))] == []
+
+
 def test_every_error_code_is_documented() -> None:
     documented = [row[0] for row in table("protocol.md", "Errors")]
     assert sorted(documented) == sorted(codes_in_the_sources())
