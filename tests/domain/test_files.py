@@ -67,8 +67,8 @@ def test_unreadable_files_raise(tmp_path: Path) -> None:
             read_json(secret)
 
 
-def test_endless_file_is_not_read_completely() -> None:
-    with pytest.raises(FileError, match=f"longer than {MAX_FILE_BYTES:,} bytes"):
+def test_endless_file_is_not_read() -> None:
+    with pytest.raises(FileError, match="not a regular file"):
         read_json(Path("/dev/zero"))
 
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import RecordingError, RobotouilleError
+from robotouille.domain.files import read_json
 from robotouille.replay.container import MAGIC, read_frames, unwrap
 from robotouille.replay.recording import Recording, read_recording
+from robotouille_server.auth.keys import FileKeyring
+from robotouille_server.auth.private_files import read_private
+from robotouille_server.auth.revocation import load_revoked
 from tests.support.fuzzing.adversary import Adversary
 from tests.support.fuzzing.forgery import framed
 from tests.support.fuzzing.hostile_inputs import HOSTILE_INPUTS
@@ -108,3 +116,41 @@ def test_error_names_the_refused_recording(tmp_path: Path) -> None:
     path.write_bytes(MAGIC + framed(b"\xc1"))
     with pytest.raises(RecordingError, match=r"strange\.rbt: damaged at byte 5"):
         read_recording(path)
+
+
+FILE_READERS: dict[str, Callable[[Path], object]] = {
+    "recording": read_recording,
+    "json": read_json,
+    "private": lambda path: read_private(path, 100),
+    "keys": FileKeyring,
+    "revoked": load_revoked,
+}
+
+
+@pytest.fixture
+def alarm() -> Iterator[None]:
+    """Interrupt a reader that waits for a pipe's writer, which would otherwise be for ever."""
+
+    def ring(number: int, frame: FrameType | None) -> None:
+        pytest.fail("the reader waits for a writer")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(10)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
+@pytest.mark.parametrize("place", ["pipe", "link to a pipe", "/dev/zero"])
+@pytest.mark.parametrize("reader", FILE_READERS)
+@pytest.mark.usefixtures("alarm")
+def test_only_regular_files_are_read(tmp_path: Path, reader: str, place: str) -> None:
+    path = tmp_path / "file"
+    if place == "pipe":
+        os.mkfifo(path, 0o600)
+    else:
+        os.mkfifo(tmp_path / "pipe", 0o600)
+        path.symlink_to("/dev/zero" if place == "/dev/zero" else tmp_path / "pipe")
+    with pytest.raises(RobotouilleError, match="not a regular file"):
+        FILE_READERS[reader](path)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from robotouille.domain.files import open_regular
 from robotouille.errors import RobotouilleError
 
 Fingerprint = tuple[int, int, int]
@@ -38,12 +39,12 @@ def read_private(path: Path, max_bytes: int) -> bytes:
 
     Raises:
         FileNotFoundError: The file does not exist.
-        PrivateFileError: Other users may access it, it has more than `max_bytes`, or it cannot be
-            read.
+        PrivateFileError: Other users may access it, it has more than `max_bytes`, it is not a
+            regular file, or it cannot be read.
     """
     source = str(path)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
             # Group members may read the file (0640), so that an administrator can give a group
             # access.

@@ -6,8 +6,11 @@ Files may come from anyone, so their size, nesting and fields are checked before
 from __future__ import annotations
 
 import copy
+import errno
 import json
+import os
 import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,6 +24,8 @@ from robotouille.errors import Fault, FileError, did_you_mean
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 40
+
+_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -60,6 +65,20 @@ def content_kind(content: bytes) -> str:
     return "a binary file"
 
 
+def open_regular(path: Path) -> IO[bytes]:
+    """Open a file for reading.
+
+    Raises:
+        OSError: The path leads to a pipe, a device or a folder, or the file cannot be opened.
+    """
+    # `O_NONBLOCK`: opening a named pipe would otherwise wait for a program that writes to it.
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT))  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return file
+
+
 def read_json(path: Path) -> Any:
     """Return the JSON value in a file.
 
@@ -70,7 +89,8 @@ def read_json(path: Path) -> Any:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             _fail(path, f"the file has {size:,} bytes; at most {MAX_FILE_BYTES:,} are read")
-        with path.open("rb") as file:  # A device such as /dev/zero has size 0 but no end.
+        with open_regular(path) as file:
+            # The file may have grown since its size was checked.
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
             _fail(path, f"the file is longer than {MAX_FILE_BYTES:,} bytes")

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from robotouille.domain.files import open_regular
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError
 from robotouille.protocol.states import StateReader, StateWriter
@@ -436,7 +437,8 @@ def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
     try:
         if path.stat().st_size > MAX_FILE:
             raise RecordingError(f"{path}: larger than {MAX_FILE:,} bytes")
-        with path.open("rb") as file:  # A device reports size 0 and may never end.
+        with open_regular(path) as file:
+            # The server may append to the file after its size was checked.
             content = file.read(MAX_FILE + 1)
         if len(content) > MAX_FILE:
             raise RecordingError(f"{path}: larger than {MAX_FILE:,} bytes")
