@@ -22,6 +22,7 @@ from robotouille.episode import Absence, Controller, PauseReason
 from robotouille.episode.quota import SEAT_QUOTA_BYTES
 from robotouille.errors import ProtocolError
 from robotouille.protocol import codec, messages
+from robotouille.replay.container import BLOCK
 from robotouille_client.sansio import addresses as backoff
 from robotouille_server import ServerSettings
 from robotouille_server.auth.roles import Role
@@ -146,6 +147,12 @@ def test_an_error_carries_its_code() -> None:
     with pytest.raises(ProtocolError) as caught:
         codec.JSON.decode_client('{"type": "zap"}')
     assert caught.value.code == "message/unknown-type"
+
+
+def test_blocks_of_recordings_have_the_documented_size() -> None:
+    for page in ("recordings.md", "decisions/0021-torn-and-damaged-recordings.md"):
+        sizes = re.findall(r"(\d+) KiB", read(page))
+        assert sizes == [str(BLOCK // 1024)], page
 
 
 def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
