@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -221,3 +222,25 @@ async def test_codes_cannot_be_guessed_with_a_limited_token(tmp_path: Path) -> N
             await hello(connection, token=token)
             codes = [await code_of(connection, joining(other), "joined") for _ in range(21)]
             assert codes == ["auth/episode"] * 20 + ["rate/codes"]
+
+
+@virtual
+async def test_memory_for_absent_spectators_is_bounded(tmp_path: Path) -> None:
+    """A client that joins and disconnects in a loop leaves few sessions, for any grace."""
+    long = TWO_COOKS.model_copy(update={"grace": 86_400.0})
+    async with serving(tmp_path, max_spectators=3, max_connections_per_address=99) as server:
+        room = server.lobby.create(long, owner="")
+        async with AsyncExitStack() as stack:
+            for _ in range(5):
+                for _ in range(3):
+                    connection = await stack.enter_async_context(opened(server, **FORWARDED))
+                    await hello(connection)
+                    await connection.ask(joining(room, "spectator"), "joined")
+                await stack.aclose()
+        for _ in range(20):
+            await came_in(server, room, "spectator")
+        gc.collect()
+        kept = [one for one in gc.get_objects() if isinstance(one, Session) and one.room is room]
+        assert len(room.members) == len(kept) <= 2 * 3
+        everywhere = [one for one in gc.get_objects() if isinstance(one, Session)]
+        assert len(everywhere) == len(server.sessions.by_id) <= 2 * 3

@@ -250,8 +250,11 @@ class Sessions:
         """Forget a session that has lost its place, unless it has a connection."""
         if session.peer is None:
             self.by_id.pop(session.id, None)
+            # The timer would keep the session in memory for the grace, which may be a day.
+            self._keep(session)
 
     def _keep(self, session: Session) -> None:
+        """Cancel the expiry of a session."""
         expiry = self._expiries.pop(session, None)
         if expiry is not None:
             expiry.cancel()
