@@ -16,18 +16,26 @@ from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.mqtt import stream
+from robotouille_server.mqtt.broker import MAX_WAITING_BYTES, MAX_WAITING_COMMANDS
 from robotouille_server.mqtt.commands import COMMANDS_A_SECOND, COMMANDS_BURST, KEPT_REPLIES
 from robotouille_server.mqtt.messages import MAX_OPENED, MAX_PACKET_BYTES, MAX_WATCH_SECONDS
 from robotouille_server.operator import connections, event_streams
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
 from robotouille_server.rooms import archive
+from robotouille_server.rooms.audience import DELIVERY_SECONDS, MAX_STEP_BYTES, MAX_STEPS
 from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES
 from robotouille_server.rooms.episode_setup import MAX_FINISHED
 from robotouille_server.rooms.journal import MAX_RECORDING_BYTES
 from robotouille_server.rooms.lobby import LINGER_SECONDS
 from robotouille_server.rooms.publisher import ROSTER_SECONDS, WAITING_SECONDS
 from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
-from robotouille_server.rooms.seat_limits import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
+from robotouille_server.rooms.seat_limits import (
+    CHAT_LINES,
+    CHAT_LINES_AT_ONCE,
+    SEAT_CHANGES,
+    SEAT_CHANGES_AT_ONCE,
+    SPECTATOR_SHARE,
+)
 from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
 from robotouille_server.runtime.budgets import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
 from robotouille_server.runtime.logs import KEPT_FILES, MAX_AUDIT_BYTES
@@ -215,6 +223,15 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               f"{SEAT_CHANGES} a minute, bursts of {SEAT_CHANGES_AT_ONCE}",
               "`join` and `ready` are refused; a returning client gets `bye` with `retry`.",
               "rate/seats"),
+        Limit("Chat lines of a seat", f"{CHAT_LINES:g} a second, bursts of {CHAT_LINES_AT_ONCE:g}",
+              "`say` is refused.", "rate/chat"),
+        Limit("Chat lines of all spectators together",
+              f"{SPECTATOR_SHARE * CHAT_LINES:g} a second, bursts of "
+              f"{SPECTATOR_SHARE * CHAT_LINES_AT_ONCE:g}", "`say` is refused.", "rate/chat"),
+        Limit("Interval of deliveries to spectators", f"{DELIVERY_SECONDS:g} s",
+              "Messages are sent together; only the last text view is sent."),
+        Limit("Deltas in a delivery to spectators", f"{MAX_STEPS}, {_size(MAX_STEP_BYTES)}",
+              "A snapshot replaces them."),
         Limit("Recorded text per seat: reasoning, rejected actions, chat, notes",
               _size(quota.SEAT_QUOTA_BYTES), "Reasoning and chat are refused. Rejected actions "
               "are answered but not recorded.", "rate/words"),
@@ -278,7 +295,10 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Size of a command", _size(codec.MAX_CLIENT_BYTES), "The command is refused.",
               "message/too-large"),
         Limit("Size of a packet from the broker", _size(MAX_PACKET_BYTES),
-              "The broker does not deliver the packet."),
+              "The broker does not deliver the packet. If it does, the server closes the "
+              "connection."),
+        Limit("Received commands that wait", f"{MAX_WAITING_COMMANDS}, with up to "
+              f"{_size(MAX_WAITING_BYTES)}", "Further commands are dropped."),
         Limit("Commands of all senders", f"{COMMANDS_A_SECOND:g} a second, bursts of "
               f"{COMMANDS_BURST:g}", "The command is refused.", "rate/limited"),
         Limit("Commands recognised when repeated", f"{KEPT_REPLIES}",

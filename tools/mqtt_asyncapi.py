@@ -25,12 +25,14 @@ _CHANNELS: dict[str, tuple[str, tuple[type[BaseModel], ...], int, bool]] = {
     "life": (_TOPICS.life("{episode}"), (LifecycleEvent,), 1, False),
     "steps": (_TOPICS.steps("{episode}"), (EpisodeSteps,), 0, False),
     "answers": (_TOPICS.answers, (CommandReply,), 1, False),
+    "ownAnswers": (_TOPICS.reply_topic(f"{_TOPICS.answers}/{{name}}"), (CommandReply,), 1, False),
     "commands": (_TOPICS.commands, COMMANDS, 1, False),
 }
 """Topic, messages, quality of service and retain flag of each channel."""
 _PARAMETERS = {
     "server": {"description": "Name of the server (`mqtt_name`)."},
     "episode": {"description": "Id of the episode."},
+    "name": {"description": "Topic levels of the client's choice, such as its user name."},
 }
 
 

@@ -42,6 +42,7 @@ def test_channels_match_the_topics() -> None:
         topics.presence,
         topics.commands,
         topics.answers,
+        f"{topics.answers}/{{name}}",
         topics.life("{episode}"),
         topics.steps("{episode}"),
     }
@@ -51,10 +52,10 @@ def test_channels_match_the_topics() -> None:
 
 def test_page_lists_every_topic_and_command() -> None:
     rows = {
-        row[0].replace("SERVER", "{server}").replace("ID", "{episode}")
+        row[0].replace("SERVER", "{server}").replace("ID", "{episode}").replace("NAME", "{name}")
         for row in table("mqtt.md", "Topics")
     }
-    assert {row.removesuffix(" and below").replace("`", "") for row in rows} == {
+    assert {row.replace("`", "") for row in rows} == {
         channel["address"] for channel in DOCUMENT["channels"].values()
     }
     kinds = {kind for row in table("mqtt.md", "Commands") for kind in row[0].split(", ")}

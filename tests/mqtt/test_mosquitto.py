@@ -18,6 +18,7 @@ import aiomqtt
 import pytest
 import trustme
 
+from robotouille.protocol.messages import Create
 from robotouille_client import connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
@@ -109,6 +110,23 @@ async def reached(condition: Callable[[], object]) -> None:
     async with asyncio.timeout(PATIENCE):
         while not condition():
             await asyncio.sleep(0.02)
+
+
+async def test_next_server_takes_over_the_name(tmp_path: Path, broker: Mosquitto) -> None:
+    async with subscribed(broker) as lab, on_mosquitto(tmp_path / "a", broker) as old:
+        await lab.until(lambda: lab.states() == ["online"])
+        code = old.lobby.create(Create()).code
+        old.lobby.drain()
+        async with on_mosquitto(tmp_path / "b", broker) as new:
+            await lab.until(lambda: len(lab.states()) == 2)
+            old.lobby.find(code).abort("over")
+            await lab.until(lambda: "closed" in [each["event"] for each in lab.on("life")])
+            reply = await lab.ask(type="list", ref="l", token=role_token(new))
+            assert (reply["ok"], reply.get("total", 0)) == (True, 0), reply
+            await old.stop()
+        await lab.until(lambda: len(lab.states()) == 3)
+    assert lab.states() == ["online", "online", "stopped"]
+    assert all(each["ok"] for each in lab.on("answers"))
 
 
 async def test_presence_is_retained_and_a_killed_server_is_gone(

@@ -64,6 +64,34 @@ async def test_broker_failures_delay_no_step(tmp_path: Path) -> None:
         assert late[0] == sum(late) >= steps > 470
 
 
+@pytest.mark.parametrize("draining", [False, True])
+@virtual
+async def test_server_whose_name_was_taken_over_publishes_its_episodes_only(
+    tmp_path: Path, draining: bool
+) -> None:
+    async with (
+        serving_with_broker(tmp_path) as (server, broker),
+        table(server, max_steps=5000) as play,
+    ):
+        await asyncio.sleep(1)
+        if draining:  # Many brokers do not tell that the name was taken over.
+            server.lobby.drain()
+            broker.break_off()
+        else:
+            broker.take_over()
+        await asyncio.sleep(5)
+        broker.command({"type": "open", "ref": "o", "token": role_token(server)})
+        server.lobby.rooms[play.episode].pause()
+        await asyncio.sleep(5)
+        assert [row["event"] for row in broker.on("life")][-1] == "paused"
+        assert server.metrics.mqtt_connected
+        rooms = len(server.lobby.rooms)
+    assert rooms == 1
+    assert broker.attempts == 2
+    assert [presence["state"] for presence in broker.on("presence")] == ["online"]
+    assert not broker.on("answers")
+
+
 @virtual
 async def test_presence_and_queue_are_published_after_reconnecting(tmp_path: Path) -> None:
     async with (

@@ -22,6 +22,7 @@ import aiomqtt
 
 from robotouille_server import Server
 from robotouille_server.auth import Role
+from robotouille_server.mqtt.broker import NameTakenError
 from robotouille_server.mqtt.messages import CommandReply
 from robotouille_server.mqtt.service import on_broker
 from tests.support.servers import serving
@@ -55,20 +56,29 @@ class FakeBroker:
     """Broker that records publications; tests may set `gone` and `stalled` at any time."""
 
     def __init__(self) -> None:
-        self.gone = self.stalled = False
+        self.gone = self.stalled = self.taken_over = False
         self.attempts = 0
         self.published: list[Publication] = []
         self.commands: asyncio.Queue[aiomqtt.Message] = asyncio.Queue()
         self.cut = asyncio.Event()
 
     @asynccontextmanager
-    async def connect(self) -> AsyncIterator[aiomqtt.Client]:
+    async def connect(self, owns_name: bool) -> AsyncIterator[aiomqtt.Client]:
         """Yield a connection, or raise `MqttError` if the broker is gone."""
         self.attempts += 1
         if self.gone:
             raise aiomqtt.MqttError("connection refused")
         self.cut = asyncio.Event()
-        yield cast("aiomqtt.Client", FakeClient(self))
+        try:
+            yield cast("aiomqtt.Client", FakeClient(self))
+        finally:
+            if owns_name and self.taken_over:
+                raise NameTakenError
+
+    def take_over(self) -> None:
+        """Close the connection, because another server has connected with the same name."""
+        self.taken_over = True
+        self.cut.set()
 
     def break_off(self, *, gone: bool = False) -> None:
         """Close the connection."""
@@ -91,9 +101,11 @@ class FakeClient:
 
     def __init__(self, broker: FakeBroker) -> None:
         self._broker = broker
+        self._subscribed = False
 
     async def subscribe(self, topic: str, qos: int) -> None:
         assert (topic, qos) == ("robotouille/v1/lab/commands", 1)
+        self._subscribed = True
 
     async def publish(
         self, topic: str, payload: bytes, qos: int, retain: bool = False, properties: Any = None
@@ -110,13 +122,14 @@ class FakeClient:
     @property
     async def messages(self) -> AsyncIterator[aiomqtt.Message]:
         cut = asyncio.ensure_future(self._broker.cut.wait())
-        command = asyncio.ensure_future(self._broker.commands.get())
+        commands = self._broker.commands if self._subscribed else asyncio.Queue[Any]()
+        command = asyncio.ensure_future(commands.get())
         try:
             while not cut.done():
                 await asyncio.wait({command, cut}, return_when=asyncio.FIRST_COMPLETED)
                 if command.done():
                     yield command.result()
-                    command = asyncio.ensure_future(self._broker.commands.get())
+                    command = asyncio.ensure_future(commands.get())
             raise aiomqtt.MqttError("closed")
         finally:
             cut.cancel()

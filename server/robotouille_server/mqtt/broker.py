@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import re
+import secrets
 import socket
 import ssl
 from collections.abc import AsyncIterator, Callable
@@ -16,10 +17,12 @@ from urllib.parse import unquote, urlsplit
 import aiomqtt
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 
 from robotouille.errors import RobotouilleError
 from robotouille_server.auth import read_private
 from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
+from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
 
@@ -35,11 +38,26 @@ KEEPALIVE_SECONDS = 15
 """The broker publishes the will after 1.5 times this period without data."""
 MAX_WAITING_COMMANDS = 100
 """aiomqtt drops further commands."""
+MAX_WAITING_BYTES = 4 * MAX_PACKET_BYTES
+"""Bytes of waiting commands. aiomqtt drops further commands."""
+SESSION_SECONDS = 1
+"""Time for which the broker keeps the session of a lost connection.
+
+It must not be 0: a broker publishes the will of a session that another server takes over, unless
+the session outlives its connection.
+"""
+TAKEN_OVER = 0x8E
+"""MQTT 5 reason for which a broker closes a connection: another one uses its client id."""
 CLOSE_TURNS = 10
 LIBRARY_LOG = logging.getLogger("robotouille.mqtt")
 LIBRARY_LOG.setLevel(logging.CRITICAL)  # aiomqtt logs every attempt; the service logs one a minute.
 
-Connect = Callable[[], AbstractAsyncContextManager[aiomqtt.Client]]
+Connect = Callable[[bool], AbstractAsyncContextManager[aiomqtt.Client]]
+"""Function that opens a connection.
+
+Its argument is False if another server has taken over the name. The connection then has a client id
+of its own and no will.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,33 +160,98 @@ def broker_connection(address: BrokerAddress, name: str, will: tuple[str, bytes]
     """
 
     @asynccontextmanager
-    async def connect() -> AsyncIterator[aiomqtt.Client]:
-        limits = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
-        limits.MaximumPacketSize = MAX_PACKET_BYTES
+    async def connect(owns_name: bool) -> AsyncIterator[aiomqtt.Client]:
+        identifier = f"robotouille-{name}"
         client = aiomqtt.Client(
             address.host,
             address.port,
             username=address.user,
             password=address.password,
-            identifier=f"robotouille-{name}",
+            identifier=identifier if owns_name else f"{identifier}-{secrets.token_hex(4)}",
             protocol=aiomqtt.ProtocolVersion.V5,
-            will=aiomqtt.Will(*will, qos=1, retain=True),
+            clean_start=False,
+            will=aiomqtt.Will(*will, qos=1, retain=True) if owns_name else None,
             timeout=ANSWER_SECONDS,
             keepalive=KEEPALIVE_SECONDS,
+            queue_type=_CommandQueue,
             max_queued_incoming_messages=MAX_WAITING_COMMANDS,
-            properties=limits,
+            properties=_connect_properties(),
             logger=LIBRARY_LOG,
             tls_context=address.tls,
             socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
         client._client.connect_timeout = CONNECT_SECONDS  # aiomqtt has no option for it.
+        _bound_packets(client)
         try:
             async with client:
                 yield client
         finally:
             await _close_socket(client)
+            if _taken_over(client):
+                raise NameTakenError(f"another server uses the name {name}")
 
     return connect
+
+
+class NameTakenError(aiomqtt.MqttError):
+    """The broker closed the connection, because another server uses the same name."""
+
+
+def _connect_properties() -> Properties:
+    properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+    properties.MaximumPacketSize = MAX_PACKET_BYTES
+    properties.SessionExpiryInterval = SESSION_SECONDS
+    return properties
+
+
+class _CommandQueue(asyncio.Queue[aiomqtt.Message]):
+    """Queue of received commands that is also full when they have too many bytes."""
+
+    _bytes = 0
+
+    def full(self) -> bool:
+        return super().full() or self._bytes >= MAX_WAITING_BYTES
+
+    def _put(self, item: aiomqtt.Message) -> None:
+        self._bytes += _payload_size(item)
+        super()._put(item)
+
+    def _get(self) -> aiomqtt.Message:
+        item: aiomqtt.Message = super()._get()
+        self._bytes -= _payload_size(item)
+        return item
+
+
+def _payload_size(message: aiomqtt.Message) -> int:
+    return len(message.payload) if isinstance(message.payload, bytes) else 0
+
+
+def _bound_packets(client: aiomqtt.Client) -> None:
+    """Make a client close its connection when the broker sends what it was asked not to send.
+
+    An honest broker respects `MaximumPacketSize`. For any other broker, paho reads up to 256 MiB
+    into memory and has no option to refuse that. Its only method that reads is replaced here,
+    until paho enforces `MaximumPacketSize` itself.
+    """
+    paho = client._client
+    receive = paho._sock_recv
+
+    def receive_bounded(size: int) -> bytes:
+        # paho asks for all bytes that the packet's head announces.
+        if size > MAX_PACKET_BYTES:
+            raise _refused(f"the broker sends a packet of {size:,} bytes")
+        # Subscriptions have QoS 1. paho keeps messages of QoS 2 until the broker releases them.
+        if paho._in_messages:
+            raise _refused("the broker sends a message of QoS 2")
+        return receive(size)
+
+    paho._sock_recv = receive_bounded  # type: ignore[method-assign]
+
+
+def _refused(reason: str) -> OSError:
+    # Logged here, because paho reports only that the connection was lost.
+    get_logger().error("connection to the broker closed", reason=reason)
+    return ConnectionAbortedError(reason)
 
 
 async def _close_socket(client: aiomqtt.Client) -> None:
@@ -183,3 +266,9 @@ async def _close_socket(client: aiomqtt.Client) -> None:
         await asyncio.sleep(0)
     if client._disconnected.done():
         client._disconnected.exception()  # Otherwise asyncio warns that nobody retrieved it.
+
+
+def _taken_over(client: aiomqtt.Client) -> bool:
+    lost = client._disconnected.exception() if client._disconnected.done() else None
+    reason = lost.rc if isinstance(lost, aiomqtt.MqttCodeError) else None
+    return isinstance(reason, ReasonCode) and reason.value == TAKEN_OVER

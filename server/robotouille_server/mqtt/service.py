@@ -19,7 +19,13 @@ from paho.mqtt.properties import Properties
 
 from robotouille.installation import VERSION
 from robotouille_server.app import Server
-from robotouille_server.mqtt.broker import BrokerAddress, Connect, broker_connection, server_name
+from robotouille_server.mqtt.broker import (
+    BrokerAddress,
+    Connect,
+    NameTakenError,
+    broker_connection,
+    server_name,
+)
 from robotouille_server.mqtt.commands import Commands
 from robotouille_server.mqtt.messages import Presence, Topics
 from robotouille_server.mqtt.stream import Outbox, OutgoingMessage, RoomStream, Watches, encode
@@ -88,13 +94,18 @@ async def on_broker(
 
 
 class BrokerService:
-    """Connects to the broker, again and again, until it is stopped."""
+    """Connects to the broker, again and again, until it is stopped.
+
+    During a rolling restart, the next server takes over the name. This one then leaves presence and
+    commands to it, and publishes only its own episodes until they end.
+    """
 
     def __init__(self, server: Server, topics: Topics, connect: Connect, rng: random.Random):
         self._loop = asyncio.get_running_loop()
         self._topics = topics
         self._connect = connect
         self._rng = rng
+        self._lobby = server.lobby
         self._metrics = server.metrics
         self._presence = _presence(server)
         self._outbox = Outbox(server.metrics)
@@ -103,6 +114,7 @@ class BrokerService:
         self._commands = Commands(server, self._watches, self._loop.time)
         self._received: asyncio.Queue[aiomqtt.Message] = asyncio.Queue(maxsize=1)
         self._stopping = asyncio.Event()
+        self._owns_name = True
         self._steps_due = 0.0
         self._logged = -LOG_SECONDS
         server.lobby.observe(RoomStream(self._outbox, self._watches, topics, server.wall))
@@ -119,14 +131,19 @@ class BrokerService:
         while not self._stopping.is_set():
             began = self._loop.time()
             try:
-                async with self._connect() as client:
+                async with self._connect(self._owns_name) as client:
                     await self._use(client)
+            except* NameTakenError:
+                self._owns_name = False
+                get_logger().warning("another server uses the MQTT name", name=self._topics.server)
             except* aiomqtt.MqttError as errors:
                 self._log_lost(errors)
             except* Exception:
                 get_logger().exception("the MQTT connection failed")
             finally:
                 self._metrics.mqtt_connected = False
+                # Not every broker names the reason for which it closes a connection.
+                self._owns_name = self._owns_name and not self._lobby.draining
             if self._loop.time() - began >= STABLE_SECONDS:
                 pauses = reconnect_pauses(self._rng)
             with contextlib.suppress(TimeoutError):
@@ -136,8 +153,9 @@ class BrokerService:
         await asyncio.gather(executing, return_exceptions=True)
 
     async def _use(self, client: aiomqtt.Client) -> None:
-        await client.subscribe(self._topics.commands, qos=1)
-        await self._publish_presence(client, self._presence)
+        if self._owns_name:
+            await client.subscribe(self._topics.commands, qos=1)
+            await self._publish_presence(client, self._presence)
         self._metrics.mqtt_connected = True
         get_logger().info("broker connected")
         async with asyncio.TaskGroup() as tasks:
@@ -155,7 +173,8 @@ class BrokerService:
                 await self._received.join()
                 await self._send_messages(client)
                 await self._send_steps(client)
-                await self._publish_presence(client, Presence(state="stopped"))
+                if self._owns_name:
+                    await self._publish_presence(client, Presence(state="stopped"))
 
     async def _publish_presence(self, client: aiomqtt.Client, presence: Presence) -> None:
         await client.publish(self._topics.presence, encode(presence), qos=1, retain=True)
