@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from robotouille_server import Server
 from robotouille_server.health import SAMPLE_SECONDS, Disk, Health, System
@@ -161,3 +163,28 @@ def test_real_machine_reports_disk_and_descriptors(tmp_path: Path) -> None:
     assert used is None or most is None or 3 <= used <= most
     with tmp_path.joinpath("x").open("w"):
         assert used is None or system.descriptors() == used + 1
+
+
+RULES = Path(__file__).parents[2] / "lab" / "robotouille.rules.yml"
+SERIES = re.compile(r"(robotouille_\w+)(?:\{([^}]*)\})?")
+
+
+@virtual
+async def test_series_of_all_alerts_exist_before_the_first_event(tmp_path: Path) -> None:
+    # Prometheus sees no increase in a series that begins with its first event.
+    rules = yaml.safe_load(RULES.read_text(encoding="utf-8"))
+    wanted = [SERIES.findall(rule["expr"]) for rule in rules["groups"][0]["rules"]]
+    async with serving(tmp_path) as server:
+        server.sample(0.0)
+        lines = server.metrics.page().decode().splitlines()
+    for name, label in (series for rule in wanted for series in rule):
+        assert any(re.match(name + r"[ {]", line) and label in line for line in lines), name
+
+
+@virtual
+async def test_counters_with_labels_begin_at_zero(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        lines = server.metrics.page().decode().splitlines()
+    assert 'robotouille_errors_total{code="rate/codes"} 0.0' in lines
+    assert 'robotouille_dropped_connections_total{reason="flood"} 0.0' in lines
+    assert 'robotouille_outcomes_total{reason="goal"} 0.0' in lines

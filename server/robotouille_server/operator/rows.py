@@ -118,12 +118,12 @@ class RateMeter:
 
 
 def by_label(counter: Counter) -> dict[str, int]:
-    """Return a counter's values by its only label, largest first."""
+    """Return a counter's values above 0 by its only label, largest first."""
     found = {
         next(iter(sample.labels.values())): int(sample.value)
         for family in counter.collect()
         for sample in family.samples
-        if sample.name.endswith("_total")
+        if sample.name.endswith("_total") and sample.value
     }
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 

@@ -14,6 +14,21 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
+from robotouille.episode import Reason
+from robotouille.protocol.error_codes import ErrorCode
+
+DROPPED = (
+    "silent",
+    "stalled",
+    "flood",
+    "early",
+    "descriptors",
+    "full",
+    "displaced",
+    "crowded",
+    "revoked",
+)
+"""Reasons for which the server closes connections."""
 BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 1.0)
 """Upper bounds of the histograms' buckets, in seconds."""
 
@@ -100,6 +115,17 @@ class Metrics(Collector):
             registry=self.registry,
         )
         self.registry.register(self)
+        self._begin_at_zero()
+
+    def _begin_at_zero(self) -> None:
+        # Prometheus sees no increase in a series that begins with its first event, so an alert
+        # would miss the first attack.
+        for code in ErrorCode:
+            self.errors.labels(code.value)
+        for reason in DROPPED:
+            self.dropped.labels(reason)
+        for outcome in Reason:
+            self.outcomes.labels(outcome.value)
 
     def collect(self) -> Iterator[Metric]:
         """Yield the plain numbers as metrics."""
