@@ -193,6 +193,7 @@ class Listener:
         self._connections = connections
         self._pages = pages
         self._admission = admission
+        self._port = settings.port
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
 
@@ -249,17 +250,17 @@ class Listener:
             # asyncio uses one number both for the queue and for the connections accepted in a row.
             with listening.dup() as same:
                 same.listen(WAITING_TO_BE_ACCEPTED)
+        if not self.sockets:
+            # Noted here, because a draining server has closed its sockets.
+            self._port = next(iter(socket.sockets)).getsockname()[1]
         self.sockets.append(socket)
 
     # Addresses
 
     @property
     def port(self) -> int:
-        """Port in use."""
-        if not self.sockets:
-            return self._settings.port
-        port: int = next(iter(self.sockets[0].sockets)).getsockname()[1]
-        return port
+        """Port in use, also after `refuse`."""
+        return self._port
 
     @property
     def url(self) -> str:

@@ -138,3 +138,18 @@ async def test_unknown_episode_path_or_method_is_refused(tmp_path: Path) -> None
         assert (answer.status_code, answer.json()["code"]) == (404, "request/unknown")
         answer = await api.http.get("/api/announce")
         assert (answer.status_code, answer.json()["code"]) == (405, "request/method")
+
+
+@virtual
+async def test_overview_shows_that_the_server_drains(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (server, _, api), table(server) as play:
+        await play.until(lambda game: game.step >= 1)
+        before = await api.get("/api/overview")
+        draining = asyncio.create_task(server.drain(5.0))
+        await asyncio.sleep(1)
+        during = await api.get("/api/overview")
+        assert not before["server"]["draining"]
+        assert during["server"]["draining"]
+        assert during["server"]["url"] == before["server"]["url"]
+        assert [row["episode"] for row in during["episodes"]] == [play.episode]
+        await draining

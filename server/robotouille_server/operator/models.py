@@ -189,6 +189,9 @@ class ServerInfo(ResponseModel):
     version: str
     url: str
     uptime: float = Field(description="Seconds since the operator port was opened.")
+    draining: bool = Field(
+        False, description="True after SIGTERM, while running episodes may still end."
+    )
     only: str = Field(description="The only episode that your token allows; empty for all.")
 
 

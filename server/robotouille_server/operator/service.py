@@ -104,6 +104,7 @@ class OperatorService:
                 version=VERSION,
                 url=self._server.public_url,
                 uptime=round(now - self._opened, 1),
+                draining=self._server.lobby.draining,
                 only=self._principal.only_episode,
             ),
             totals=self._totals(Counter(its for _, its in census)),

@@ -53,7 +53,8 @@ export class Totals {
   update({ server, totals, faults, alerts }) {
     const { episodes, connections, steps, sent, late } = this.cards;
     const counts = totals.episodes;
-    setText(document.getElementById("server"), `${server.url} · version ${server.version} · up ${span(server.uptime)}`);
+    const state = server.draining ? " · draining: no new clients, running episodes may still end" : "";
+    setText(document.getElementById("server"), `${server.url} · version ${server.version} · up ${span(server.uptime)}${state}`);
     setText(episodes.value, number(counts.running));
     setText(episodes.note, `${counts.paused} paused · ${counts.waiting} waiting · ${counts.ended} ended`);
     setText(connections.value, number(totals.connections));
