@@ -207,6 +207,11 @@ async def test_operator_announces_mutes_and_removes(browser: Any, tmp_path: Path
             assert (await bots[1].wait_for(Announced)).text == "Closing soon"
 
             mute = panel.get_by_role("button", name="Mute eve")
+            names = ("Announce", "Mute eve", "Remove eve")
+            buttons = [panel.get_by_role("button", name=name) for name in names]
+            icons = [await one.locator("use").get_attribute("href") for one in buttons]
+            assert len(set(icons)) == 3
+            await expect(page.locator(", ".join(icons))).to_have_count(3)
             await mute.click()
             await expect(mute).to_have_attribute("aria-pressed", "true")
             await expect(panel.locator(".person", has_text="eve")).to_contain_text("muted")

@@ -13,7 +13,7 @@ function person(row, remove, silence) {
   const name = h("b");
   const more = h("span", { class: "more" });
   const removeButton = button("away", "Remove", () => remove(now), "icon small");
-  const muteButton = button("say", "Mute", () => silence(now), "icon small");
+  const muteButton = button("mute", "Mute", () => silence(now), "icon small");
   const root = h("li", { class: "person" }, h("i"), h("div", {}, name, more), muteButton, removeButton);
   return {
     root,
