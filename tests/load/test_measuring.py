@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille.episode.rules import Clock
-from robotouille_client.loadtest.histogram import Histogram, Measurements
+from robotouille_client.loadtest.histogram import Histogram
 from robotouille_client.loadtest.players import SETTLED, StepSchedule
 from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
@@ -27,37 +25,6 @@ def histogram(values: list[float]) -> Histogram:
 def test_percentiles_are_exact_to_one_per_cent(values: list[float], percent: float) -> None:
     exact = sorted(values)[max(0, -(-len(values) * percent // 100).__int__() - 1)]
     assert histogram(values).percentile(percent) == pytest.approx(exact, rel=0.011)
-
-
-@given(st.lists(durations, min_size=1), st.lists(durations))
-def test_histograms_can_be_merged(first: list[float], second: list[float]) -> None:
-    merged = histogram(first)
-    merged.merge(Histogram.from_json(json.loads(json.dumps(histogram(second).to_json()))))
-    together = histogram(first + second)
-    assert merged.to_json()[1:] == together.to_json()[1:]
-    assert merged.count == len(first) + len(second)
-    assert merged.mean == pytest.approx(together.mean)
-    assert merged.spectrum()[-1] == (1.0, pytest.approx(max(first + second), rel=0.011))
-
-
-def test_largest_is_exact_and_an_empty_histogram_works() -> None:
-    seen = histogram([0.001, 0.0031415])
-    assert seen.largest == 0.0031415
-    assert seen.percentile(100) <= 0.0031415
-    assert seen.share_within(0.002) == 0.5
-    assert Histogram().percentile(99) == 0.0
-    assert Histogram().share_within(0.01) == 1.0
-
-
-def test_measurements_survive_json() -> None:
-    measured = Measurements()
-    measured.took("ping", 0.5)
-    measured.count("steps", 3)
-    other = Measurements.from_json(json.loads(json.dumps(measured.to_json())))
-    other.merge(measured)
-    assert other.duration("ping").count == 2
-    assert other.counts == {"steps": 6}
-    assert other.duration("never").count == 0
 
 
 @given(
