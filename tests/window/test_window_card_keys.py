@@ -27,7 +27,7 @@ from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import text_size
 from robotouille_client.window.input.commands import Command
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import ACCENT, BAD
+from robotouille_client.window.pictures.theme import ACCENT
 from robotouille_client.window.view import SeatView, View
 
 BUTTONS = (("Play again", "again"), ("Next task", "next"), *REVIEW_BUTTONS, *LEAVE_BUTTONS)
@@ -244,15 +244,6 @@ def test_no_mark_in_the_kitchen_after_a_card(seat: Seat) -> None:
     assert len(seat.source.acted) == without
 
 
-def test_no_mark_in_the_kitchen_during_a_card(seat: Seat) -> None:
-    seat.press(pygame.K_ESCAPE)
-    seat.frame()
-    plain = seat.pixels()
-    seat.move(at(seat.source.world, "board1"))
-    seat.frame()
-    assert seat.pixels() == plain
-
-
 def test_a_direction_released_during_a_card_is_released(seat: Seat) -> None:
     seat.down(pygame.K_LEFT)
     walked = len(seat.source.acted)
@@ -344,16 +335,6 @@ def test_a_tiny_window_has_a_scroll_bar() -> None:
         place = form.place_of(form.focused)
         assert area.contains(place)
         form.command(Command.DOWN)
-
-
-def test_messages_are_not_in_the_colour_of_losing() -> None:
-    form = card(2)
-    form.rows = ()
-    form.title = ""
-    form.message = SAVED
-    surface = pygame.Surface((640, 480))
-    form.draw(surface, pygame.Rect(0, 0, 640, 480), Typesetter(), 14)
-    assert pygame.mask.from_threshold(surface, BAD, (1, 1, 1, 255)).count() == 0
 
 
 SETUP = GameSetup("training/01", clock=Clock.REALTIME, rate=10.0, countdown=0.0)

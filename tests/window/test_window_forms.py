@@ -13,10 +13,9 @@ from robotouille_client.window.forms.widgets import (
     KeyField,
     Row,
     Slider,
-    TextField,
     Words,
 )
-from robotouille_client.window.input.commands import Command, KeyMap
+from robotouille_client.window.input.commands import KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 
 KEYS = KeyMap()
@@ -69,23 +68,6 @@ def test_a_button_by_mouse() -> None:
     assert form.result == 2
 
 
-def test_letters_go_to_the_field() -> None:
-    field = TextField("Name", "ad", 5)
-    form = Form("Title", [field, Button("Done", "done")])
-    for letter in "a es":
-        pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.key.key_code(
-            "space" if letter == " " else letter), mod=0, unicode=letter))  # fmt: skip
-        pygame.event.post(pygame.Event(pygame.TEXTINPUT, text=letter))
-    follow(form)
-    assert field.text == "ada e"
-    assert form.focused is field
-    post(pygame.K_BACKSPACE, pygame.K_BACKSPACE, pygame.K_RETURN)
-    follow(form)
-    assert field.text == "ada"
-    assert form.focused is form.rows[1], "Enter leads on"
-    assert form.result is None
-
-
 def test_a_choice_by_keys_and_mouse() -> None:
     told: list[object] = []
     choice = Choice("Task", [("a", 1), ("b", 2), ("c", 3)], 2, told.append)
@@ -126,17 +108,3 @@ def test_a_key_field_takes_a_key_and_escape_keeps_the_old_one() -> None:
     post(pygame.K_ESCAPE)
     follow(form)
     assert form.result == "back"
-
-
-def test_rows_scroll() -> None:
-    form = Form("Title", [Button(str(n), n) for n in range(40)])
-    drawn(form)
-    assert form.place_of(form.rows[0])
-    assert not form.place_of(form.rows[30])
-    for _ in range(30):
-        form.command(Command.DOWN)
-    drawn(form)
-    assert form.place_of(form.rows[30])
-    wheel = pygame.Event(pygame.MOUSEWHEEL, y=1)
-    form.handle(wheel, KEYS)
-    assert form.focused is form.rows[29]

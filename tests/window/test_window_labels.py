@@ -14,7 +14,6 @@ from robotouille.domain.task import Timing
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing import lobby_card
 from robotouille_client.window.drawing import painter as painting
-from robotouille_client.window.drawing.label_placement import PlacedLabel, place_labels
 from robotouille_client.window.drawing.labels import LabelSurroundings
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.spots import extent, occupied, player_area
@@ -192,55 +191,9 @@ def test_the_list_does_not_cover_the_ticket_the_seats_or_the_local_player(
             assert not whole.colliderect(place.cell(tile))
 
 
-ABOUT = pygame.Rect(200, 200, 60, 60)
-AREA = pygame.Rect(0, 0, 600, 500)
-TIP = PlacedLabel("tip", (150, 30), ((0, 0),), about=ABOUT, gap=5)
-
-
 def gap(one: pygame.Rect, other: pygame.Rect) -> int:
     across = max(0, one.left - other.right, other.left - one.right)
     return max(across, one.top - other.bottom, other.top - one.bottom)
-
-
-def placed(*arguments, label: PlacedLabel = TIP, **known) -> pygame.Rect:
-    return place_labels([label], AREA, *arguments, **known)["tip"].area
-
-
-def test_a_tip_is_next_to_its_object_and_in_line() -> None:
-    area = placed()
-    assert gap(area, ABOUT) == 5
-    assert area.centerx == ABOUT.centerx
-
-
-def test_a_tip_prefers_the_empty_floor() -> None:
-    row = [pygame.Rect(x, 190, 60, 40) for x in (80, 140, 260, 320)]
-    assert placed([], row).collidelist(row) < 0
-    above = [pygame.Rect(100, 100, 260, 95)]
-    assert placed([], above).top > ABOUT.bottom
-
-
-def test_a_tip_covers_unimportant_areas_before_it_moves_away() -> None:
-    round_it = [ABOUT.move(x, y) for x in (-180, -120, -60, 0, 60, 120, 180)
-                for y in (-180, -120, -60, 0, 60, 120, 180)]  # fmt: skip
-    machines = [each for each in round_it if each.y <= ABOUT.y]
-    area = placed([], round_it, machines)
-    assert gap(area, ABOUT) <= ABOUT.width
-    assert area.collidelist(machines) < 0
-    assert gap(placed([], [], [AREA]), ABOUT) == 5
-
-
-def test_a_tip_takes_a_smaller_shape_if_need_be() -> None:
-    shapes = dataclasses.replace(TIP, shapes=((50, 60),))
-    assert placed(label=shapes).size == (150, 30)
-    walls = [pygame.Rect(0, 0, 600, 195), pygame.Rect(0, 265, 600, 235)]
-    walls += [pygame.Rect(0, 0, 140, 500), pygame.Rect(320, 0, 280, 500)]
-    assert placed(walls, label=shapes).size == (50, 60)
-
-
-def test_a_tip_moves_away_if_everything_nearby_is_in_use() -> None:
-    use = [ABOUT.inflate(100, 100)]
-    assert 45 <= gap(placed(use), ABOUT) <= 60
-    assert gap(placed([ABOUT.inflate(300, 300)]), ABOUT) >= 150
 
 
 def tip_of(view: View, size: tuple[int, int]) -> tuple[Painter, pygame.Rect]:
@@ -253,7 +206,14 @@ def tip_of(view: View, size: tuple[int, int]) -> tuple[Painter, pygame.Rect]:
 
 
 @pytest.mark.parametrize("size", [(640, 360), (1280, 720)])
-@pytest.mark.parametrize("name", ["multi_agent/01@2", "multi_agent/07@2", "asynchronous/06"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "multi_agent/01@2",
+        "asynchronous/06",
+        pytest.param("multi_agent/07@2", marks=pytest.mark.slow),
+    ],
+)
 def test_station_tips_are_near_and_cover_nothing_in_use(name: str, size: tuple[int, int]) -> None:
     before, state, step = middle(load_task(name))
     view = View(state.world, state, before, step)

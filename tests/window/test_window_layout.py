@@ -70,16 +70,6 @@ def test_the_kitchen_is_left_of_the_panel_and_above_the_keys(
     assert place.compact == (size[1] < 300)
 
 
-def test_wide_windows_have_larger_letters() -> None:
-    narrow, wide = layout((960, 720), 7, 7), layout((1280, 720), 7, 7)
-    assert wide.text > narrow.text
-    assert wide.wall < wide.tile, "the wall gives way to larger tiles"
-    assert wide.tile >= 85
-    assert layout((2560, 1440), 7, 7).text == 2 * wide.text
-    tall = layout((700, 900), 7, 7)
-    assert tall.wall == tall.tile
-
-
 @pytest.mark.parametrize("size", [11, 24])
 @pytest.mark.parametrize("words", ["W" * 200, "厨房の" * 60, "مريم " * 40, "e\u0301" * 200])
 def test_long_words_stay_inside_a_form(size: int, words: str) -> None:
@@ -157,38 +147,3 @@ def test_labels_stay_in_the_next_frame(labels, blocked, moved) -> None:
     later = PlacedLabel("a", (40, 20), ((100 + x, 100 + y), (100 + x, 150 + y)))
     assert place_labels([follows], AREA, before=held)["a"].area.topleft == (100, 150)
     assert place_labels([later], AREA, before=held)["a"].area.topleft == (100 + x, 150 + y)
-
-
-def test_the_best_free_choice_is_taken() -> None:
-    label = PlacedLabel("a", (40, 20), ((100, 100), (200, 100), (200, 150)))
-    assert place_labels([label], AREA)["a"].area.topleft == (100, 100)
-    there = pygame.Rect(90, 90, 20, 20)
-    assert place_labels([label], AREA, [there])["a"].area.topleft == (200, 100)
-    soft = pygame.Rect(190, 90, 20, 20)
-    assert place_labels([label], AREA, [there], [soft])["a"].area.topleft == (200, 150)
-    both = [soft, pygame.Rect(190, 140, 30, 30)]
-    assert place_labels([label], AREA, [there], both)["a"].area.topleft == (200, 100)
-    assert place_labels([label], AREA, [there, *both])["a"].area.topleft == (100, 110)
-
-
-def test_a_label_stays_within_its_reach() -> None:
-    wall = [pygame.Rect(60, 60, 120, 120)]
-    near = PlacedLabel("a", (40, 20), ((100, 100),), reach=30)
-    assert place_labels([near], AREA, wall) == {}
-    assert "a" in place_labels([PlacedLabel("a", (40, 20), ((100, 100),), reach=90)], AREA, wall)
-
-
-def test_labels_that_do_not_stay_return_to_their_best_choice() -> None:
-    held = {"a": Place(pygame.Rect(100, 150, 40, 20), (0, 50))}
-    for stays, top in ((True, 150), (False, 100)):
-        label = PlacedLabel("a", (40, 20), ((100, 100), (100, 150)), stays=stays)
-        assert place_labels([label], AREA, before=held)["a"].area.topleft == (100, top)
-
-
-def test_spared_areas_are_covered_last() -> None:
-    machine = pygame.Rect(80, 80, 60, 60)
-    near = PlacedLabel("a", (20, 20), ((100, 100),), reach=60)
-    place = place_labels([near], AREA, spared=[machine])["a"].area
-    assert not place.colliderect(machine)
-    far = pygame.Rect(0, 0, 400, 400)
-    assert place_labels([near], AREA, spared=[far])["a"].area.topleft == (100, 100)

@@ -134,7 +134,10 @@ async def test_the_others_see_who_is_ready(at: Table) -> None:
     assert ("·", "ada is ready") in other.view().chat
 
 
-@pytest.mark.parametrize("size", [(320, 240), (640, 480), (1280, 720), (3840, 2160)])
+LARGE = pytest.param((3840, 2160), marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("size", [(320, 240), (640, 480), (1280, 720), LARGE])
 @pytest.mark.parametrize("ready", [False, True, None])
 def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | None) -> None:
     world = World("multi_agent/10@4")
@@ -153,7 +156,7 @@ def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | Non
     assert not card.colliderect(place.panel)
 
 
-@pytest.mark.parametrize("size", [(640, 360), (800, 600), (1280, 720), (1920, 1080)])
+@pytest.mark.parametrize("size", [(640, 360), (800, 600), (1280, 720), LARGE])
 @pytest.mark.parametrize("task", ["multi_agent/10@4", "multi_agent/07", "training/03"])
 @pytest.mark.parametrize("ready", [False, True, None])
 def test_the_card_covers_no_player_and_no_object(

@@ -129,7 +129,11 @@ def known_plans(task: str) -> AnytimePlanner:
     ("words", "place"),
     [
         (NO_WORDS, "table with the bottom bun"),
-        (Language.model_validate({"kinds": {"table": "Tisch"}}), "Tisch with the bottom bun"),
+        pytest.param(
+            Language.model_validate({"kinds": {"table": "Tisch"}}),
+            "Tisch with the bottom bun",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_bots_ask_an_idle_person_to_move(words: Language, place: str) -> None:

@@ -12,7 +12,6 @@ from tests.support.samples import quick_sample
 from robotouille import World, task_names
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.window_layout import UiOverlay, layout
-from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 
 
@@ -161,26 +160,3 @@ def test_progress_is_drawn_at_the_station(play) -> None:
         Painter().paint(surface, View(world, course[step], step=step))
         parts.append(pygame.image.tobytes(surface.subsurface(badge), "RGB"))
     assert len(set(parts)) == 3
-
-
-@pytest.mark.parametrize("size", [(1280, 720), (801, 601)])
-def test_tile_at_inverts_cell(size: tuple[int, int]) -> None:
-    place = layout(size, 9, 7)
-    for tile in [(0, 0), (8, 6), (4, 2)]:
-        cell = place.cell(tile)
-        assert place.tile_at(cell.topleft) == tile
-        assert place.tile_at((cell.right - 1, cell.bottom - 1)) == tile
-    assert place.tile_at((place.kitchen.x - 1, 100)) is None
-    assert place.tile_at((place.left, place.top - 1)) is None
-    assert not place.kitchen.colliderect(place.panel)
-
-
-def test_lines_are_of_about_equal_length() -> None:
-    text = Typesetter()
-    words = "needs a board, which the table is not"
-    width = text.width(words, 14) - 4
-    lines = text.wrap_evenly(words, 14, width, 3)
-    assert len(lines) == len(text.wrap(words, 14, width, 3)) == 2
-    assert " ".join(lines) == words
-    assert text.width(lines[1], 14) > width // 3
-    assert text.wrap_evenly("short", 14, width) == ("short",)

@@ -63,17 +63,6 @@ def test_estimates_contain_the_fewest_steps() -> None:
     assert any(left.steps is not None for _, left in found)
 
 
-def test_the_ends_come_first_then_the_middles() -> None:
-    assert list(coarse_first(9)) == [0, 8, 4, 2, 6, 1, 3, 5, 7]
-    for count in (0, 1, 2, 3, 10, 643):
-        assert sorted(coarse_first(count)) == list(range(count))
-
-
-def test_no_estimates_after_the_deadline() -> None:
-    recording = Recording(recorded_game(SHORT, steps=12))
-    assert list(estimates(recording, 500, Deadline(-1.0))) == []
-
-
 def test_the_worker_prints_one_line_for_each_finding(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
