@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import os
-import pickle
 import subprocess
 import sys
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +14,6 @@ from robotouille.envs import RobotouilleEnv, RobotouilleParallelEnv, parallel_en
 from robotouille.envs import rules as engine
 from robotouille.envs.compiled_engine import BatchRollout
 from robotouille.envs.play import WorldRollout
-from robotouille.errors import SlotOverflowError
 from tests.batch.agreement import world_of
 from tests.envs.agreement import alike
 from tests.support.samples import quick_sample
@@ -78,35 +73,6 @@ def test_created_objects_have_the_worlds_names(
         assert np.array_equal(fast.action_masks(), slow.action_masks())
     assert fast.state.fact_names() == slow.state.fact_names()
     assert fast.state.digest == slow.state.digest
-
-
-def test_too_few_slots_are_an_error(in_the_engine: None) -> None:
-    env = RobotouilleEnv(world_of("workshop/01").task, slots={"bolt": 1})
-    env._play._begin = BatchRollout
-    env.reset()
-    rng = np.random.default_rng(1)
-    with pytest.raises(SlotOverflowError, match="'bolt'"):
-        for _ in range(2_000):
-            mask, state = env.action_masks(), env.state
-            env.step(int(rng.choice(np.flatnonzero(mask))))
-            if env._play.over:
-                env.reset()
-    assert np.array_equal(env.action_masks(), mask)
-    assert env.state == state
-    assert np.array_equal(env._play._rollout._look(False).vector, state.vector())
-
-
-@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copies_continue_equally(twin: Callable[[Any], Any], in_the_engine: None) -> None:
-    env, rng = parallel_env(TEAM), np.random.default_rng(1)
-    env.reset(seed=3)
-    for _ in range(6):
-        chosen = some(env, rng)
-        other = twin(env)
-        alike(other.step(chosen), env.step(chosen))
-        assert isinstance(other._play._rollout, BatchRollout)
-        assert other.world_state == env.world_state
-    assert len(pickle.dumps(env)) < 30_000
 
 
 def test_instances_have_equal_sizes(in_the_engine: None) -> None:
