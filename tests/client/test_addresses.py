@@ -6,8 +6,6 @@ import random
 from itertools import islice
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robotouille.protocol import messages
 from robotouille_client.console import server_url
@@ -118,14 +116,6 @@ def test_commands_check_the_address_before_connecting(
 
 def delays(seed: int, count: int = 12) -> list[float]:
     return list(islice(reconnect_delays(random.Random(seed)), count))
-
-
-@given(st.integers(), st.integers(1, 200))
-def test_reconnect_delays_double_from_100_ms_to_5_s(seed: int, count: int) -> None:
-    longest = 0.1
-    for delay in delays(seed, count):
-        longest = min(2 * longest, 5.0)
-        assert max(0.1, longest / 2) <= delay <= longest
 
 
 def test_reconnect_delays_of_many_clients_are_spread() -> None:

@@ -8,14 +8,7 @@ import pytest
 
 from robotouille import FileError, Task, UnknownTaskError, World, load_task, task_names
 from robotouille.installation import data_folder
-from robotouille.world.lint import lint_task
 from tests.support.broken_files import PROBLEM, published_domain, write
-from tests.support.samples import quick_sample_per_folder
-
-
-@pytest.mark.parametrize("name", quick_sample_per_folder(task_names()))
-def test_shipped_tasks_have_no_faults(name: str) -> None:
-    assert lint_task(load_task(name)) == []
 
 
 @pytest.mark.parametrize("name", task_names())
