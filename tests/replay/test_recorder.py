@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from robotouille import World
 from robotouille.episode import (
     ActionRejected,
@@ -14,7 +12,7 @@ from robotouille.episode import (
     Started,
 )
 from robotouille.replay.container import MAGIC, read_frames
-from robotouille.replay.file_names import file_name, is_recording_name, iso_time, recording_stem
+from robotouille.replay.file_names import file_name, is_recording_name, recording_stem
 from robotouille.replay.recorder import (
     HASH_EVERY,
     MAX_NOTES,
@@ -59,19 +57,6 @@ def test_time_of_day_is_recorded_where_the_game_starts_to_run() -> None:
         written = Recorder(TWO, wall=wall).record(events)
         (frame,) = read_frames(MAGIC + written)
         assert [note.get("utc_ms") for note in frame["notes"]] == expected
-
-
-@pytest.mark.parametrize(
-    ("created", "expected"),
-    [
-        ("20261122T191339Z", "2026-11-22T19:13:39Z"),
-        ("2026-11-22T19:13:39Z", "2026-11-22T19:13:39Z"),
-        ("", ""),
-        ("yesterday", "yesterday"),
-    ],
-)
-def test_iso_time(created: str, expected: str) -> None:
-    assert iso_time(created) == expected
 
 
 def test_file_names() -> None:
