@@ -1,11 +1,19 @@
-"""Parser of answers for several robots, and their joint observation."""
+"""Teams of models: joint answers and messages between players."""
 
 from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
 
 import pytest
 
 from robotouille_evaluation.agents.joint_team import JointAnswers, joint_observation
-from robotouille_evaluation.agents.proposal import AgentObservation
+from robotouille_evaluation.agents.making import make_strategy
+from robotouille_evaluation.agents.proposal import AgentObservation, Complete, Proposal
+from robotouille_evaluation.agents.team import IndependentTeam
+from robotouille_evaluation.models import Completion, ModelRequest
+from robotouille_evaluation.packs.own import build_own_pack
+from tests.support.virtual_time import run
 
 ONE, TWO = "robot1: Move robot1 from table1 to stove1", "robot2: Cut lettuce1"
 VALID = (ONE, "robot1: Do nothing", TWO, "robot2: Do nothing")
@@ -76,3 +84,46 @@ def test_joint_observation_has_one_state_and_all_actions() -> None:
         "You decide for robot1 and robot3 now.\n\nStove stove1:\n\n"
         "Valid Actions:\nrobot1: Go\nrobot1: Cut\nrobot3: Cook\n\nGoal: a soup"
     )
+
+
+SEEN = {
+    player: AgentObservation(f"You are {player}.", ("Do nothing",), player)
+    for player in ("robot1", "robot2", "robot3")
+}
+
+
+class Players:
+    """Models that answer after a time."""
+
+    def __init__(self, seconds: Mapping[str, float]) -> None:
+        self.asked: dict[str, list[str]] = {player: [] for player in SEEN}
+        self.took: list[str] = []
+        pack = build_own_pack()
+        strategies = {p: make_strategy(pack, "react-talk", "multi_agent") for p in SEEN}
+        self.team = IndependentTeam(strategies, {p: self._slow(p, seconds[p]) for p in SEEN})
+
+    def _slow(self, player: str, seconds: float) -> Complete:
+        async def complete(request: ModelRequest) -> Completion:
+            self.asked[player].append(request.messages[-1].content)
+            await asyncio.sleep(seconds)
+            return Completion(f"Reasoning: so.\nSay: I am {player}\nAction: Do nothing")
+
+        return complete
+
+    def take(self, player: str, proposal: Proposal) -> None:
+        assert proposal.exchanges
+        self.took.append(player)
+
+
+def test_messages_are_delivered_in_seat_order() -> None:
+    """A resumed run is answered at once and must send the same requests."""
+    told = []
+    for seconds in ({"robot1": 9, "robot2": 1, "robot3": 5}, dict.fromkeys(SEEN, 0)):
+        players = Players(seconds)
+        for _ in range(2):
+            run(players.team.propose(SEEN, players.take))
+        assert players.took == [*SEEN, *SEEN]
+        told.append(players.asked)
+    assert told[0] == told[1]
+    heard = told[0]["robot3"][1]
+    assert heard.index("I am robot1") < heard.index("I am robot2")

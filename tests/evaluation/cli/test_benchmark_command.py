@@ -208,6 +208,7 @@ def test_variants_are_not_mixed(tmp_path: Path) -> None:
         assert json.loads(one.output)["episodes"] == 1
 
 
+@pytest.mark.slow
 def test_agreement_with_labels(tmp_path: Path) -> None:
     run = tmp_path / "run"
     words = ["--tasks", SANDWICH, "--kinds", "default", "--agents", "random", "--seeds", "6"]

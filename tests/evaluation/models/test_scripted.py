@@ -1,12 +1,16 @@
-"""The scripted model and its seeded answers, which depend only on the conversation."""
+"""The scripted model, usage, errors, and the examples of the documentation."""
 
 from __future__ import annotations
 
+import copy
+import pickle
 from collections import Counter
+from typing import Any
 
 import pytest
 
 from robotouille import World
+from robotouille.errors import RobotouilleError
 from robotouille_evaluation.agents import AgentObservation
 from robotouille_evaluation.agents.making import OWN_STRATEGIES, own_strategy
 from robotouille_evaluation.models import (
@@ -21,6 +25,8 @@ from robotouille_evaluation.models import (
     Usage,
 )
 from robotouille_evaluation.packs.own import build_own_pack as own_pack
+from tests.support.openai_server import answer, endpoint, error
+from tests.support.pages import blocks, read
 
 ACTIONS = ("Move robot1 from table1 to stove1", "Pick up patty1 from table1 using robot1")
 
@@ -91,3 +97,46 @@ def test_every_strategy_can_read_the_answers(name: str) -> None:
     proposal = stop.value.value
     assert proposal.actions and set(proposal.actions) <= set(valid)
     assert not any(exchange.verdict.rejected for exchange in proposal.exchanges)
+
+
+def test_usage_adds_up() -> None:
+    assert Usage(1, 2) + Usage(3, 4) == Usage(4, 6, None)
+    assert Usage(1, 2, 0.5) + Usage(3, 4) == Usage(4, 6, 0.5)
+    assert Usage(cost=0.5) + Usage(cost=0.25) == Usage(cost=0.75)
+
+
+def test_errors_survive_pickling() -> None:
+    error = ModelError(ModelErrorKind.SERVER, "status 500: no", retry_may_help=True)
+    error.in_total(3, Usage(1, 2, 0.5))
+    assert isinstance(error, RobotouilleError)
+    assert str(error) == "server: status 500: no (3 attempts)"
+    for twin in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
+        assert str(twin) == str(error) and vars(twin) == vars(error)
+
+
+PAGE = "evaluate_models.md"
+
+
+@pytest.fixture
+def names() -> dict[str, Any]:
+    names: dict[str, Any] = {}
+    for block in blocks(PAGE, "python"):
+        exec(compile(block, PAGE, "exec"), names)
+    return names
+
+
+async def test_the_endpoint_example(names: dict[str, Any]) -> None:
+    pytest.importorskip("openai")
+    async with endpoint(answer("A fryer."), error(400)) as server:
+        assert await names["ask"](server.url, "k") == "A fryer. (0.000064, 1 attempts)"
+        assert await names["ask"](server.url, "k") == "refused, after 1 attempts"
+    assert server.received[0].body["temperature"] == 0.7
+
+
+async def test_the_scripted_example(names: dict[str, Any]) -> None:
+    assert (await names["model"].complete(ModelRequest(()))).text.startswith("Reflection")
+
+
+@pytest.mark.parametrize("kind", ModelErrorKind)
+def test_every_error_kind_is_documented(kind: ModelErrorKind) -> None:
+    assert f"| `{kind}` |" in read(PAGE)

@@ -147,12 +147,6 @@ def test_invalid_experiments_are_errors(
     assert f"experiment ReAct/plain: {words}" in " ".join(result.stderr.split())
 
 
-def test_diff_of_a_folder_without_pack(tmp_path: Path) -> None:
-    result = pack("diff", tmp_path, tmp_path)
-    assert result.exit_code == 1
-    assert "not a pack" in result.stderr
-
-
 @pytest.mark.slow
 def test_build(tmp_path: Path) -> None:
     assert pack("build", "--out", tmp_path / "ours").exit_code == 0

@@ -1,11 +1,13 @@
-"""Reports of made-up rows."""
+"""Reports of made-up rows, and the page that describes them."""
 
 from __future__ import annotations
 
 import csv
+import inspect
 import random
 import re
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -13,14 +15,25 @@ import pytest
 from robotouille import World, load_task
 from robotouille.certification.step_limit import plan_beside
 from robotouille.html_report.figures import inline_svg
-from robotouille_evaluation.metrics import PackId, Result, ResultRow
+from robotouille_evaluation.metrics import (
+    PackId,
+    Result,
+    ResultRow,
+    asynchrony,
+    measuring,
+    outcomes,
+    write_rows,
+)
+from robotouille_evaluation.metrics.failures import CATEGORIES
 from robotouille_evaluation.report import write, write_report
 from robotouille_evaluation.report.dependency_graph import dependency_graph
 from robotouille_evaluation.report.figures import all_figures
 from robotouille_evaluation.report.page import results_page
 from robotouille_evaluation.report.tables import all_tables
 from tests.support.episode_rows import made_up_rows, row
+from tests.support.games import recorded_game
 from tests.support.page_tags import Tags, check_harmless
+from tests.support.pages import blocks, read
 
 HOSTILE = "<script>alert(1)</script>\"'&$x^2$ \x07 日本語 </style></svg>]]>-->{0}%s"
 
@@ -150,3 +163,44 @@ def test_dependency_graph_of_a_soup() -> None:
         ("boil-water water", "fill-bowl water"),
         ("bowl", "fill-bowl water"),
     }
+
+
+PAGE = "metrics.md"
+WITHOUT_NAME = {"cost", "is_optimal", "measure", "success_within", "tokens"}
+"""Functions that the page describes without their names."""
+
+
+def test_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("episode.rbt").write_bytes(recorded_game("synchronous/01", steps=20))
+    Path("rows.jsonl").write_text("".join(write_rows([row()])), encoding="utf-8")
+    names: dict[str, Any] = {}
+    for block in blocks(PAGE, "python"):
+        exec(compile(block, PAGE, "exec"), names)
+    assert Path("report/report.html").is_file()
+
+
+def metrics(module: Any) -> set[str]:
+    """Return the names of a module's public functions of a trajectory or of rows."""
+    return {
+        name
+        for name, function in inspect.getmembers(module, inspect.isfunction)
+        if function.__module__ == module.__name__
+        and not name.startswith("_")
+        and next(iter(inspect.signature(function).parameters)) in ("trajectory", "row", "rows")
+    }
+
+
+@pytest.mark.parametrize("module", [asynchrony, measuring, outcomes])
+def test_the_page_defines_every_metric(module: Any) -> None:
+    found = metrics(module)
+    assert found
+    page = read(PAGE)
+    assert [name for name in found - WITHOUT_NAME if f"`{name}`" not in page] == []
+
+
+def test_the_table_lists_every_subcategory() -> None:
+    table = read(PAGE).partition("## Why episodes fail")[2]
+    for subcategory, category in CATEGORIES.items():
+        assert subcategory.value in table
+        assert category.value in table

@@ -8,7 +8,7 @@ import pytest
 
 from robotouille.errors import FileError
 from robotouille_evaluation.models import Completion, Message, ModelRequest, Usage
-from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
+from robotouille_evaluation.runs.journal import CallJournal
 
 
 def request(text: str) -> ModelRequest:
@@ -20,17 +20,6 @@ def lines(path: Path) -> int:
 
 
 ANSWER = Completion("Action: wait", Usage(12, 3, 0.001), seconds=1.5, attempts=2)
-
-
-def test_recorded_answers_are_returned(tmp_path: Path) -> None:
-    with CallJournal(tmp_path / "calls/a.jsonl") as journal:
-        assert journal.answered(request("one")) is None
-        journal.keep(request("one"), ANSWER)
-        journal.keep(request("two"), None)
-    with CallJournal(tmp_path / "calls/a.jsonl") as journal:
-        assert journal.answered(request("one")) == ANSWER
-        assert journal.answered(request("two")) == OVERFLOW
-        assert journal.answered(request("three")) is None
 
 
 def test_different_request_drops_the_rest(tmp_path: Path) -> None:
