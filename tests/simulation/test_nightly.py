@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-import time
 
 import pytest
 
 from tests.programs.simulation import runs
 from tests.programs.simulation.__main__ import main
-from tests.programs.simulation.runs import Progress, run_many
 from tests.programs.simulation.simulation import Report, run_seed
 from tests.support.deliberate_faults import publish_despite_failed_writes
 
@@ -31,26 +29,6 @@ def run_main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     """Run the command and return its exit status."""
     monkeypatch.setattr(sys, "argv", ["tests.programs.simulation", *arguments])
     return main()
-
-
-@pytest.mark.process
-@pytest.mark.slow
-def test_each_seed_runs_once_until_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runs, "BLOCK", 3)
-    seeds: list[int] = []
-    count = Progress._count
-
-    def noted(progress: Progress, report: Report) -> None:
-        seeds.append(report.seed)
-        count(progress, report)
-
-    monkeypatch.setattr(Progress, "_count", noted)
-    began = time.monotonic()
-    progress = run_many(FIRST, None, 1, SECONDS)
-    assert time.monotonic() - began >= SECONDS
-    assert sorted(seeds) == list(range(FIRST, FIRST + progress.seeds))
-    assert progress.seeds >= 6
-    assert progress.finish() == 0
 
 
 @pytest.mark.process
