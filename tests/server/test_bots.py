@@ -84,24 +84,6 @@ def test_equal_questions_get_equal_answers() -> None:
     assert sum(answer is not None for answer in first) >= 5
 
 
-@pytest.mark.slow
-def test_planner_is_reset_after_many_searches(
-    searches: list[State], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(bots, "MAX_SEARCHES", 3)
-    here, start = Bots(), shared_world(TASK).initial
-    here.show(TASK)
-    planner = here._worlds[TASK.digest].planner
-    remembered = []
-    for bot in range(7):
-        state = start.step([start.actions("robot2")[bot]]).state
-        here.answer(TASK.digest, question(state, bot))
-        remembered.append(planner.searches)
-    assert max(remembered) < 3
-    assert 0 in remembered
-    assert len(set(searches)) > 3
-
-
 def test_number_of_worlds_and_bots_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bots, "MAX_WORLDS", 2)
     monkeypatch.setattr(bots, "MAX_BOTS", 3)

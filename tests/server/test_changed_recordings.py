@@ -8,15 +8,14 @@ import shutil
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 from structlog.testing import capture_logs
 
 from robotouille import World
-from robotouille.episode import ActionRequest, Clock, Episode, Rules
+from robotouille.episode import Clock, Episode, Rules
 from robotouille.protocol import messages
-from robotouille.replay.container import frame_ends, pack_frame
+from robotouille.replay.container import frame_ends
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
@@ -25,7 +24,7 @@ from robotouille_server.rooms.journal import Journal
 from robotouille_server.rooms.lobby import INSPECTION_SECONDS
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.storage import Appender, Folder
-from tests.support.servers import crash, raw, serving
+from tests.support.servers import crash, serving
 from tests.support.virtual_time import run, virtual
 
 TWO = World("multi_agent/01")
@@ -225,82 +224,6 @@ class TestFolder:
         with pytest.raises(OSError, match=r"."):
             folder.read("d.rbt")
         assert secret.read_bytes().endswith(b"business")
-
-
-NAME = "20260101T000000Z_multi_agent-01_lettuce_burger_0123456789abcdef.rbt.part"
-ROSTER = {
-    "note": "roster",
-    "t": 1,
-    "player": "robot1",
-    "name": "x",
-    "kind": "human",
-    "present": True,
-    "taken": True,
-    "session": "s",
-    "participant": "",
-    "generation": 0,
-}
-FRAMES: dict[str, tuple[dict[str, Any], str]] = {
-    "an unknown controller": (
-        {"kind": "notes", "notes": [{**ROSTER, "controller": "wizard"}]},
-        "wizard",
-    ),
-    "words of nobody": (
-        {"kind": "notes", "notes": [{"note": "said", "t": 0, "name": "x", "player": "robot9",
-                                     "text": "x"}]},
-        "robot9",
-    ),
-    "an impossible outcome": (
-        {"kind": "footer", "outcome": {"reason": "goal", "steps": 2, "seconds": 1.0, "seats": 5}},
-        "outcome",
-    ),
-}  # fmt: skip
-
-
-def senseless_recordings_begun() -> tuple[Episode, Recorder, bytes]:
-    """Return a running episode, its recorder, and its recording so far."""
-    episode = Episode(TWO, Rules(clock=Clock.REALTIME), 0.0)
-    recorder = Recorder(TWO)
-    head = header(TWO.task, episode.rules, episode="0123456789abcdef", created="20260101T000000Z")
-    content = recorder.begin(head)
-    for player in TWO.players:
-        episode.join(player, player.upper(), "human", 0.0, session=f"s-{player}")
-    episode.tick(0.5)
-    return episode, recorder, content + recorder.record(episode.events())
-
-
-def is_named_and_others_play(folder: Path, content: bytes, fault: str) -> None:
-    """Check that a server reports an invalid file and opens other episodes."""
-    file = folder / NAME
-    file.write_bytes(content)
-
-    async def main() -> None:
-        async with serving(folder) as server, raw(server) as ada:
-            assert list(server.lobby.unrestored) == [NAME]
-            reason = server.lobby.unrestored[NAME]
-            assert fault in reason
-            assert "internal error" not in reason
-            assert (await ada.ask({"type": "create"}, "created"))["type"] == "created"
-
-    run(main())
-    assert file.read_bytes() == content
-
-
-@pytest.mark.parametrize("what", FRAMES)
-def test_invalid_frame_is_reported(tmp_path: Path, what: str) -> None:
-    frame, fault = FRAMES[what]
-    is_named_and_others_play(tmp_path, senseless_recordings_begun()[2] + pack_frame(frame), fault)
-
-
-def test_move_of_an_unknown_player_is_reported(tmp_path: Path) -> None:
-    episode, recorder, content = senseless_recordings_begun()
-    episode.submit("robot1", ActionRequest(1, episode.state.actions("robot1")[0]), 0.55)
-    episode.tick(0.75)
-    whole = Recording(content + recorder.record(episode.events()))
-    step = next(frame for frame in whole.steps if frame["moves"])
-    (move,) = step["moves"]
-    forged = pack_frame({**step, "moves": [{**move, "player": "robot9"}]})
-    is_named_and_others_play(tmp_path, content + forged, "robot9")
 
 
 @virtual

@@ -63,23 +63,6 @@ async def test_young_garbage_is_collected_soon() -> None:
         assert len(kept) == 2 * NEW
 
 
-@virtual
-async def test_server_counts_all_closed_connections(tmp_path: Path) -> None:
-    async with serving(tmp_path) as server:
-        async with raw(server) as ada:
-            created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
-            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
-            assert (server.open_count, server.closed_count) == (2, 0)
-            await ada.ask({"type": "leave"}, "left")
-        for words in (b"", b"hello?\r\n\r\n"):
-            _, writer = await asyncio.open_connection("127.0.0.1", server.port)
-            writer.write(words)
-            await writer.drain()
-            writer.close()
-        await asyncio.sleep(2000)
-        assert (server.open_count, server.closed_count) == (0, 4)
-
-
 @pytest.fixture(scope="module")
 def only_new_garbage() -> Iterator[None]:
     """Exclude the garbage of other tests."""

@@ -20,43 +20,11 @@ from robotouille_server.rooms.seat_limits import (
     SEAT_CHANGES,
     SEAT_CHANGES_AT_ONCE,
     DisplayNames,
-    RoundTrips,
-    shown_latency,
 )
 from robotouille_server.transport.peer import Peer
 from tests.support.operator import Table, table, viewing
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import run, virtual
-
-
-@pytest.mark.parametrize(
-    ("course", "recorded"),
-    [
-        ([0.1, 0.1, 0.11, 0.12, 0.121], [0.1, 0.121]),
-        ([0.04, 0.049, 0.051, 0.04, 0.03], [0.04, 0.051, 0.03]),
-        ([0.0004, 0.0009, 0.0013, 0.0015], [0.0004, 0.0015]),
-        ([0.2, 0.17], [0.2, 0.17]),
-    ],
-)
-def test_changed_round_trip_is_recorded(course: list[float], recorded: list[float]) -> None:
-    trips = RoundTrips()
-    assert [seconds for seconds in course if trips.changed("robot1", seconds)] == recorded
-    assert trips.changed("robot2", course[-1])
-
-
-@pytest.mark.parametrize(
-    ("course", "told"),
-    [
-        ([0.02, 0.05, 0.03], [0, 0, 0]),
-        ([0.06, 0.09, 0.11, 0.14], [50, 50, 100, 100]),
-        ([0.42, 0.33, 0.29, 0.02], [400, 400, 300, 0]),
-    ],
-)
-def test_shown_latency_follows_large_changes(course: list[float], told: list[int]) -> None:
-    said = [0]
-    for seconds in course:
-        said.append(shown_latency(seconds, said[-1]))
-    assert said[1:] == told
 
 
 def test_rosters_show_latencies_of_connected_players(tmp_path: Path) -> None:

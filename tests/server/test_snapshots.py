@@ -92,10 +92,39 @@ def test_each_seat_gets_the_result_of_its_last_action() -> None:
 (PLAYER,) = WORLD.players
 
 
+class Timers(TimerQueue):
+    """Timers that wait for `deliver`."""
+
+    def __init__(self) -> None:
+        self.waiting: list[Callable[[float], None]] = []
+
+    def time(self) -> float:
+        return 0.0
+
+    def call_at(self, due: float, call: Callable[[float], None]) -> TimerHandle:
+        self.waiting.append(call)
+        return TimerHandle(due, call)
+
+
+class Turns(LoopBudget):
+    """Budget that is never used up."""
+
+    def __init__(self) -> None:
+        pass
+
+    over = False
+
+    def spend(self, cost: float) -> None:
+        pass
+
+    def wait(self, resume: Callable[[], None]) -> None:
+        resume()
+
+
 class Room:
     """Episode with one player, and its broadcaster."""
 
-    def __init__(self) -> None:
+    def __init__(self, episode: Episode | None = None) -> None:
         self.episode = Episode(WORLD, Rules(clock=Clock.LOCKSTEP), 0.0)
         self.episode.join(PLAYER, "Ada", "human", 0.0)
         self.episode.events()

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import Server
+from robotouille_server.rooms.audience import DELIVERY_SECONDS
 from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.seat_limits import CHAT_LINES
 from robotouille_server.rooms.session import Session
 from robotouille_server.transport import LoopBudget
 from robotouille_server.transport.admission import LOOP_BUDGET
@@ -63,9 +65,10 @@ def dropped(server: Server) -> float:
 
 
 def fill(room: Room, peer: Peer) -> None:
-    """Send until the client receives no more deltas."""
-    while peer.unsent <= 2 * MAX_UNSENT and not peer.socket.transport.is_closing():
-        room.announce(TEXT)
+    """Send more than a client may leave unread before it receives no more deltas."""
+    if peer.unsent <= 2 * MAX_UNSENT and not peer.socket.transport.is_closing():
+        for _ in range(2 * MAX_UNSENT // len(TEXT)):
+            room.announce(TEXT)
 
 
 @virtual
@@ -87,10 +90,12 @@ async def test_stalled_client_is_aborted(tmp_path: Path) -> None:
 async def announce(room: Room, ada: Raw) -> None:
     room.announce(TEXT)
     await ada.expect("notice")
+    await asyncio.sleep(DELIVERY_SECONDS)
 
 
 async def chat(room: Room, ada: Raw) -> None:
     await ada.ask({"type": "say", "text": TEXT}, "said")
+    await asyncio.sleep(1 / CHAT_LINES)
 
 
 @pytest.mark.parametrize("flood", [announce, chat])
