@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from robotouille.replay.container import read_frames
+from tests.conformance.node import run_node
+from tests.support.games import recorded_game
 from tests.support.pages import titled
 from tests.support.server_process import ServerProcess
 
@@ -35,3 +38,14 @@ def test_first_game_ends_with_an_outcome(server: ServerProcess, tmp_path: Path) 
     outcome = json.loads(done.stdout)
     assert outcome["steps"] == 30
     assert outcome["seats"][0]["acted"] > 20
+
+
+@pytest.mark.parametrize("cut", [0, 1, 700])
+def test_node_and_python_read_the_same_frames(tmp_path: Path, cut: int) -> None:
+    stream = recorded_game("multi_agent/10@3", seed=2, steps=110)
+    path = tmp_path / "game.rbt.part"
+    path.write_bytes(stream[: len(stream) - cut])
+    found = run_node("recording", path=str(path))
+    assert found["version"] == 3
+    assert found["frames"] == list(read_frames(stream[: len(stream) - cut]))
+    assert len(found["frames"]) > 110

@@ -211,6 +211,7 @@ def test_page_says_which_groups_are_left_out(tmp_path: Path) -> None:
     assert "12 groups of “condition” with 24 episodes: there is room for the 8 largest" in page
 
 
+@pytest.mark.slow
 def test_roles_are_separate_and_delays_are_noted(tmp_path: Path) -> None:
     database = random_catalogue(tmp_path, 6, delay=250)
     page = page_of(tmp_path, database)

@@ -57,14 +57,6 @@ def test_template_for_rolling_restarts_is_accepted(tmp_path: Path) -> None:
         assert complaints(tmp_path, name, unit, f"{instance}.service") == ""
 
 
-@pytest.mark.process
-@needs_systemd
-def test_invalid_line_is_reported(tmp_path: Path) -> None:
-    name = "robotouille.service"
-    unit = titled(PAGE, UNIT).replace("ProtectHome=yes", "ProtectHouse=yes")
-    assert "ProtectHouse" in complaints(tmp_path, name, unit, name)
-
-
 def test_unit_allows_enough_time_and_file_descriptors() -> None:
     """The settings in the guide are valid and fit the unit's limits and folders."""
     given = tomllib.loads(titled(PAGE, CONFIG))
