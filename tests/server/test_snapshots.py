@@ -25,6 +25,8 @@ from robotouille_server.rooms.broadcaster import (
 from robotouille_server.rooms.episode_messages import last_seq, own_answers
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
+from robotouille_server.transport import LoopBudget
 
 WORLD = World("synchronous/01_cheese_sandwich")
 
@@ -125,19 +127,29 @@ class Room:
     """Episode with one player, and its broadcaster."""
 
     def __init__(self, episode: Episode | None = None) -> None:
-        self.episode = Episode(WORLD, Rules(clock=Clock.LOCKSTEP), 0.0)
-        self.episode.join(PLAYER, "Ada", "human", 0.0)
+        if episode is None:
+            episode = Episode(WORLD, Rules(clock=Clock.LOCKSTEP), 0.0)
+            episode.join(PLAYER, "Ada", "human", 0.0)
+        self.episode = episode
         self.episode.events()
+        self._timers = Timers()
+        writer, gate = StateWriter(episode.world), CommitGate(None)
         self.broadcaster = Broadcaster(
-            "e-1", "AAAAA-BBBBB", self.episode, StateWriter(WORLD), lambda: 0.0, CommitGate(None)
+            "e-1", "AAAAA-BBBBB", episode, writer, self._timers, Turns(), gate
         )
+
+    def deliver(self) -> None:
+        """Deliver what is pending to the spectators."""
+        waiting, self._timers.waiting = self._timers.waiting, []
+        for call in waiting:
+            call(0.0)
 
     def member(self, name: str, peer: SilentPeer | None = None, view: str = "state") -> SilentPeer:
         session = Session(f"s-{name}", name=name, kind="human", role=Role.PLAYER)
         session.players = (PLAYER,) if name == "Ada" else ()
         session.view = view
         session.peer = found = peer or SilentPeer()  # type: ignore[assignment]
-        self.broadcaster.members.append(session)
+        self.broadcaster.enter(session)
         assert isinstance(found, SilentPeer)
         return found
 
@@ -198,6 +210,7 @@ def test_only_the_first_spectators_are_named(room: Room) -> None:
     there = names[1:]
     peer = room.member("Zoe")
     room.broadcaster.publish_roster()
+    room.deliver()
     room.broadcaster.send_snapshot(room.session("Zoe"))
     for message in peer.got:
         assert message["spectators"] == len(there) + 1
@@ -213,12 +226,8 @@ class TestUnwritableRecording:
         for player in world.players:
             episode.join(player, player, "human", 0.0)
         episode.events()
-        room = Room()
-        room.episode = episode
-        room.broadcaster = Broadcaster(
-            "e-1", "AAAAA-BBBBB", episode, StateWriter(world), lambda: 0.0, CommitGate(None)
-        )
-        peer = room.member("eve")
+        room = Room(episode)
+        peer = room.member("Ada")
         room.broadcaster.publish_roster()
         episode.submit(world.players[0], ActionRequest(1), 0.0)
         (stepped,) = [event for event in episode.events() if isinstance(event, Stepped)]
