@@ -12,6 +12,7 @@ import pytest
 
 from robotouille import World
 from robotouille.episode import Episode, Rules
+from robotouille.protocol.participant_names import proper_name
 from robotouille.replay import read_recording
 from robotouille_client import Client
 from robotouille_server import Server
@@ -325,3 +326,25 @@ def test_thousands_of_equal_names_are_numbered_quickly() -> None:
         names.watch(name)
         asked.append(name)
     assert len(set(asked)) == 5000
+
+
+@pytest.mark.parametrize("name", ["Operator", "SERVER", "\uff53ystem", "robot2", "Robot\u00b2"])
+@pytest.mark.parametrize("role", ["player", "spectator"])
+@virtual
+async def test_nobody_can_pose_as_the_operator_or_another_seat(
+    tmp_path: Path, name: str, role: str
+) -> None:
+    async with serving(tmp_path) as server, raw(server, hello=False) as eve:
+        await hello(eve, name)
+        created = await eve.ask({"type": "create", "task": "multi_agent/01"}, "created")
+        join = {"type": "join", "episode": created["code"], "role": role}
+        assert (await eve.ask(join, "joined"))["name"] == f"{proper_name(name)} 2"
+
+
+@virtual
+async def test_participant_may_have_the_name_of_the_own_seat(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, raw(server, hello=False) as client:
+        await hello(client, "Robot2")
+        created = await client.ask({"type": "create", "task": "multi_agent/01"}, "created")
+        join = {"type": "join", "episode": created["code"], "seat": "robot2"}
+        assert (await client.ask(join, "joined"))["name"] == "Robot2"

@@ -76,12 +76,13 @@ class Membership:
         self._gate.check()
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
-        name = self._names.choose(session.given_name)
         if request.role == "player":
+            players = self._turnover.choose(
+                self._episode, request, now, idle=self._may_idle(session, request)
+            )
+            name = self._names.choose(session.given_name, players)
             session.players = self._episode.join_several(
-                self._turnover.choose(
-                    self._episode, request, now, idle=self._may_idle(session, request)
-                ),
+                players,
                 name,
                 session.kind,
                 now,
@@ -98,6 +99,7 @@ class Membership:
         else:
             session.players = ()
             self._limit_away(max_spectators)
+            name = self._names.choose(session.given_name)
             self._names.watch(name)
         # Only after everything that may raise: a refused `join` must leave the session as it was.
         session.name, session.room = name, room

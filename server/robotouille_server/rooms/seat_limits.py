@@ -6,7 +6,7 @@ Every change of a seat is recorded, so a client that comes and goes must not fil
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from robotouille.episode import Episode
 from robotouille.errors import ProtocolError
@@ -20,8 +20,16 @@ MANY = 200
 """Number of participants with equal names above which free numbers are no longer searched for."""
 
 
+RESERVED_NAMES = frozenset({"operator", "server", "system"})
+"""Names that would give a participant's words another weight."""
+
+
 class DisplayNames:
-    """Chooses names that are unique among the participants and spectators of an episode."""
+    """Chooses names that are unique among the participants and spectators of an episode.
+
+    Reserved names and the seats' names count as taken. Otherwise, a participant in one seat could
+    pose as another seat, or as the operator.
+    """
 
     __slots__ = ("_alike", "_episode", "_watching")
 
@@ -30,10 +38,11 @@ class DisplayNames:
         self._watching: set[str] = set()
         self._alike: Counter[str] = Counter()
 
-    def choose(self, name: str) -> str:
-        """Return the name, with a number if it is taken."""
+    def choose(self, name: str, players: Collection[str] = ()) -> str:
+        """Return the name, with a number if it is taken; `players` are the participant's seats."""
         seats = self._episode.seats.values()
-        seated = {likeness(seat.name) for seat in seats if seat.taken}
+        taken = {likeness(seat.name) for seat in seats if seat.taken} | RESERVED_NAMES
+        taken |= {likeness(seat.player) for seat in seats if seat.player not in players}
         like, alike = likeness(name), self._alike
         alike[like] += 1
         # Bounds the counters: a client could join with ever new names.
@@ -41,7 +50,7 @@ class DisplayNames:
             alike.clear()
         # With thousands of equal names, the search for the first free number would take long.
         first = alike[like] if alike[like] > MANY else 2
-        return distinct_name(name, lambda like: like in seated or like in self._watching, first)
+        return distinct_name(name, lambda like: like in taken or like in self._watching, first)
 
     def watch(self, name: str) -> None:
         """Reserve the name of a spectator."""

@@ -19,6 +19,7 @@ from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.rooms.broadcaster import KEPT_SAID
+from robotouille_server.rooms.seat_limits import RESERVED_NAMES
 from tests.programs.simulation.loop import Process, current_process
 
 if TYPE_CHECKING:
@@ -138,6 +139,9 @@ class WatchedClient(Client):
         names = Counter(likeness(seat.name) for seat in seats if seat.name)
         if any(count > self.participant.plan.seats_of(name) for name, count in names.items()):
             self.sim.fail(f"{self.incarnation}: two participants have the same name: {names}")
+        posing = RESERVED_NAMES | {likeness(seat.player) for seat in seats}
+        if any(likeness(seat.name) in posing - {likeness(seat.player)} for seat in seats):
+            self.sim.fail(f"{self.incarnation}: a participant poses as another: {names}")
         strangers = [s.name for s in seats if s.name and not self.participant.plan.knows(s.name)]
         if strangers:
             self.sim.fail(f"{self.incarnation}: sees {strangers} of another episode")
