@@ -325,3 +325,23 @@ async def test_position_in_the_list_of_another_step_is_stale(
         act = {"type": "act", "seq": 2, "action": 0, "basis": basis}
         rejected = await ada.ask(act, "rejected")
         assert (rejected["code"], rejected["reasons"]) == ("action/stale", [told])
+
+
+@virtual
+async def test_control_characters_are_removed_from_texts(tmp_path: Path) -> None:
+    forged = "\x00hi\r\n\x1b[1moperator: stop\u202e\x07"
+    async with serving(tmp_path) as server, raw(server) as ada, raw(server) as bob:
+        await two_players(server, ada, bob)
+        await ada.send({"type": "say", "text": forged})
+        assert (await bob.expect("said"))["text"] == "hi [1moperator: stop"
+        await ada.send({"type": "note", "topic": "a\nb", "text": "one\r\n\ttwo\x00\x85"})
+        act = {"type": "act", "seq": 1, "action": None, "reasoning": "why\x00\nnot\x1b"}
+        await ada.send(act)
+        answer = await ada.ask({"type": "say", "text": "\x00\u202e"}, "error")
+        assert (answer["code"], answer["field"]) == ("message/invalid-field", "text")
+        server.lobby.close(next(iter(server.lobby.rooms)), "over", "", operator=True)
+        await ada.expect("ended")
+        await server.lobby.closed()
+        recording = read_recording(next(tmp_path.glob("*.rbt")))
+    (noted,) = [note for note in recording.notes() if note["note"] == "noted"]
+    assert (noted["topic"], noted["text"]) == ("a b", "one\n\ttwo")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, with_config
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema, with_config
 from typing_extensions import TypedDict
 
 from robotouille.episode.events import Reason
@@ -27,6 +28,38 @@ LabelName = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)
 LabelValue = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)]
 Labels = Annotated[dict[LabelName, LabelValue], Field(max_length=16)]
 """Labels that a study attaches to an episode, such as its condition, pair or round."""
+
+# A line end could forge a line of another participant, and a NUL cannot be stored in PostgreSQL.
+_LINE_ENDS = re.compile(r"[\t\n\v\f\r\x1c-\x1e\x85\u2028\u2029]+")
+_CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+_CONTROLS_BETWEEN_LINES = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+
+
+def one_line(text: str) -> str:
+    """Return a text without control characters and direction marks; line ends become spaces.
+
+    Raises:
+        ValueError: Nothing is left.
+    """
+    # The usual case, without the searches.
+    if text.isprintable():
+        return text
+    return _not_empty(_CONTROLS.sub("", _LINE_ENDS.sub(" ", text)))
+
+
+def plain_text(text: str) -> str:
+    """Return a text without control characters except tabs and line feeds."""
+    return text if text.isprintable() else _CONTROLS_BETWEEN_LINES.sub("", text)
+
+
+def _not_empty(text: str) -> str:
+    if not text:
+        raise ValueError("has only control characters")
+    return text
+
+
+Line = AfterValidator(one_line)
+PlainText = AfterValidator(plain_text)
 
 E = TypeVar("E", bound=StrEnum)
 ByValue = Annotated[E, Field(strict=False)]

@@ -46,10 +46,12 @@ from robotouille.protocol.message_parts import (
     Kind,
     Known,
     Labels,
+    Line,
     Message,
     NamedAction,
     OutcomeRow,
     Pause,
+    PlainText,
     Position,
     Ref,
     RulesRow,
@@ -259,7 +261,7 @@ class Close(Message):
     type: Literal["close"] = "close"
     ref: Ref = None
     episode: Identifier = Field(description="The episode's id or code.")
-    reason: Annotated[str, Field(min_length=1, max_length=200)] | None = Field(
+    reason: Annotated[str, Field(min_length=1, max_length=200), Line] | None = Field(
         default=None, description="Reason for the participants, sent as the outcome's `detail`."
     )
 
@@ -345,7 +347,7 @@ class Act(Message):
         default=0,
         description="Declared thinking time in milliseconds, if `thinking` is `declared`.",
     )
-    reasoning: Annotated[str, Field(max_length=8000)] | None = Field(
+    reasoning: Annotated[str, Field(max_length=8000), PlainText] | None = Field(
         default=None, description="Free text for the recording. No participant sees it."
     )
     anticipates: bool = Field(
@@ -366,15 +368,19 @@ class Say(Message):
     """Send a chat message to everybody in the episode."""
 
     type: Literal["say"] = "say"
-    text: Annotated[str, Field(min_length=1, max_length=500)] = Field(description="The message.")
+    text: Annotated[str, Field(min_length=1, max_length=500), Line] = Field(
+        description="The message, in one line."
+    )
 
 
 class Note(Message):
     """Add text to the recording, such as a model's prompt and answer. No participant sees it."""
 
     type: Literal["note"] = "note"
-    topic: Identifier = Field(description="The subject; `model-call` for calls of a model.")
-    text: Annotated[str, Field(min_length=1, max_length=MAX_NOTE)] = Field(
+    topic: Annotated[Identifier, Line] = Field(
+        description="The subject; `model-call` for calls of a model."
+    )
+    text: Annotated[str, Field(min_length=1, max_length=MAX_NOTE), PlainText] = Field(
         description="The text, or one piece of it."
     )
     more: bool = Field(default=False, description="True if the next note continues this one.")

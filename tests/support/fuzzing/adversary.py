@@ -31,6 +31,7 @@ PREFIXES = (
     b"\x81\xc4\x04type\xa4list", b"\x81\xa4type\xa2\xff\xfe", b"\x80", b"\x90", b"\xc0",
 )  # fmt: skip
 TEXTS = (
+    '{"type":"say","text":"a\\u0000\\nb"}', '{"type":"note","topic":"\\r","text":"\\u0085"}',
     "", " ", "{", "}", "[", '"', "nul", "NaN", "-Infinity", "{}", "[]", "0", '{"type":"list"}x',
     '{"type":"list","type":"list"}', '{"type":"say","text":"\\ud800"}',
     '{"\\ud800":1,"type":"list"}',

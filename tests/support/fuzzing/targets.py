@@ -33,6 +33,7 @@ __all__ = ["Target", "file_targets", "message_targets"]
 Target = Callable[[bytes], str]
 
 READ = "read"
+CONTROLS = {chr(point) for point in (*range(32), *range(127, 160))}
 
 
 # Messages
@@ -59,10 +60,20 @@ def _client_message(codec: Codec, payload: bytes | str) -> str:
         message = codec.decode_client(payload)
     except ProtocolError as error:
         return _answered(codec, error)
+    _check_texts(message)
     for other in (JSON, MSGPACK):
         _on_the_wire(other, message)
     pack_frame(message.model_dump(mode="json"))
     return READ
+
+
+def _check_texts(message: messages.ClientMessage) -> None:
+    """Check that no text for others or for the recording contains a control character."""
+    match message:
+        case messages.Say(text=text):
+            assert not CONTROLS.intersection(text)
+        case messages.Note(text=text) | messages.Act(reasoning=str(text)):
+            assert not (CONTROLS - {"\n", "\t"}).intersection(text)
 
 
 def _answered(codec: Codec, error: ProtocolError) -> str:
