@@ -14,11 +14,12 @@ from typing import Any
 from robotouille import World, load_task
 from robotouille.domain.task import Timing
 from robotouille.episode import Absence, ActionRequest, Clock, Episode, Rules
+from robotouille.episode.events import Moderation
 from robotouille.errors import ProtocolError
 from robotouille.replay.container import compress
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 
-__all__ = ["random_stream", "write_recordings"]
+__all__ = ["random_stream", "talkative_stream", "write_recordings"]
 
 CLOCKS = (Clock.LOCKSTEP, Clock.REALTIME, Clock.TURN)
 
@@ -99,6 +100,47 @@ def _do_something(episode: Episode, player: str, seq: int, now: float, rng: rand
                 ActionRequest(seq, action, basis=max(0, episode.step - rng.randrange(3))),
                 now,
             )
+
+
+def talkative_stream(person: tuple[str, str], spectator: str, session: str, words: str) -> bytes:
+    """Return an unclosed recording in which a participant writes into every field and then leaves.
+
+    Args:
+        person: Name and pseudonym of the participant.
+        spectator: Name of a spectator who chats.
+        session: The participant's session.
+        words: Part of all texts.
+    """
+    world = _world(Timing.BENCHMARK)
+    rules = Rules(clock=Clock.LOCKSTEP, absence=Absence.END)
+    episode, recorder = Episode(world, rules), Recorder(world)
+    name, pseudonym = person
+    head = header(
+        world.task,
+        rules,
+        episode="talkative",
+        seed=0,
+        created="2026-01-01",
+        details=HeaderDetails("CODE-0", "some-owner"),
+    )
+    stream = recorder.begin(head)
+    first, second = world.players
+    episode.join(first, name, "human", 0.0, session=session, participant=pseudonym)
+    episode.join(second, "bot", "bot", 0.0)
+    episode.tick(10.0)
+    for seq, player in enumerate((first, second), 1):
+        action = episode.state.actions(player)[0]
+        episode.submit(player, ActionRequest(seq, action, reasoning=f"think {words}"), 10.0)
+    episode.submit(first, ActionRequest(3, f"do {words}", reasoning=f"hope {words}"), 11.0)
+    why = ProtocolError("message/malformed", f"unreadable {words}")
+    episode.refuse(first, ActionRequest(4, f"refuse {words}"), why, 11.0)
+    episode.note(first, f"topic {words}", f"note {words}", 11.0)
+    episode.say(name, first, f"say {words}", 11.0)
+    episode.say(spectator, "", f"watch {words}", 11.0)
+    episode.moderate(Moderation.MUTED, session, pseudonym, name, 11.0)
+    episode.announce(f"announce {words}", 11.0)
+    episode.leave(first, 12.0)
+    return stream + recorder.record(episode.events())
 
 
 def write_recordings(folder: Path, count: int, *, first: int = 0, steps: int = 30) -> None:

@@ -371,7 +371,8 @@ def _people(manifest: Mapping[str, Any]) -> str:
         "The data contains the names that participants chose and the server's pseudonyms."
         if manifest["names"]
         else "Names and pseudonyms are replaced with `p1`, `p2`, …, consistently in all files. "
-        "The codes and owners of episodes and the sessions of participants are left out."
+        "The codes and owners of episodes, the details of their ends and the sessions of "
+        "participants are left out."
     )
     texts = (
         "The data contains text that people and models wrote, which may identify people."

@@ -30,7 +30,8 @@ from robotouille_data.exports.documents import (
     write_card,
     write_manifest,
 )
-from robotouille_data.exports.people import Privacy, groups, split
+from robotouille_data.exports.people import groups, split
+from robotouille_data.exports.privacy import Privacy
 from robotouille_data.exports.request import (
     TABLES,
     ExportEntry,

@@ -1,20 +1,19 @@
-"""Participants of exported episodes: pseudonyms, and a split without shared participants."""
+"""Participants of exported episodes, and a split without shared participants."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from robotouille.protocol.participant_names import likeness
 from robotouille_data.database import in_pieces
-from robotouille_data.schema import EPISODES, EVENTS, LABELS, SEATS
+from robotouille_data.schema import EVENTS, LABELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,81 +142,3 @@ def split(
 
 def _hash(members: tuple[int, ...]) -> bytes:
     return hashlib.sha256(repr(members).encode()).digest()
-
-
-RowChange = Callable[[tuple[Any, ...]], tuple[Any, ...]]
-
-
-NAMING = {EPISODES.c.code, EPISODES.c.owner}
-"""Columns left out together with the names."""
-
-
-WRITTEN = {EVENTS.c.text, EPISODES.c.detail}
-"""Columns left out together with the texts."""
-
-
-UNWRITTEN = frozenset((
-    "basis", "code", "controller", "generation", "heard", "holds", "kind", "more", "ms",
-    "participant", "present", "ready", "seq", "session", "taken", "utc_ms", "what",
-))  # fmt: skip
-"""Fields of events without free text. All others are left out with the texts, so a new field is
-left out until it is added here."""
-
-
-class Privacy:
-    """Rules for leaving out or replacing personal data in the rows of episodes."""
-
-    def __init__(
-        self, connection: Connection, ids: Sequence[int], *, names: bool, texts: bool
-    ) -> None:
-        self._names, self._texts = names, texts
-        self._numbers: dict[Person, str] = {}
-        self._people: dict[tuple[int, str], Person] = {}
-        if not names:
-            for participation in participations(connection, ids):
-                self._people[participation.episode_id, participation.name] = participation.person
-                self._pseudonym(participation.person)
-
-    def columns(self, table: sa.Table) -> list[sa.Column[Any]]:
-        """Return the columns of a table that remain."""
-        gone = (set() if self._names else NAMING) | (set() if self._texts else WRITTEN)
-        return [column for column in table.columns if column not in gone]
-
-    def change(self, table: sa.Table) -> RowChange | None:
-        """Return the function that changes rows of these columns; None if they stay the same."""
-        if table is SEATS and not self._names:
-            return self._seat
-        if table is EVENTS and not (self._names and self._texts):
-            return self._event
-        return None
-
-    def _seat(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
-        episode_id, seat, player, name, kind, participant, *rest = row
-        person = self._new_name(episode_id, name, participant)
-        return episode_id, seat, player, person, kind, person if participant else "", *rest
-
-    def _event(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
-        *begin, name = row[:7]
-        written = row[7:-1]  # The column `text`, if it remains.
-        details = json.loads(row[-1])
-        if not self._texts:
-            details = {key: value for key, value in details.items() if key in UNWRITTEN}
-        if not self._names:
-            details.pop("session", None)
-            pseudonym = details.get("participant", "")
-            name = self._new_name(row[0], name, pseudonym)
-            if pseudonym:
-                details["participant"] = self._pseudonym(Person.of("", pseudonym))
-        told = json.dumps(details, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
-        return *begin, name, *written, told
-
-    def _new_name(self, episode_id: int, name: str, pseudonym: str) -> str:
-        if not name:
-            return ""
-        # A message has the sender's name but no pseudonym. Names are distinct within an episode, so
-        # the name finds the person who had a seat.
-        known = self._people.get((episode_id, name))
-        return self._pseudonym(Person.of(name, pseudonym) if pseudonym or not known else known)
-
-    def _pseudonym(self, person: Person) -> str:
-        return self._numbers.setdefault(person, f"p{len(self._numbers) + 1}")

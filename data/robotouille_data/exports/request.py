@@ -10,7 +10,7 @@ from typing import Any
 
 from sqlalchemy.engine import Connection
 
-from robotouille_data.exports.people import Privacy
+from robotouille_data.exports.privacy import Privacy
 from robotouille_data.query import SECONDS
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,19 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 import polars as pl
+import sqlalchemy as sa
+from sqlalchemy.engine import URL
 
+from robotouille.replay.container import compress
 from robotouille.replay.frame_schema import Note
-from robotouille_data.exports.people import UNWRITTEN
+from robotouille_data.database import database_url
+from robotouille_data.exports.exporting import export
+from robotouille_data.exports.privacy import COLUMNS, PLAIN_FIELDS, WRITTEN_FIELDS, Privacy
+from robotouille_data.exports.request import ExportFormat, ExportRequest
+from robotouille_data.indexing import index
+from robotouille_data.query import reading
+from robotouille_data.schema import EPISODE_TABLES
+from tests.support.random_play import talkative_stream
 from tests.support.random_study import Write, manifest
 
 NAMES = ["Ada", "Bob", *(f"x{pair}{one}" for pair in range(3) for one in "ab")]
@@ -83,5 +94,77 @@ def test_every_field_of_notes_is_classified() -> None:
     for model in Note.__origin__.__args__:
         fields |= model.model_fields.keys()
     of_events = {"note", "t", "player", "name", "text", "action"}
-    worded = {"reasons", "reasoning", "topic", "why"}
-    assert fields - of_events - worded == UNWRITTEN
+    assert fields - of_events == PLAIN_FIELDS | WRITTEN_FIELDS
+
+
+@pytest.mark.parametrize("table", EPISODE_TABLES, ids=lambda table: table.name)
+def test_every_column_of_text_declares_its_content(table: sa.Table) -> None:
+    texts = {column.name for column in table.columns if isinstance(column.type, sa.Text)}
+    assert texts == COLUMNS[table.name].keys()
+
+
+def test_column_without_a_declaration_is_left_out(url: URL) -> None:
+    new = sa.Table(
+        "episodes", sa.MetaData(), sa.Column("motto", sa.Text), sa.Column("n", sa.Double)
+    )
+    with reading(url) as connection:
+        for names, texts in ((False, True), (True, False)):
+            privacy = Privacy(connection, [], names=names, texts=texts)
+            assert privacy.columns(new) == [new.c.n]
+
+
+PARTICIPANT = ("plantedname", "plantedpseudonym")
+SPECTATOR = "plantedwatcher"
+SESSION = "plantedsession"
+WORDS = "plantedwords"
+FORMATS = [("parquet", "chat", "arrays", "minari"), ("csv",), ("jsonl",)]
+
+
+@pytest.fixture(scope="module")
+def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the recording of an episode that a talkative participant leaves."""
+    folder = tmp_path_factory.mktemp("planted")
+    stream = talkative_stream(PARTICIPANT, SPECTATOR, SESSION, WORDS)
+    (folder / "planted.rbt").write_bytes(compress(stream))
+    index(database_url(None, folder), [folder])
+    return folder
+
+
+def contents(folder: Path) -> str:
+    """Return the content of all files, with compressed ones unpacked."""
+    found = []
+    for path in sorted(folder.rglob("*")):
+        if path.suffix == ".parquet":
+            found.append(pl.read_parquet(path).write_json())
+        elif path.suffix == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                found += [archive.read(name).decode("latin-1") for name in archive.namelist()]
+        elif path.is_file():
+            found.append(path.read_text("latin-1"))
+    return "\n".join(found)
+
+
+def exported(planted: Path, folder: Path, formats: tuple[str, ...], **options: bool) -> str:
+    request = ExportRequest(tuple(map(ExportFormat, formats)), **options)
+    result = export(database_url(None, planted), folder, request)
+    assert not result.faults
+    return contents(folder)
+
+
+@pytest.mark.parametrize("formats", FORMATS, ids=lambda formats: formats[0])
+def test_no_format_contains_what_a_participant_wrote(
+    planted: Path, tmp_path: Path, formats: tuple[str, ...]
+) -> None:
+    if "minari" in formats:
+        pytest.importorskip("minari", reason="needs the extra `minari`")
+    secrets = (*PARTICIPANT, SPECTATOR, SESSION)
+    everything = exported(planted, tmp_path / "all", formats)
+    assert all(secret in everything for secret in (*secrets, f"{PARTICIPANT[0]} left", WORDS))
+    nameless = exported(planted, tmp_path / "nameless", formats, names=False)
+    assert not [secret for secret in secrets if secret in nameless]
+    assert WORDS in nameless
+    wordless = exported(planted, tmp_path / "wordless", formats, texts=False)
+    assert WORDS not in wordless
+    assert PARTICIPANT[0] in wordless
+    neither = exported(planted, tmp_path / "neither", formats, names=False, texts=False)
+    assert "planted" not in neither
