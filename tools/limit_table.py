@@ -19,7 +19,7 @@ from robotouille_server.mqtt import stream
 from robotouille_server.mqtt.broker import MAX_WAITING_BYTES, MAX_WAITING_COMMANDS
 from robotouille_server.mqtt.commands import COMMANDS_A_SECOND, COMMANDS_BURST, KEPT_REPLIES
 from robotouille_server.mqtt.messages import MAX_OPENED, MAX_PACKET_BYTES, MAX_WATCH_SECONDS
-from robotouille_server.operator import connections, event_streams
+from robotouille_server.operator import connections, event_streams, load, recordings
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
 from robotouille_server.rooms import archive
 from robotouille_server.rooms.audience import DELIVERY_SECONDS, MAX_STEP_BYTES, MAX_STEPS
@@ -280,6 +280,16 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "A stream with a token replaces the oldest without."),
         Limit("Event streams per token subject", f"{event_streams.MAX_STREAMS_PER_SUBJECT}",
               "HTTP status 503, `operator/busy`."),
+        Limit("Requests per token subject; all callers without a token share one limit",
+              f"{load.REQUESTS_A_SECOND:g} a second, bursts of {load.REQUESTS_BURST:g}",
+              "HTTP status 429, `operator/rate`, with `Retry-After`."),
+        Limit("Requests that read recordings at the same time",
+              f"{load.HEAVY_JOBS}, and {load.MAX_WAITING_JOBS} that wait",
+              "HTTP status 503, `operator/busy`, with `Retry-After`."),
+        Limit("Bytes of a download in memory", _size(recordings.DOWNLOAD_PIECE),
+              "The client must read before the server continues."),
+        Limit("Recording in a list, to show its outcome", _size(recordings.MAX_SUMMARISED),
+              "The outcome is `unread`."),
         Limit("Time for a TLS handshake, a request head and a request body, each",
               f"{connections.REQUEST_SECONDS:g} s", CUT),
         Limit("Time between two requests", f"{connections.KEEP_ALIVE_SECONDS} s", CUT),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,12 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_server.auth import Role, RoleGrant
 from robotouille_server.operator import operator_view
 from robotouille_server.operator.guard import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Access, LoginAudit
+from robotouille_server.operator.load import (
+    HEAVY_JOBS,
+    MAX_WAITING_JOBS,
+    REQUESTS_BURST,
+    HeavyJobs,
+)
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.runtime.logs import AuditLog
 from tests.support.operator import CHANGE, GUESS, audited, bearer, viewing
@@ -256,3 +263,55 @@ def test_token_in_use_is_one_login(tmp_path: Path) -> None:
     logins.accepted(RoleGrant(Role.OPERATOR, "lab", token_id="b"), "127.0.0.1")
     lines = [json.loads(line) for line in log.path.read_text().splitlines()]
     assert [line["token"] for line in lines] == ["a", "a", "b"]
+
+
+@virtual
+async def test_requests_are_limited_per_subject(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, _, api):
+        for _ in range(int(REQUESTS_BURST)):
+            await api.get("/api/overview")
+        answer = await api.http.get("/api/overview")
+        assert (answer.status_code, answer.json()["code"]) == (429, "operator/rate")
+        assert answer.headers["retry-after"] == "1"
+        assert (await api.http.get("/")).status_code == 200
+        await asyncio.sleep(1)
+        await api.get("/api/overview")
+
+
+@virtual
+async def test_other_subjects_have_their_own_limit(tmp_path: Path) -> None:
+    async with viewing(tmp_path, tokens=True) as (server, _, api):
+        ada, bob = bearer(server, "ada"), bearer(server, "bob")
+        for _ in range(int(REQUESTS_BURST)):
+            await api.get("/api/overview", headers=ada)
+        assert (await api.http.get("/api/overview", headers=ada)).status_code == 429
+        await api.get("/api/overview", headers=bob)
+
+
+async def test_two_heavy_jobs_run_at_a_time_and_only_some_wait() -> None:
+    jobs, go, lock = HeavyJobs(), threading.Event(), threading.Lock()
+    begun = threading.Barrier(HEAVY_JOBS + 1, timeout=30)
+    running = most = 0
+
+    def work() -> None:
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+        if not go.is_set():
+            begun.wait()
+        go.wait(30)
+        with lock:
+            running -= 1
+
+    accepted = [asyncio.create_task(jobs.run(work)) for _ in range(HEAVY_JOBS + MAX_WAITING_JOBS)]
+    await asyncio.sleep(0)
+    with pytest.raises(RequestRefusedError) as refused:
+        await jobs.run(work)
+    assert (refused.value.status, refused.value.retry_seconds) == (503, 1)
+    await asyncio.to_thread(begun.wait)
+    accepted[0].cancel()  # Its thread keeps the place.
+    go.set()
+    await asyncio.gather(*accepted, return_exceptions=True)
+    await jobs.run(work)
+    assert most == HEAVY_JOBS

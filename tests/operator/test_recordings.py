@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
+from typing import Any, BinaryIO
 
+from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording, read_recording
+from robotouille_server.operator.recordings import DOWNLOAD_PIECE, PIECE
+from robotouille_server.rooms.storage import Folder
 from tests.support.operator import Disk, table, viewing
 from tests.support.virtual_time import virtual
 
@@ -104,3 +109,87 @@ async def test_unreadable_folder_is_reported(tmp_path: Path) -> None:
             "code": "recording/unreadable",
             "message": "the recordings folder cannot be read: Permission denied",
         }
+
+
+class Reads(Folder):
+    """Folder that counts the bytes that are read from its files."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.bytes = self.largest = 0
+
+    def open(self, name: str) -> BinaryIO:
+        return CountedFile(self, super().open(name))  # type: ignore[return-value]
+
+
+class CountedFile:
+    """File of a `Reads` folder."""
+
+    def __init__(self, reads: Reads, file: BinaryIO) -> None:
+        self._reads = reads
+        self._file = file
+
+    def read(self, size: int = -1) -> bytes:
+        data = self._file.read(size)
+        self._reads.bytes += len(data)
+        self._reads.largest = max(self._reads.largest, len(data))
+        return data
+
+    def __enter__(self) -> CountedFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+@virtual
+async def test_events_of_an_episode_are_read_once_for_all_requests(tmp_path: Path) -> None:
+    reads = Reads(tmp_path)
+    async with viewing(tmp_path, storage=reads) as (server, _, api), table(server) as play:
+        await play.until(lambda game: game.step >= 40)
+        room = server.lobby.rooms[play.episode]
+        room.pause()
+        path = f"/api/episodes/{play.episode}"
+        lines = (await api.get(path))["lines"]
+        before = reads.bytes
+        assert (await api.get(path))["lines"] == lines
+        assert reads.bytes == before
+        play.games[0].say("a short line")
+        await asyncio.sleep(1)
+        assert (await api.get(path))["lines"][-1]["text"] == "a short line"
+        assert reads.bytes - before < 400
+
+
+@virtual
+async def test_list_reads_only_the_header_of_live_recordings(tmp_path: Path) -> None:
+    reads = Reads(tmp_path)
+    async with viewing(tmp_path, storage=reads) as (server, _, api), table(server) as play:
+        await play.until(lambda game: game.step >= 1)
+        journal = server.lobby.rooms[play.episode].journal
+        assert journal is not None
+        header = journal.size
+        while journal.size < header + 4 * PIECE:
+            action = play.games[0].state.actions("robot1")[0]
+            await play.games[0].act(action, reasoning="x" * 8000)
+            await asyncio.sleep(1)
+        (row,) = (await api.get("/api/recordings"))["recordings"]
+        assert (row["outcome"], row["task"]) == ("live", "multi_agent/01_lettuce_burger")
+        assert row["size"] == journal.size
+        assert reads.bytes < header + 2 * PIECE
+        before = reads.bytes
+        await api.get("/api/recordings")
+        assert reads.bytes == before
+
+
+@virtual
+async def test_download_is_read_in_pieces(tmp_path: Path) -> None:
+    reads = Reads(tmp_path)
+    async with viewing(tmp_path, storage=reads) as (_, _, api):
+        content = compress(b"") + bytes(3 * DOWNLOAD_PIECE + 1)
+        (tmp_path / "20240101T000000Z_long_1.rbt").write_bytes(content)
+        answer = await api.http.get("/api/recordings/20240101T000000Z_long_1.rbt")
+        assert answer.content == content
+        assert reads.largest == DOWNLOAD_PIECE

@@ -212,9 +212,12 @@ async def recordings(
     responses=FILE,
 )
 async def recording(service: TheService, name: str) -> Response:
-    content = await service.recording(name)
-    headers = {"content-disposition": f'attachment; filename="{name}"'}
-    return Response(content, media_type="application/octet-stream", headers=headers)
+    size, content = await service.recording(name)
+    headers = {
+        "content-disposition": f'attachment; filename="{name}"',
+        "content-length": str(size),
+    }
+    return StreamingResponse(content, media_type="application/octet-stream", headers=headers)
 
 
 def _events(events: AsyncIterator[str]) -> StreamingResponse:
@@ -233,7 +236,10 @@ async def _refused(request: Request, error: Exception) -> Response:
         service: OperatorService = request.app.state.service.for_principal(request.state.principal)
         what = request.scope["route"].name.replace("_", " ")
         service.refused(what, request.path_params.get("episode", ""), error.code)
-    return _problem(error.status, error.code, error.message)
+    refusal = _problem(error.status, error.code, error.message)
+    if error.retry_seconds is not None:
+        refusal.headers["retry-after"] = str(error.retry_seconds)
+    return refusal
 
 
 async def _invalid(request: Request, error: Exception) -> Response:

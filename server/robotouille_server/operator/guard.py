@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 from robotouille.errors import ProtocolError
 from robotouille_server.auth import PROXY_HEADERS, RoleGrant
+from robotouille_server.operator.load import RequestRates
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.runtime.logs import AuditLog, Details
@@ -244,10 +245,13 @@ class Guard:
     of Starlette's own error handler need the headers too.
     """
 
-    def __init__(self, app: ASGIApp, access: Access, logins: LoginAudit) -> None:
+    def __init__(
+        self, app: ASGIApp, access: Access, logins: LoginAudit, rates: RequestRates
+    ) -> None:
         self._app = app
         self._access = access
         self._logins = logins
+        self._rates = rates
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -285,6 +289,8 @@ class Guard:
         if principal.grant is not None:
             slot.authenticated(principal.grant.subject)
             self._logins.accepted(principal.grant, slot.address)
+        if scope["path"] not in self._access.public:
+            self._rates.charge(principal.token_subject)
         return principal
 
 
@@ -303,6 +309,8 @@ def _missing(message: Message) -> Iterable[tuple[bytes, bytes]]:
 async def _refuse(send: Send, error: RequestRefusedError) -> None:
     body = json.dumps({"code": error.code, "message": error.message}).encode()
     headers = [(b"content-type", b"application/json"), (b"content-length", b"%d" % len(body))]
+    if error.retry_seconds is not None:
+        headers.append((b"retry-after", b"%d" % error.retry_seconds))
     if error.status is HTTPStatus.UNAUTHORIZED:
         headers.append((b"www-authenticate", b'Bearer realm="robotouille"'))
     # The request's body has not been read, so the connection cannot be used again.

@@ -26,19 +26,28 @@ CODES = {
     "session/unknown": "the session is not in the episode",
     "recording/unknown": "no recording has this name",
     "recording/unreadable": "the recordings folder or a file in it cannot be read",
-    "operator/busy": "too many pages are open, or too many with this token",
+    "operator/busy": "too many pages are open, or too many requests for recordings wait",
+    "operator/rate": "too many requests with this token, or too many without a token",
     "operator/internal": "internal error; see the server's log",
 }
 """Error codes of the operator API and their meanings, without the codes of invalid tokens."""
 
 
 class RequestRefusedError(RobotouilleError):
-    """A request is refused. `code` is one of CODES or the code of an invalid token."""
+    """A request is refused.
 
-    def __init__(self, status: HTTPStatus, code: str, message: str) -> None:
+    Attributes:
+        code: One of CODES, or the code of an invalid token.
+        retry_seconds: Seconds after which the request may succeed; None if that is unknown.
+    """
+
+    def __init__(
+        self, status: HTTPStatus, code: str, message: str, retry_seconds: int | None = None
+    ) -> None:
         self.status = status
         self.code = code
         self.message = message
+        self.retry_seconds = retry_seconds
         super().__init__(f"{code}: {message}")
 
 

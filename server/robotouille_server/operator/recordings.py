@@ -5,22 +5,42 @@ Reading can take long (slow disk, large file), so the service calls it in a thre
 
 from __future__ import annotations
 
+import asyncio
 import errno
+import os
+import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from http import HTTPStatus
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol, cast
 
 from robotouille.errors import RecordingError
-from robotouille.replay.container import MAGIC, frame_ends, frame_value, intact, is_closed, unwrap
+from robotouille.replay.container import (
+    MAGIC,
+    MAX_FILE,
+    MAX_FRAME,
+    check_magic,
+    frame_ends,
+    frame_value,
+    is_closed,
+)
 from robotouille.replay.file_names import is_recording_name
 from robotouille_server.operator.models import LogLine, RecordingPage, RecordingRow
 from robotouille_server.operator.principal import RequestRefusedError
 
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
 MAX_LINES = 80
 FIRST_READ = 400
 """Frames at the end of a long recording that are decoded at first."""
+PIECE = 64 * 1024
+"""Bytes that are read at once from a recording."""
+DOWNLOAD_PIECE = 256 * 1024
+"""Bytes of a download that are in memory."""
 NOTES = {
     "started": "everyone is ready, the game begins",
     "resumed": "the game continues",
@@ -28,6 +48,43 @@ NOTES = {
 }
 
 Sentence = Callable[[list[str]], str]
+TranscriptEvent = tuple[Any, str, str, list[str]]
+"""Kind, participant, text and reasons of a line."""
+
+
+def whole_frames(file: BinaryIO, position: int = len(MAGIC)) -> Iterator[tuple[int, bytes]]:
+    """Yield each whole frame of a recording from a position, with the position of its end.
+
+    The frames end at the first tear or damage. The file is read in pieces: this bounds memory, and
+    each read lets the event loop take the interpreter's lock.
+
+    Raises:
+        RecordingError: The file is not a recording, or its compressed stream is damaged.
+    """
+    try:
+        stream = _uncompressed(file)
+        check_magic(stream.read(len(MAGIC)))
+        stream.seek(position)
+        rest = b""
+        while len(rest) <= 2 * MAX_FRAME and position <= MAX_FILE:
+            if not (piece := stream.read(PIECE)):
+                return
+            # `frame_ends` expects the beginning of a recording.
+            rest, start = b"".join((MAGIC, rest, piece)), len(MAGIC)
+            for end in frame_ends(rest, start):
+                position += end - start
+                yield position, rest[start:end]
+                start = end
+            rest = rest[start:]
+    except (EOFError, zstd.ZstdError) as error:
+        raise RecordingError(f"damaged: {error}") from None
+
+
+def _uncompressed(file: BinaryIO) -> BinaryIO:
+    file.seek(0)
+    closed = is_closed(file.read(4))
+    file.seek(0)
+    return cast("BinaryIO", zstd.ZstdFile(file)) if closed else file
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,24 +104,38 @@ class Transcript:
         self._position = len(MAGIC)
         self._step = 0
 
-    def new_frames(self, stream: bytes) -> NewFrames:
-        """Return the new frames of a recording; `stream` is all of it so far.
+    def new_frames(self, file: BinaryIO) -> NewFrames:
+        """Read the new frames of a recording.
 
-        This changes nothing, so a thread can do it: decoding many frames takes a while.
+        This changes nothing, so a thread can do it.
         """
-        starts = [self._position, *frame_ends(stream, self._position)]
-        end = starts.pop()
-        return NewFrames([frame_value(stream, start) for start in starts[-FIRST_READ:]], end)
+        end, recent = self._position, deque[bytes](maxlen=FIRST_READ)
+        for end, frame in whole_frames(file, self._position):  # noqa: B007
+            recent.append(frame)
+        return NewFrames([frame_value(frame, 0) for frame in recent], end)
 
     def add(self, new: NewFrames) -> None:
         """Add lines for new frames. Call this on the event loop, which owns the world."""
         self._position = new.end
+        steps = []
         for frame in new.frames:
-            self.lines.extend(self._lines(frame))
+            if frame["kind"] == "step":
+                self._step = frame["step"]
+            steps.append(self._step)
+        # From the end: only the last lines are kept, and each costs the event loop time.
+        recent: deque[LogLine] = deque()
+        for step, frame in zip(reversed(steps), reversed(new.frames), strict=True):
+            if len(recent) >= MAX_LINES:
+                break
+            recent.extendleft(reversed(list(self._lines(step, frame))))
+        self.lines.extend(recent)
 
-    def _lines(self, frame: dict[str, Any]) -> Iterator[LogLine]:
+    def _lines(self, step: int, frame: dict[str, Any]) -> Iterator[LogLine]:
+        for kind, who, text, reasons in self._events(frame):
+            yield LogLine(step=step, kind=kind, who=who, text=text, reasons=reasons)
+
+    def _events(self, frame: dict[str, Any]) -> Iterator[TranscriptEvent]:
         if frame["kind"] == "step":
-            self._step = frame["step"]
             yield from self._acts(frame)
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
@@ -75,14 +146,14 @@ class Transcript:
             detail = f": {outcome['detail']}" if outcome.get("detail") else ""
             yield self._line("note", "", f"ended, {outcome['reason']}{detail}")
 
-    def _acts(self, frame: dict[str, Any]) -> Iterator[LogLine]:
+    def _acts(self, frame: dict[str, Any]) -> Iterator[TranscriptEvent]:
         unmet = frame.get("unmet", {})
         for number, move in enumerate(frame["moves"]):
             reasons = unmet.get(str(number), [])
             kind = "reject" if reasons else "act"
             yield self._line(kind, move["player"], self._sentence(move["action"]), reasons)
 
-    def _note(self, note: dict[str, Any]) -> LogLine:
+    def _note(self, note: dict[str, Any]) -> TranscriptEvent:
         match note["note"]:
             case "rejected":
                 return self._line("reject", note["player"], note["action"], note["reasons"])
@@ -107,8 +178,10 @@ class Transcript:
             case other:
                 return self._line("note", "", NOTES.get(other, other))
 
-    def _line(self, kind: Any, who: str, text: str, reasons: list[str] | None = None) -> LogLine:
-        return LogLine(step=self._step, kind=kind, who=who, text=text, reasons=reasons or [])
+    def _line(
+        self, kind: Any, who: str, text: str, reasons: list[str] | None = None
+    ) -> TranscriptEvent:
+        return kind, who, text, reasons or []
 
 
 WHY_FREE = {
@@ -140,7 +213,7 @@ class ReadableStorage(Protocol):
 
     def names(self) -> list[str]: ...
 
-    def read(self, name: str) -> bytes: ...
+    def open(self, name: str) -> BinaryIO: ...
 
 
 class NoRecordings:
@@ -149,15 +222,16 @@ class NoRecordings:
     def names(self) -> list[str]:
         return []
 
-    def read(self, name: str) -> bytes:
+    def open(self, name: str) -> BinaryIO:
         raise FileNotFoundError(errno.ENOENT, "nothing is recorded", name)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSummary:
-    """Facts from the header and footer of a recording."""
+    """Facts from the header and footer of a recording. Its frames are known up to `end`."""
 
     size: int
+    end: int = len(MAGIC)
     created: str = ""
     task: str = ""
     outcome: str = "unreadable"
@@ -165,7 +239,7 @@ class RecordingSummary:
 
 
 class RecordingStore:
-    """Recordings of one storage. Closed recordings are read once, because they never change."""
+    """Recordings of one storage. Of a file that was read before, only new frames are read."""
 
     def __init__(self, storage: ReadableStorage) -> None:
         self._storage = storage
@@ -181,18 +255,24 @@ class RecordingStore:
             found=len(found), recordings=[self._row(name, live.get(name)) for name in shown]
         )
 
-    def content(self, name: str) -> bytes:
-        """Return the content of a recording, up to its last complete frame if it is still open."""
+    def opened(self, name: str, live_size: int | None) -> tuple[BinaryIO, int]:
+        """Open a recording for a download, and return the bytes up to its last whole frame.
+
+        Args:
+            name: The name of the file.
+            live_size: The size of the recording if an episode of this server still writes it.
+        """
         if name not in self._names():
             message = f"no recording {name!r}; it may have been closed (without .part) or moved"
             raise RequestRefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
-        content = self._read(name)
-        if is_closed(content):
-            return content
         try:
-            return content[: intact(content)]
-        except RecordingError:
-            return content  # A damaged file may still help whoever repairs it.
+            file = self._storage.open(name)
+            size = file.seek(0, os.SEEK_END) if live_size is None else live_size
+            end = size if live_size is not None else _intact(file, size)
+            file.seek(0)
+        except OSError as error:
+            raise _unreadable(name, error) from None
+        return file, end
 
     def _names(self) -> list[str]:
         try:
@@ -200,14 +280,8 @@ class RecordingStore:
         except OSError as error:
             raise _unreadable("the recordings folder", error) from None
 
-    def _read(self, name: str) -> bytes:
-        try:
-            return self._storage.read(name)
-        except OSError as error:
-            raise _unreadable(name, error) from None
-
     def _row(self, name: str, episode: str | None) -> RecordingRow:
-        summary = self._known.get(name) or self._summary(name)
+        summary = self._summary(name, live=episode is not None)
         outcome = "live" if episode is not None else summary.outcome
         return RecordingRow(
             name=name,
@@ -219,17 +293,30 @@ class RecordingStore:
             episode=episode,
         )
 
-    def _summary(self, name: str) -> RecordingSummary:
+    def _summary(self, name: str, *, live: bool) -> RecordingSummary:
+        known = self._known.get(name)
+        if known is not None and not name.endswith(".part"):
+            return known  # A closed recording never changes.
         try:
-            content = self._storage.read(name)
+            with self._storage.open(name) as file:
+                size = file.seek(0, os.SEEK_END)
+                if known is None or known.size > size:
+                    known = RecordingSummary(size)
+                summary = _summarised(file, replace(known, size=size), live=live)
         except OSError:
             return RecordingSummary(0)
-        summary = _summarised(content)
-        if not name.endswith(".part"):
-            if len(self._known) >= MAX_SUMMARIES:
-                self._known.pop(next(iter(self._known)))
-            self._known[name] = summary
+        if len(self._known) >= MAX_SUMMARIES:
+            self._known.pop(next(iter(self._known)))
+        self._known[name] = summary
         return summary
+
+
+async def pieces(file: BinaryIO, size: int) -> AsyncIterator[bytes]:
+    """Yield the first `size` bytes of a file, and close it."""
+    with file:
+        while size > 0 and (piece := await asyncio.to_thread(file.read, min(size, DOWNLOAD_PIECE))):
+            size -= len(piece)
+            yield piece
 
 
 def _unreadable(what: str, error: OSError) -> RequestRefusedError:
@@ -237,29 +324,44 @@ def _unreadable(what: str, error: OSError) -> RequestRefusedError:
     return RequestRefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "recording/unreadable", message)
 
 
-def _summarised(content: bytes) -> RecordingSummary:
-    """Return the summary of a recording, from its first and last frames alone."""
-    size = len(content)
-    if size > MAX_SUMMARISED:
-        return RecordingSummary(size, outcome="unread")
+def _intact(file: BinaryIO, size: int) -> int:
+    """Return the bytes of a file up to its last whole frame; `size` if it is closed or damaged."""
+    file.seek(0)
+    if is_closed(file.read(4)):
+        return size
     try:
-        stream = unwrap(content)
-        ends = list(frame_ends(stream))
-        if not ends:
-            return RecordingSummary(size)
-        head = frame_value(stream, len(MAGIC))
-        last = frame_value(stream, ends[-2] if len(ends) > 1 else len(MAGIC))
-        return _from_frames(size, head, last)
+        return max((end for end, _ in whole_frames(file)), default=len(MAGIC))
+    except RecordingError:
+        return size  # A damaged file may still help whoever repairs it.
+
+
+def _summarised(file: BinaryIO, known: RecordingSummary, *, live: bool) -> RecordingSummary:
+    """Return the summary of a recording, from its header and the last of its new frames.
+
+    Of a live recording only the header is read, because its last frame tells nothing.
+    """
+    if live and known.task:
+        return known
+    if known.size > MAX_SUMMARISED and not live:
+        return replace(known, outcome="unread")
+    end, last = known.end, None
+    try:
+        for end, last in whole_frames(file, known.end):
+            if not known.task:
+                known = _with_header(known, frame_value(last, 0))
+                if live:
+                    return replace(known, end=end)
+        return known if last is None else _with_outcome(known, end, frame_value(last, 0))
     except (RecordingError, KeyError, TypeError):
-        return RecordingSummary(size)
+        return RecordingSummary(known.size)
 
 
-def _from_frames(size: int, head: dict[str, Any], last: dict[str, Any]) -> RecordingSummary:
+def _with_header(known: RecordingSummary, head: dict[str, Any]) -> RecordingSummary:
+    created, task = str(head["created"]), str(head["task"]["name"])
+    return replace(known, created=created, task=task, outcome="unfinished")
+
+
+def _with_outcome(known: RecordingSummary, end: int, last: dict[str, Any]) -> RecordingSummary:
     outcome = last["outcome"] if last.get("kind") == "footer" else {}
-    return RecordingSummary(
-        size=size,
-        created=str(head["created"]),
-        task=str(head["task"]["name"]),
-        outcome=str(outcome.get("reason", "unfinished")),
-        steps=outcome.get("steps"),
-    )
+    reason = str(outcome.get("reason", "unfinished"))
+    return replace(known, end=end, outcome=reason, steps=outcome.get("steps"))

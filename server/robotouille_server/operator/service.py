@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import asyncio
 import copy
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections import Counter, OrderedDict
+from collections.abc import AsyncIterator, Callable, Container, Iterable
 from http import HTTPStatus
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RecordingError
 from robotouille.installation import VERSION
-from robotouille.replay.container import unwrap
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
+from robotouille_server.operator.load import HeavyJobs
 from robotouille_server.operator.models import (
     AlertRow,
     Done,
     EpisodeCounts,
     EpisodeDetail,
+    LogLine,
     Overview,
     RecordingFault,
     RecordingPage,
@@ -32,6 +33,7 @@ from robotouille_server.operator.recordings import (
     ReadableStorage,
     RecordingStore,
     Transcript,
+    pieces,
 )
 from robotouille_server.operator.rows import (
     PHASES,
@@ -49,8 +51,7 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 
 MAX_UNRESTORED = 20
-READ_BYTES_A_SECOND = 8_000_000
-"""Limit for reading a growing recording again, so that watching a long one stays cheap."""
+MAX_TRANSCRIPTS = 256
 
 
 class OperatorService:
@@ -66,8 +67,10 @@ class OperatorService:
         self._opened = now()
         self._rows = RoomRows(server)
         self._history = MetricsHistory(server.metrics)
-        self._storage: ReadableStorage = server.storage or NoRecordings()
-        self._store = RecordingStore(self._storage)
+        storage: ReadableStorage = server.storage or NoRecordings()
+        self._jobs = HeavyJobs()
+        self._store = RecordingStore(storage)
+        self._transcripts = RoomTranscripts(storage, self._jobs)
         self._history.sample(self._opened)
         self._principal = Principal()
         server.sample(self._opened)
@@ -84,6 +87,7 @@ class OperatorService:
         now = self._now()
         self._history.sample(now)
         self._rows.forget(now)
+        self._transcripts.forget(self._server.lobby.rooms)
         self._server.sample(now)
 
     def overview(
@@ -145,16 +149,21 @@ class OperatorService:
         }
         if self._principal.only_episode:
             search = f"{search} {self._only_file()}"
-        return await asyncio.to_thread(self._store.page, search, limit, offset, live)
+        return await self._jobs.run(self._store.page, search, limit, offset, live)
 
-    async def recording(self, name: str) -> bytes:
-        """Return the content of a recording, up to its last complete frame."""
+    async def recording(self, name: str) -> tuple[int, AsyncIterator[bytes]]:
+        """Return the size and content of a recording, up to its last complete frame."""
         closed_name = name.removesuffix(".part")
         if self._principal.only_episode and not closed_name.endswith(self._only_file()):
             self._principal.require_episode()
-        content = await asyncio.to_thread(self._store.content, name)
+        file, size = await self._jobs.run(self._store.opened, name, self._live_size(name))
         self._note("recording", file=name)
-        return content
+        return size, pieces(file, size)
+
+    def _live_size(self, name: str) -> int | None:
+        """Return the size of a recording that an episode of this server writes."""
+        journals = (room.journal for room in self._server.lobby.rooms.values())
+        return next((j.size for j in journals if j is not None and j.name == name), None)
 
     def _only_file(self) -> str:
         """Return the end of the name of the only recording that the principal may see.
@@ -298,55 +307,93 @@ class OperatorService:
 
     def watch(self, name: str) -> EpisodeWatch:
         """Return a view of one episode that can be read repeatedly."""
-        return EpisodeWatch(self.room(name), self._storage, self._rows, self._now)
+        room = self.room(name)
+        return EpisodeWatch(room, self._transcripts.of(room), self._rows, self._now)
 
 
 class EpisodeWatch:
     """Live view of one episode: its state, and recent events from its recording."""
 
     def __init__(
-        self, room: Room, storage: ReadableStorage, rows: RoomRows, now: Callable[[], float]
+        self, room: Room, transcript: RoomTranscript, rows: RoomRows, now: Callable[[], float]
     ) -> None:
         self._room = room
-        self._storage = storage
+        self._transcript = transcript
         self._rows = rows
         self._now = now
-        self._transcript = Transcript(self._sentence)
-        self._read = ("", 0)
-        self._next_read = 0.0
 
     async def detail(self) -> EpisodeDetail:
         """Return the episode as it is now."""
-        await self._catch_up()
+        await self._transcript.catch_up()
         return self._rows.detail(self._room, self._now(), self._transcript.lines)
 
-    async def _catch_up(self) -> None:
-        """Read new frames of the recording.
+
+class RoomTranscript:
+    """Recent events of one room's recording, shared by everyone who watches the room."""
+
+    def __init__(self, room: Room, storage: ReadableStorage, jobs: HeavyJobs) -> None:
+        self._room = room
+        self._storage = storage
+        self._jobs = jobs
+        self._transcript = Transcript(lambda row: room.world.action(*row).sentence)
+        self._read = ("", 0)
+        self._reading = asyncio.Lock()
+
+    @property
+    def lines(self) -> Iterable[LogLine]:
+        """Lines for the events, oldest first."""
+        return self._transcript.lines
+
+    async def catch_up(self) -> None:
+        """Read the new frames of the recording.
 
         If the recording cannot be read, the lines stay as they are. The room reports the problem.
+
+        Raises:
+            RequestRefusedError: There are no lines yet, and too many other jobs wait.
         """
-        room = self._room
-        name, size = recording_name(room), room.journal.size if room.journal is not None else 0
-        if not name or (name, size) == self._read or self._now() < self._next_read:
-            return
-        try:
-            # Reading a long file would delay the steps of all episodes.
-            new, length = await asyncio.to_thread(self._new_frames, name)
-        except (OSError, RecordingError) as error:
-            get_logger().debug("recording not read", file=name, error=str(error))
-            return
-        self._transcript.add(new)
-        self._read = name, size
-        # Each read loads the whole file, so a long recording is read less often.
-        self._next_read = self._now() + length / READ_BYTES_A_SECOND
+        async with self._reading:
+            room = self._room
+            name, size = recording_name(room), room.journal.size if room.journal is not None else 0
+            if not name or (name, size) == self._read:
+                return
+            try:
+                new = await self._jobs.run(self._new_frames, name)
+            except (OSError, RecordingError) as error:
+                get_logger().debug("recording not read", file=name, error=str(error))
+                return
+            except RequestRefusedError:
+                if not self._read[0]:
+                    raise
+                return
+            self._transcript.add(new)
+            self._read = name, size
 
-    def _new_frames(self, name: str) -> tuple[NewFrames, int]:
-        """Return the new frames of a file, and the file's length."""
-        content = self._storage.read(name)
-        return self._transcript.new_frames(unwrap(content)), len(content)
+    def _new_frames(self, name: str) -> NewFrames:
+        with self._storage.open(name) as file:
+            return self._transcript.new_frames(file)
 
-    def _sentence(self, row: list[str]) -> str:
-        return self._room.world.action(*row).sentence
+
+class RoomTranscripts:
+    """Transcripts of the rooms that were watched last."""
+
+    def __init__(self, storage: ReadableStorage, jobs: HeavyJobs) -> None:
+        self._storage = storage
+        self._jobs = jobs
+        self._kept: OrderedDict[str, RoomTranscript] = OrderedDict()
+
+    def of(self, room: Room) -> RoomTranscript:
+        """Return the transcript of a room."""
+        found = self._kept.pop(room.id, None) or RoomTranscript(room, self._storage, self._jobs)
+        self._kept[room.id] = found
+        if len(self._kept) > MAX_TRANSCRIPTS:
+            self._kept.popitem(last=False)
+        return found
+
+    def forget(self, rooms: Container[str]) -> None:
+        """Forget the rooms that no longer exist; `rooms` contains the others."""
+        for gone in [name for name in self._kept if name not in rooms]:
+            del self._kept[gone]
 
 
 def _rank(found: tuple[Room, str]) -> tuple[bool, int]:

@@ -16,6 +16,7 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille_server.app import CannotListenError, Server
 from robotouille_server.auth import RoleGrant
 from robotouille_server.operator.guard import Access, Guard, LoginAudit, is_loopback
+from robotouille_server.operator.load import RequestRates
 from robotouille_server.runtime.logs import get_logger
 
 if TYPE_CHECKING:
@@ -145,7 +146,8 @@ async def _served(
     logins = LoginAudit(server.audit, now, addresses=server.settings.record_addresses)
     slots = ConnectionSlots(now)
     connections = ConnectionFactory(slots, tls)
-    http = _http_server(Guard(application(service, streams), access, logins), connections)
+    guard = Guard(application(service, streams), access, logins, RequestRates(now))
+    http = _http_server(guard, connections)
     ticks = (service.tick, logins.tick, slots.check)
     tasks = [
         asyncio.create_task(_tick(ticks, streams), name="operator port: ticks"),

@@ -14,7 +14,7 @@ import stat
 import sys
 from enum import Enum
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 MODE = 0o640
 """Mode of recordings. They contain names and chat, so other users may not read them."""
@@ -60,6 +60,9 @@ class Storage(Protocol):
     def read(self, name: str) -> bytes:
         """Return the content of a file."""
 
+    def open(self, name: str) -> BinaryIO:
+        """Open a file for reading in pieces."""
+
     def create(self, name: str) -> Appender:
         """Create a file; raise FileExistsError if it exists."""
 
@@ -88,13 +91,18 @@ class Folder:
         return sorted(entry.name for entry in entries if entry.is_file(follow_symlinks=False))
 
     def read(self, name: str) -> bytes:
+        with self.open(name) as file:
+            return file.read()
+
+    def open(self, name: str) -> BinaryIO:
         # Opening a named pipe without `O_NONBLOCK` would block the event loop until a program
         # writes to it.
         flags = os.O_RDONLY | PLAIN | getattr(os, "O_NONBLOCK", 0)
-        with os.fdopen(os.open(self._file(name), flags), "rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise FileNotFoundError(errno.ENOENT, "not a plain file", name)
-            return file.read()
+        file = os.fdopen(os.open(self._file(name), flags), "rb")
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            file.close()
+            raise FileNotFoundError(errno.ENOENT, "not a plain file", name)
+        return file
 
     def create(self, name: str) -> Appender:
         self.path.mkdir(parents=True, exist_ok=True)

@@ -7,8 +7,10 @@ progress when a process is killed may be torn at any byte. Locks end with their 
 from __future__ import annotations
 
 import errno
+import io
 import random
 from collections.abc import Callable
+from typing import BinaryIO
 
 from robotouille_server.rooms.storage import FileCondition
 from tests.programs.simulation.loop import Killed, Process, current_process
@@ -39,6 +41,9 @@ class Disk:
     def read(self, name: str) -> bytes:
         self._alive()
         return bytes(self._content(name))
+
+    def open(self, name: str) -> BinaryIO:
+        return io.BytesIO(self.read(name))
 
     def create(self, name: str) -> OpenFile:
         self._alive()
