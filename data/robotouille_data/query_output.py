@@ -21,7 +21,7 @@ from robotouille.html_report.figures import (
     label_rows,
     short_label,
 )
-from robotouille.terminal import printable
+from robotouille.terminal import printable, spreadsheet_cell
 from robotouille_data.database import CatalogueError
 from robotouille_data.query import QueryAnswer
 
@@ -151,13 +151,16 @@ def table_lines(answer: QueryAnswer, limit: int = MAX_SHOWN) -> tuple[list[str],
 
 
 def save_csv(answer: QueryAnswer, path: Path) -> int:
-    """Write CSV with a heading, and return the number of rows."""
+    """Write CSV with a heading, and return the number of rows.
+
+    Texts that a spreadsheet may interpret as formulas get an apostrophe.
+    """
     with whole_file(path) as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(answer.columns)
+        writer.writerow(map(_inert, answer.columns))
         count = 0
         for row in answer.rows:
-            writer.writerow(row)
+            writer.writerow(map(_inert, row))
             count += 1
     return count
 
@@ -203,6 +206,10 @@ def _shown(value: Any) -> str:
     # Chat and names in the catalogue are from participants and may contain escape sequences for the
     # terminal.
     return printable(text if len(text) <= MAX_WIDTH else f"{text[: MAX_WIDTH - 1]}…")
+
+
+def _inert(value: Any) -> Any:
+    return spreadsheet_cell(value) if isinstance(value, str) else value
 
 
 def _plain(value: Any) -> Any:

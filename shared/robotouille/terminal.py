@@ -1,4 +1,4 @@
-"""Text for terminals: safe output, and command options that are fields of one dataclass."""
+"""Text for terminals and spreadsheets: safe output, and command options as one dataclass."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import inspect
 import json
+import re
 import sys
 from collections.abc import Callable
 from typing import Any, get_type_hints
@@ -33,6 +34,16 @@ def printable_json(text: str) -> str:
 def quoted(text: str) -> str:
     """Return text from another person as one quoted line."""
     return printable_json(json.dumps(text, ensure_ascii=False))
+
+
+# The characters are those that OWASP lists for CSV injection.
+FORMULA = "\\A(?:[ \\t\\r\\n]*[=+\\-@\uff1d\uff0b\uff0d\uff20]|[\\t\\r\\n])"
+"""Regular expression for texts that a spreadsheet may interpret as a formula."""
+
+
+def spreadsheet_cell(text: str) -> str:
+    """Return the text with an apostrophe before it if a spreadsheet may read it as a formula."""
+    return f"'{text}" if re.match(FORMULA, text) else text
 
 
 def _escaped(line: str) -> str:

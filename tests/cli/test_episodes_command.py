@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from robotouille.protocol import messages
 from robotouille_client.cli.episodes import (
     TableError,
     closed_codes,
+    listed_row,
     read_requests,
     seconds,
     write_table,
@@ -93,6 +95,16 @@ def test_written_table_lists_codes_to_close(tmp_path: Path) -> None:
     assert closed_codes(path) == ["A", "B"]
     with pytest.raises(TableError, match="no column 'code'"):
         closed_codes(table(tmp_path, "task\nx\n"))
+
+
+def test_listed_names_are_no_formulas() -> None:
+    info = messages.EpisodeInfo(
+        episode="0011223344556677", code="KQXZB-MHTWA", task="multi_agent/01", clock="turn",
+        phase="ended", step=3, max_steps=9, seats=[], labels={"group": "@a"},
+        reason="abandoned", detail="=cmd() left",
+    )  # fmt: skip
+    row = listed_row(info, datetime.now(UTC))
+    assert (row["detail"], row["label.group"]) == ("'=cmd() left", "'@a")
 
 
 @pytest.mark.process

@@ -163,6 +163,14 @@ def test_csv_json_and_parquet_contain_all_rows(filled: str, tmp_path: Path) -> N
     assert polars.read_parquet(saved(save_parquet, "a.parquet")).rows() == ROWS
 
 
+def test_csv_marks_texts_that_look_like_formulas(tmp_path: Path) -> None:
+    rows = [("=1+1", -1), ("\t@x", 2), (" -3", None), ("a=b", 4.5)]
+    assert save_csv(QueryAnswer(("+a", "b"), iter(rows)), tmp_path / "a.csv") == len(rows)
+    with (tmp_path / "a.csv").open(newline="") as file:
+        found = list(csv.reader(file))
+    assert found == [["'+a", "b"], ["'=1+1", "-1"], ["'\t@x", "2"], ["' -3", ""], ["a=b", "4.5"]]
+
+
 def test_empty_answer_keeps_its_columns(filled: str, tmp_path: Path) -> None:
     query = "SELECT name FROM labels WHERE name = 'x'"
     for save, name in ((save_csv, "a.csv"), (save_json, "a.json")):

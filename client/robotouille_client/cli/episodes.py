@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.replay.file_names import iso_time
-from robotouille.terminal import printable, tell
+from robotouille.terminal import printable, spreadsheet_cell, tell
 from robotouille_client.client import DEFAULT_URL, Client, connect
 from robotouille_client.console import TokenOption, explain, fail, failing, name_and_value
 
@@ -166,7 +166,7 @@ def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
     if info.closes is not None:
         closes = (now + timedelta(seconds=info.closes)).strftime("%Y-%m-%dT%H:%M:%SZ")
     seats = (f"{seat.player}: {seat.name}" for seat in info.seats if seat.name)
-    return {
+    row = {
         "code": info.code,
         "episode": info.episode,
         "task": info.task,
@@ -181,6 +181,11 @@ def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
         "reason": info.reason,
         "detail": info.detail,
         **{f"label.{name}": value for name, value in info.labels.items()},
+    }
+    # Names come from participants, and a spreadsheet must not run them as formulas.
+    return {
+        name: spreadsheet_cell(value) if isinstance(value, str) else value
+        for name, value in row.items()
     }
 
 

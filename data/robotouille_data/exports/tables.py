@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille.terminal import FORMULA
 from robotouille_data.database import in_pieces
 from robotouille_data.exports.request import ExportEntry, ExportFormat, Field, Part, WrittenFile
 from robotouille_data.schema import EPISODE_TABLES, EPISODES, EVENTS
@@ -103,6 +104,30 @@ class BatchWriter(Protocol):
         """Finish the file."""
 
 
+class SpreadsheetCsv:
+    """Writer of CSV whose texts no spreadsheet interprets as formulas."""
+
+    def __init__(self, path: Path, schema: pa.Schema) -> None:
+        self._writer = pyarrow.csv.CSVWriter(path, schema)
+
+    def write_batch(self, batch: pa.RecordBatch) -> None:
+        """Write some rows, with an apostrophe before each text that looks like a formula."""
+        columns = [
+            _inert(column) if pa.types.is_string(column.type) else column for column in batch
+        ]
+        self._writer.write_batch(pa.RecordBatch.from_arrays(columns, schema=batch.schema))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._writer.close()
+
+
+def _inert(texts: pa.Array) -> pa.Array:
+    """Return what `spreadsheet_cell` returns for each text."""
+    quoted = pc.binary_join_element_wise("'", texts, "")
+    return pc.if_else(pc.match_substring_regex(texts, FORMULA), quoted, texts)
+
+
 class JsonLines:
     """Writer of one JSON object per line."""
 
@@ -124,7 +149,7 @@ def open_writer(format_: ExportFormat, path: Path, schema: pa.Schema) -> BatchWr
         case ExportFormat.PARQUET:
             writer: BatchWriter = pq.ParquetWriter(path, schema, compression="zstd")
         case ExportFormat.CSV:
-            writer = pyarrow.csv.CSVWriter(path, schema)
+            writer = SpreadsheetCsv(path, schema)
         case _:
             writer = JsonLines(path)
     return writer

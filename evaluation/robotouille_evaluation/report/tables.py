@@ -10,6 +10,7 @@ from statistics import fmean
 
 from robotouille.html_report.intervals import Interval
 from robotouille.html_report.page import Cell, Table, TableRow
+from robotouille.terminal import spreadsheet_cell
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.asynchrony import success_by_asynchronous_first
 from robotouille_evaluation.metrics.rows import EpisodeMeasures, ResultRow
@@ -68,9 +69,7 @@ def csv_text(table: Table) -> str:
 def _inert(cell: str | Cell) -> str:
     """Return the cell as one line that no spreadsheet interprets as a formula."""
     text = cell if isinstance(cell, str) else cell.text
-    text = text.replace("\r", " ").replace("\n", " ")
-    formula = text[:1] == "\t" or text.lstrip()[:1] in ("=", "+", "-", "@")
-    return f"'{text}" if formula else text
+    return spreadsheet_cell(text.replace("\r", " ").replace("\n", " "))
 
 
 def percent(interval: Interval | None) -> str:

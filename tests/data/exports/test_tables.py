@@ -18,9 +18,16 @@ pytest.importorskip("polars", reason="needs the extra `data`")
 import polars as pl
 from sqlalchemy.engine import URL
 
+from robotouille.replay.container import compress
+from robotouille.terminal import spreadsheet_cell
+from robotouille_data.database import database_url
 from robotouille_data.exports import tables
+from robotouille_data.exports.exporting import export
+from robotouille_data.exports.request import ExportFormat, ExportRequest
+from robotouille_data.indexing import index
 from robotouille_data.query import asking
 from robotouille_data.schema import EPISODE_TABLES, METADATA
+from tests.support.random_play import talkative_stream
 from tests.support.random_study import Write, manifest
 
 FORMATS = ("parquet", "csv", "jsonl")
@@ -59,6 +66,11 @@ def test_tables_equal_the_catalogue(url: URL, write: Write, format_: str) -> Non
         keys = ", ".join(column.name for column in table.primary_key.columns)
         with asking(url, f"SELECT * FROM {table.name} ORDER BY {keys}") as answer:
             expected = [tuple(row) for row in answer.rows]
+        if format_ == "csv":
+            expected = [
+                tuple(spreadsheet_cell(one) if isinstance(one, str) else one for one in row)
+                for row in expected
+            ]
         frame = loaded(folder, table.name, format_)
         assert frame.columns == [column.name for column in table.columns]
         assert frame.dtypes == [TYPES[type(column.type).__name__] for column in table.columns]
@@ -75,6 +87,21 @@ def test_long_tables_are_written_in_batches(write: Write, monkeypatch: pytest.Mo
         name = f"{table.name}.parquet"
         assert pl.read_parquet(whole / name).equals(pl.read_parquet(pieces / name))
     assert manifest(whole)["episodes"] == manifest(pieces)["episodes"]
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_only_csv_marks_texts_that_look_like_formulas(tmp_path: Path, format_: str) -> None:
+    name = '=HYPERLINK("https://evil.example","open me")'
+    stream = talkative_stream((name, ""), "\uff1d1+1", "s", "\t+2")
+    (tmp_path / "formula.rbt").write_bytes(compress(stream))
+    url = database_url(None, tmp_path)
+    index(url, [tmp_path])
+    export(url, tmp_path / "out", ExportRequest((ExportFormat(format_),)))
+    mark = "'" if format_ == "csv" else ""
+    assert loaded(tmp_path / "out", "seats", format_)["name"].to_list() == [mark + name, "bot"]
+    assert loaded(tmp_path / "out", "episodes", format_)["detail"].item() == f"{mark}{name} left"
+    names = loaded(tmp_path / "out", "events", format_)["name"].to_list()
+    assert {each for each in names if each} == {mark + name, "bot", mark + "\uff1d1+1"}
 
 
 @pytest.mark.slow
