@@ -175,7 +175,7 @@ class Client:
         return next((each for each in await self.episodes() if each.phase == "waiting"), None)
 
     async def create(self, task: str | None = None, **options: Any) -> messages.Created:
-        """Open an episode without joining it. `join` takes the id or code of the answer.
+        """Open an episode without joining it. `join` takes the code of the answer.
 
         Args:
             task: Name of a shipped task, or its unambiguous start; the server's default if None.
@@ -211,7 +211,7 @@ class Client:
         view: messages.View = "state",
         ready: bool = True,
     ) -> Game:
-        """Join an episode by id or code, and return once its state or text has arrived.
+        """Join an episode by code, and return once its state or text has arrived.
 
         Args:
             seat: The player to control; any free one if None.

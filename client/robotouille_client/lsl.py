@@ -274,7 +274,9 @@ class LslOptions(ServerOptions):
 def command(
     episode: Annotated[
         str,
-        typer.Argument(callback=unicode, help="Code or id of the episode.", show_default=False),
+        typer.Argument(
+            callback=unicode, help="Code of the episode; hosts may use its id.", show_default=False
+        ),
     ],
     options: LslOptions,
 ) -> None:

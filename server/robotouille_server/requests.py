@@ -210,11 +210,17 @@ class Requests:
             raise
 
     def _find(self, name: str) -> Room:
-        """Return the room with a code; limit wrong codes, so that codes cannot be guessed."""
+        """Return the room with a code; limit wrong codes, so that codes cannot be guessed.
+
+        Hosts may also use ids, because they may list all episodes.
+        """
         now, codes = self._now(), self._services.code_guesses
+        lobby, session = self._services.lobby, self._session
         codes.check(self._counted, now)
         try:
-            return self._services.lobby.find(name)
+            if session.role.includes(Role.HOST) and not session.limits.only_episode:
+                return lobby.find(name)
+            return lobby.find_by_code(name, session.limits.only_episode)
         except ProtocolError as error:
             # Codes have 45 bits, which is enough only while guesses are limited (docs/security.md,
             # "Finding episodes").

@@ -11,10 +11,12 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from robotouille_server import Server
+from robotouille_server import Server, ServerSettings, serve
+from robotouille_server.app import Surroundings
 from robotouille_server.auth.keys import FileKeyring, rotate
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import Tokens
+from robotouille_server.runtime.workers import WorkerSlot
 from tests.support.handshakes import FORWARDED, ONE_COOK, TWO_COOKS, hello, mint_token, opened
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import virtual
@@ -277,3 +279,57 @@ async def fetch(server: Server, path: str, *headers: str) -> str:
     answer = await reader.read()
     writer.close()
     return answer.decode()
+
+
+@pytest.mark.parametrize("role", ["player", "spectator"])
+@virtual
+async def test_id_is_a_wrong_code_for_participants(tmp_path: Path, role: str) -> None:
+    async with serving(tmp_path, trust_proxy="loopback") as server:
+        room, other = (server.lobby.create(ONE_COOK, owner="") for _ in range(2))
+        join = {"type": "join", "episode": room.id, "role": role}
+        tokens = [{}, {"token": mint_token(server, Role.PLAYER)}]
+        tokens += [
+            {"token": mint_token(server, mint, episode=other.code)}
+            for mint in (Role.PLAYER, Role.HOST)
+        ]
+        for fields in tokens:
+            async with opened(server, **FORWARDED) as stranger:
+                await hello(stranger, **fields)
+                unknown = await stranger.ask({**join, "episode": "0123456789abcdef"})
+                answer = await stranger.ask(join)
+                assert answer["code"] == unknown["code"] == "episode/unknown"
+                assert answer["message"] == f"no episode has the id or code {room.id!r}"
+        async with opened(server, **FORWARDED) as stranger:
+            await hello(stranger, name="mallory")
+            codes = [(await stranger.ask(join))["code"] for _ in range(21)]
+            assert codes[-1] == "rate/codes"
+
+
+@virtual
+async def test_hosts_and_bearers_of_a_token_for_the_episode_join_by_id(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(ONE_COOK, owner="")
+        join = {"type": "join", "episode": room.id, "role": "spectator"}
+        for token in (
+            mint_token(server, Role.HOST),
+            mint_token(server, Role.PLAYER, episode=room.id),
+            mint_token(server, Role.SPECTATOR, episode=room.code),
+        ):
+            async with opened(server, **FORWARDED) as connection:
+                await hello(connection, token=token)
+                assert (await connection.ask(join, "joined"))["code"] == room.code
+
+
+@virtual
+async def test_worker_does_not_redirect_participants_with_ids_only(tmp_path: Path) -> None:
+    slot = WorkerSlot(index=0, count=2, first_port=9001)
+    settings = ServerSettings(port=0, recordings=tmp_path)
+    async with serve(settings, Surroundings(worker=slot)) as server:
+        elsewhere = WorkerSlot(index=1, count=2).mark_id(7)
+        join = {"type": "join", "episode": elsewhere}
+        async with opened(server, **FORWARDED) as connection:
+            await hello(connection)
+            assert (await connection.ask(join, "moved"))["code"] == "episode/unknown"
+        async with opened(server, **FORWARDED) as connection:
+            await hello(connection, token=mint_token(server, Role.PLAYER, episode=elsewhere))
+            assert (await connection.ask(join, "moved"))["port"] == 9002

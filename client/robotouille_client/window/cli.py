@@ -274,7 +274,8 @@ class ClientOptions:
 def command(
     options: ClientOptions,
     code: Annotated[
-        str | None, typer.Argument(callback=unicode, help="Code or id of the episode to join.")
+        str | None,
+        typer.Argument(callback=unicode, help="Code of the episode to join; hosts may use its id."),
     ] = None,
 ) -> None:
     """Play or watch an episode in a window; without arguments, show a menu. H shows the keys."""

@@ -11,6 +11,7 @@ from robotouille.episode import Event, Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
+from robotouille_server.auth import same_episode
 from robotouille_server.rooms.archive import ArchivedEpisode
 from robotouille_server.rooms.episode_driver import Machinery
 from robotouille_server.rooms.episode_setup import (
@@ -38,7 +39,7 @@ from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskFolder, read_task_folder
 from robotouille_server.runtime.timer_queue import Rounds, TimerQueue
-from robotouille_server.runtime.workers import plain_code
+from robotouille_server.runtime.workers import is_id, plain_code
 
 LINGER_SECONDS = 120.0
 """Seconds for which the room of an ended episode is kept, for participants who come back late."""
@@ -249,7 +250,7 @@ class Lobby:
     # Finding
 
     def find(self, name: str) -> Room:
-        """Return the room with an id or code.
+        """Return the room with an id or code, for hosts, operators and resumed sessions.
 
         Raises:
             ProtocolError: `episode/unknown` for any other name.
@@ -257,9 +258,29 @@ class Lobby:
         room = self._known(name) or self._found_elsewhere(name)
         if room is None:
             self._codes.check_unused(name)
-            message = f"no episode has the id or code {name!r}"
-            raise ProtocolError("episode/unknown", message, "episode")
+            raise _unknown(name)
         return room
+
+    def find_by_code(self, name: str, only: str) -> Room:
+        """Return the room with a code, or with the id of the episode of a token.
+
+        Ids are no secret: they are in file names, exports and MQTT topics. For a participant, an id
+        is therefore as unknown as a wrong code.
+
+        Args:
+            name: The code or id.
+            only: The id or code of the episode of the participant's token, or empty.
+
+        Raises:
+            ProtocolError: `episode/unknown` for any other name.
+        """
+        room = self.rooms.get(name)
+        # The code of an episode on another worker is not known here, so a token with that code does
+        # not open the id.
+        own = (name,) if room is None else (room.id, room.code)
+        if is_id(name) and not (only and any(same_episode(only, one) for one in own)):
+            raise _unknown(name)
+        return self.find(name)
 
     def home_of(self, session: str, episode: str) -> Room | None:
         """Return the room of a resume token.
@@ -430,6 +451,10 @@ class Lobby:
 
     def _count(self) -> None:
         self._metrics.episodes.set(len(self._live))
+
+
+def _unknown(name: str) -> ProtocolError:
+    return ProtocolError("episode/unknown", f"no episode has the id or code {name!r}", "episode")
 
 
 def labels_for(room: Room, owner: str, *, operator: bool) -> Mapping[str, str]:

@@ -26,6 +26,11 @@ def plain_code(code: str) -> str:
     return "".join(code.split()).replace("-", "").upper()
 
 
+def is_id(name: str) -> bool:
+    """Return whether a name has the form of an episode's id. Codes have another form."""
+    return len(name) == 16 and all(digit in "0123456789abcdef" for digit in name)
+
+
 CODE_LETTERS = "ABCDEFGHJKMNPQRSTUVWXYZ"
 """Letters that cannot be confused. Their number limits the number of workers."""
 
@@ -83,7 +88,7 @@ class WorkerSlot:
             return
         if len(code) == code_length and code[0] in CODE_LETTERS:
             home = CODE_LETTERS.index(code[0]) % self.count
-        elif len(name) == 16 and all(digit in "0123456789abcdef" for digit in name):
+        elif is_id(name):
             home = self._of_id(name) % self.count
         else:
             return

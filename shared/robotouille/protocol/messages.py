@@ -272,7 +272,8 @@ class Join(Message):
     type: Literal["join"] = "join"
     ref: Ref = None
     episode: Identifier = Field(
-        description="The episode's id or code. Case and dashes are ignored."
+        description="The episode's code. Case and dashes are ignored. Hosts, operators and "
+        "bearers of a token for the episode may send its id instead."
     )
     role: Literal["player", "spectator"] = Field(default="player", description="Play or watch.")
     seat: Identifier | None = Field(
