@@ -83,8 +83,11 @@ def codebook_text(codebook: Mapping[str, ExportEntry], data: Sequence[Mapping[st
         data: The written files, as in `export.json`.
     """
     rows: Counter[str] = Counter()
+    counted: dict[str, str] = {}
     for each in data:
-        rows[each["entry"]] += each["rows"]
+        # Several formats may contain one table. Its rows count once.
+        if counted.setdefault(each["entry"], each["format"]) == each["format"]:
+            rows[each["entry"]] += each["rows"]
     entries = [
         {
             "name": entry.name,

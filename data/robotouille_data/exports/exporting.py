@@ -138,8 +138,6 @@ def export(
         MissingExtraError: A library for the format is not installed.
     """
     check_license(request.about.license)
-    if len([each for each in request.formats if each in TABLES]) > 1:
-        raise CatalogueError("choose only one of the formats parquet, csv and jsonl")
     with reading(url) as connection, whole_folder(folder) as draft:
         selection = select_episodes(
             connection,

@@ -44,7 +44,7 @@ class ExportRequest:
     """Request for an export.
 
     Attributes:
-        formats: Formats to write. At most one of them may be a format of tables.
+        formats: Formats to write.
         query: SQL with a column `id` or `episode_id` that selects episodes. Empty selects all.
         seconds: Time limit of the query.
         labels: Labels that the episodes must have.

@@ -16,7 +16,6 @@ pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 import numpy as np
 import sqlalchemy as sa
-from sqlalchemy.engine import URL
 
 from robotouille import World, load_task
 from robotouille.episode import ActionRequest, Episode, Rules
@@ -308,12 +307,14 @@ def test_reasoning_precedes_the_action(thoughtful: Path, tmp_path: Path, texts: 
     assert said[1].startswith("Action: ")
 
 
-def test_several_formats_share_a_folder(url: URL, write: Write, tmp_path: Path) -> None:
-    folder = write("csv", "chat", "arrays")
+def test_several_formats_share_a_folder(write: Write) -> None:
+    folder = write("csv", "chat", "arrays", "parquet")
     told = manifest(folder)
     assert {each["format"] for each in told["data"]} == set(told["formats"])
     names = {path.suffix for path in folder.iterdir()}
-    assert names == {".csv", ".jsonl", ".npz", ".json", ".md"}
-    several = ExportRequest((ExportFormat.CSV, ExportFormat.PARQUET))
-    with pytest.raises(CatalogueError, match="only one of the formats"):
-        export(url, tmp_path / "out", several)
+    assert names == {".csv", ".parquet", ".jsonl", ".npz", ".json", ".md"}
+    rows = {(each["entry"], each["format"]): each["rows"] for each in told["data"]}
+    for entry in json.loads((folder / "codebook.json").read_text())["entries"]:
+        assert {n for (name, _), n in rows.items() if name == entry["name"]} == {entry["rows"]}
+    assert 'path: "steps.parquet"' in (folder / "README.md").read_text()
+    assert "steps.csv" not in (folder / "README.md").read_text().partition("# ")[0]
