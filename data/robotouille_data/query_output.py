@@ -202,14 +202,33 @@ def save_parquet(answer: QueryAnswer, path: Path) -> int:
 
 
 def _shown(value: Any) -> str:
-    text = "" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+    match value:
+        case None:
+            text = ""
+        case float():
+            text = f"{value:g}"
+        case Decimal():
+            text = _digits(value)
+        case _:
+            text = str(value)
     # Chat and names in the catalogue are from participants and may contain escape sequences for the
     # terminal.
     return printable(text if len(text) <= MAX_WIDTH else f"{text[: MAX_WIDTH - 1]}…")
 
 
 def _inert(value: Any) -> Any:
+    if isinstance(value, Decimal):
+        return _digits(value)
     return spreadsheet_cell(value) if isinstance(value, str) else value
+
+
+def _digits(number: Decimal) -> str:
+    """Return a decimal without exponent and trailing zeros.
+
+    PostgreSQL's mean of zeros has 20 digits after the point, which Python writes as `0E-20`.
+    """
+    text = f"{number:f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def _plain(value: Any) -> Any:

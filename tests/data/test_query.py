@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +170,15 @@ def test_csv_marks_texts_that_look_like_formulas(tmp_path: Path) -> None:
     with (tmp_path / "a.csv").open(newline="") as file:
         found = list(csv.reader(file))
     assert found == [["'+a", "b"], ["'=1+1", "-1"], ["'\t@x", "2"], ["' -3", ""], ["a=b", "4.5"]]
+
+
+def test_decimals_are_plain_numbers(tmp_path: Path) -> None:
+    written = ("0E-20", "335.0000000000000000", "1E+3", "-1E-8", "12345678901234567890123456789.10")
+    shown = ["0", "335", "1000", "-0.00000001", "12345678901234567890123456789.1"]
+    rows = [(Decimal(text),) for text in written]
+    assert table_lines(QueryAnswer(("a",), iter(rows)))[0][2:] == shown
+    save_csv(QueryAnswer(("a",), iter(rows)), tmp_path / "a.csv")
+    assert (tmp_path / "a.csv").read_text().splitlines()[1:] == shown
 
 
 def test_empty_answer_keeps_its_columns(filled: str, tmp_path: Path) -> None:
