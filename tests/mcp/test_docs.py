@@ -10,10 +10,20 @@ from pathlib import Path
 
 import pytest
 
-from robotouille_client.mcp_server.http import MAX_BODY_BYTES, MAX_CONNECTIONS, MAX_SESSIONS
+from robotouille_client.mcp_server.http import (
+    MAX_BODY_BYTES,
+    MAX_CONNECTIONS,
+    MAX_CONNECTIONS_OF_ADDRESS,
+)
 from robotouille_client.mcp_server.open_game import MAX_LINES
 from robotouille_client.mcp_server.open_games import MAX_GAMES_OF_ONE
 from robotouille_client.mcp_server.results import GameView
+from robotouille_client.mcp_server.sessions import (
+    CHECKS_AT_ONCE,
+    MAX_SESSIONS,
+    MAX_SESSIONS_OF_ADDRESS,
+    MAX_SESSIONS_OF_TOKEN,
+)
 from robotouille_client.mcp_server.tools import TOOLS
 from robotouille_server import Server
 from tests.support.mcp_agent import COMMAND, agent
@@ -43,12 +53,20 @@ def test_all_tools_arguments_and_fields_are_documented(tmp_path: Path) -> None:
     assert all(f"`{field}`" in read(PAGE) for field in GameView.model_fields)
 
 
+ADDRESS = "address (IPv6: /64 network; not on loopback)"
+
+
 def test_documented_limits_match_the_code() -> None:
     rows = {row[0]: row[1] for row in table(PAGE, "MCP limits")}
     assert rows["open games with one token"] == str(MAX_GAMES_OF_ONE)
     assert rows["request body (HTTP)"] == f"{MAX_BODY_BYTES // 1024} KiB"
     assert rows["sessions, in MCP versions with a handshake (HTTP)"] == str(MAX_SESSIONS)
+    assert rows["sessions with one token"] == str(MAX_SESSIONS_OF_TOKEN)
+    assert rows[f"sessions from one {ADDRESS}"] == str(MAX_SESSIONS_OF_ADDRESS)
+    checked = "tokens that the game server checks at the same time"
+    assert rows[checked] == str(CHECKS_AT_ONCE)
     assert rows["connections (HTTP)"] == str(MAX_CONNECTIONS)
+    assert rows["connections from one address (not on loopback)"] == str(MAX_CONNECTIONS_OF_ADDRESS)
     assert f"the last {MAX_LINES} lines" in read(PAGE)
 
 

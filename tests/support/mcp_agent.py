@@ -86,11 +86,13 @@ async def agent(url: str, *, mode: str = "auto", **options: Any) -> AsyncIterato
 
 
 @asynccontextmanager
-async def with_bearer(url: str, token: str, **headers: str) -> AsyncIterator[Agent]:
+async def with_bearer(
+    url: str, token: str, mode: str = "auto", **headers: str
+) -> AsyncIterator[Agent]:
     """Connect an agent that sends a bearer token and other headers to a URL."""
     sent = {"authorization": f"Bearer {token}", **headers}
     async with create_mcp_http_client(headers=sent) as http:
-        async with over(streamable_http_client(url, http_client=http)) as connected:
+        async with over(streamable_http_client(url, http_client=http), mode) as connected:
             yield connected
 
 

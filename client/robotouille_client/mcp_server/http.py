@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,11 +12,17 @@ import h11
 import uvicorn
 from mcp.server.transport_security import TransportSecuritySettings
 from starlette.datastructures import Headers
-from starlette.responses import JSONResponse, PlainTextResponse
+from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from robotouille_client.mcp_server.open_games import SESSION_HEADER, bearer
+from robotouille_client.mcp_server.open_games import bearer
+from robotouille_client.mcp_server.sessions import (
+    MAX_SESSIONS,
+    SessionKeeper,
+    address_group,
+    invalid_token,
+)
 
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
@@ -24,8 +31,8 @@ if TYPE_CHECKING:
 
 PATH = "/mcp"
 MAX_BODY_BYTES = 65_536
-MAX_SESSIONS = 256
 MAX_CONNECTIONS = 512
+MAX_CONNECTIONS_OF_ADDRESS = 64
 REQUEST_SECONDS = 10.0
 """Time limit for the head of a request, and for its body."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -58,8 +65,8 @@ def http_app(
         session_idle_timeout=idle_seconds,
         transport_security=_guard(allowed_hosts),
     )
-    leaving = _WholeRequests(_SessionsLeave(app, games))
-    return _TokenRequired(leaving) if allowed_hosts else leaving
+    kept = _WholeRequests(SessionKeeper(app, games, idle_seconds, time.monotonic))
+    return _TokenRequired(kept) if allowed_hosts else kept
 
 
 def _guard(allowed_hosts: Sequence[str]) -> TransportSecuritySettings:
@@ -122,47 +129,15 @@ async def _body(receive: Receive) -> bytes | None:
     return bytes(body)
 
 
-class _SessionsLeave:
-    """Middleware that leaves the games of an MCP session when its client ends it (DELETE)."""
-
-    def __init__(self, app: ASGIApp, games: OpenGames) -> None:
-        self._app = app
-        self._games = games
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        ended = scope["type"] == "http" and scope["method"] == "DELETE"
-        session = Headers(scope=scope).get(SESSION_HEADER) if ended else None
-        status = 500
-
-        async def sent(message: Message) -> None:
-            nonlocal status
-            status = message.get("status", status)
-            await send(message)
-
-        await self._app(scope, receive, sent)
-        if session and status < 300:
-            await self._games.end_session(session)
-
-
 class _TokenRequired:
-    """Middleware that refuses requests without a bearer token.
-
-    The game server checks the token itself.
-    """
+    """Middleware that refuses requests without a bearer token."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http" and not bearer(Headers(scope=scope).get("authorization")):
-            refusal = JSONResponse(
-                {
-                    "error": "invalid_token",
-                    "error_description": "send a role token as bearer token",
-                },
-                status_code=401,
-                headers={"www-authenticate": 'Bearer error="invalid_token"'},
-            )
+            refusal = invalid_token("send a role token as bearer token")
             await refusal(scope, receive, send)
             return
         await self._app(scope, receive, send)
@@ -181,16 +156,41 @@ def listening_socket(host: str, port: int) -> socket.socket:
 class _Impatient(H11Protocol):
     """HTTP connection that is closed if its client does not send a whole request in time.
 
-    A few hundred silent connections would otherwise block all other clients.
+    Hundreds of silent connections would otherwise block all other clients. At the limit, a new
+    connection therefore replaces the one that has been silent for the longest time.
     """
 
     _check: asyncio.TimerHandle
     _awaited: object = None
+    _since = 0.0
+    _group = ""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self._group = address_group(self.client[0] if self.client else "")
+        self._since = self.loop.time()
         self._awaited = self._waits_for()
         self._check_later()
+        others = [c for c in self.connections if isinstance(c, _Impatient) and c.is_open]
+        self._replace_one([c for c in others if c._group == self._group], self._address_limit)
+        self._replace_one([c for c in others if c.is_open], MAX_CONNECTIONS)
+
+    @property
+    def is_open(self) -> bool:
+        """False once the connection is being closed."""
+        return not self.transport.is_closing()
+
+    @property
+    def _address_limit(self) -> int:
+        return MAX_CONNECTIONS_OF_ADDRESS if self._group else MAX_CONNECTIONS
+
+    def _replace_one(self, connections: list[_Impatient], limit: int) -> None:
+        """Close the longest silent connection, or this one, if there are too many."""
+        if len(connections) > limit:
+            silent = [c for c in connections if c._waits_for() is not None and c is not self]
+            # First those that have never sent a request.
+            oldest = min(silent, key=lambda c: (c.cycle is not None, c._since), default=self)
+            oldest.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._check.cancel()
@@ -223,7 +223,8 @@ class HttpService(uvicorn.Server):
                 log_level="warning",
                 access_log=False,
                 server_header=False,
-                limit_concurrency=MAX_CONNECTIONS,
+                # Connections that were replaced still count for a moment.
+                limit_concurrency=2 * MAX_CONNECTIONS,
                 timeout_graceful_shutdown=3,
             )
         )

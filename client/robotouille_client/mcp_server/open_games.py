@@ -167,9 +167,15 @@ class OpenGames:
             self._free_place(opened.owner)
             await opened.close()
 
-    async def end_session(self, mcp_session: str) -> None:
-        """Leave the games of an MCP session that has ended."""
-        await self._close(g for g in self._games.values() if g.mcp_session == mcp_session)
+    def sessions(self) -> set[str | None]:
+        """Return the MCP sessions that have games."""
+        return {opened.mcp_session for opened in self._games.values()}
+
+    async def end_session(self, mcp_session: str, owner: str) -> None:
+        """Leave an owner's games of an MCP session that has ended."""
+        await self._close(
+            g for g in self._games.values() if (g.mcp_session, g.owner) == (mcp_session, owner)
+        )
 
     async def close_all(self) -> None:
         """Leave all games."""

@@ -1,0 +1,225 @@
+"""MCP sessions over HTTP: who may open one, whose it is, and which one gives way to another."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser
+from mcp.server.auth.provider import AccessToken
+from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille_client.mcp_server.open_games import SESSION_HEADER, Caller, bearer
+
+if TYPE_CHECKING:
+    from robotouille_client.mcp_server.open_games import OpenGames
+
+MAX_SESSIONS = 256
+MAX_SESSIONS_OF_TOKEN = 32
+MAX_SESSIONS_OF_ADDRESS = 64
+CHECKS_AT_ONCE = 8
+"""Tokens that the game server checks at the same time."""
+CHECK_SECONDS = 10.0
+VERSION_HEADER = "mcp-protocol-version"
+
+
+def address_group(address: str) -> str:
+    """Return what an address counts as: itself, its IPv6 /64 network, or nothing on loopback.
+
+    Loopback has no limit, because a proxy on this machine makes all clients look local.
+    """
+    try:
+        found = ipaddress.ip_address(address)
+    except ValueError:
+        return address
+    if found.is_loopback:
+        return ""
+    if found.version == 6:
+        return str(ipaddress.ip_network((address, 64), strict=False))
+    return address
+
+
+@dataclass(slots=True)
+class McpSession:
+    """An open session. `calls` counts the requests in progress."""
+
+    id: str
+    caller: Caller
+    group: str
+    last_used: float
+    calls: int = 0
+
+
+@dataclass(slots=True)
+class _Answer:
+    """What the response of a request tells about its session."""
+
+    send: Send
+    status: int = 500
+    session: str = ""
+
+    async def watch(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+            self.session = Headers(raw=message["headers"]).get(SESSION_HEADER, "")
+        await self.send(message)
+
+
+class SessionKeeper:
+    """Middleware that checks tokens, binds sessions to them and limits the number of sessions.
+
+    The library refuses new sessions at its limit. Anybody could then lock all others out for the
+    idle time, so here the session that was unused for the longest time gives way. Sessions with a
+    game stay.
+    """
+
+    def __init__(
+        self, app: ASGIApp, games: OpenGames, idle_seconds: float, now: Callable[[], float]
+    ) -> None:
+        self._app = app
+        self._games = games
+        self._idle_seconds = idle_seconds
+        self._now = now
+        self._sessions: dict[str, McpSession] = {}
+        self._opening: list[McpSession] = []
+        self._checks = asyncio.Semaphore(CHECKS_AT_ONCE)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        caller = Caller(bearer(headers.get("authorization")), alone=False)
+        scope = {**scope, **_identity(caller)}
+        if session := headers.get(SESSION_HEADER):
+            await self._use(session, caller, (scope, receive, send))
+        elif _opens_session(scope, headers):
+            await self._open(caller, (scope, receive, send))
+        else:
+            await self._app(scope, receive, send)
+
+    async def _use(self, name: str, caller: Caller, request: tuple[Scope, Receive, Send]) -> None:
+        scope, receive, send = request
+        session = self._sessions.get(name)
+        if session is None or session.caller.owner != caller.owner:
+            # The library answers 404, because the session has ended or belongs to another token.
+            await self._app(scope, receive, send)
+            return
+        answer = _Answer(send)
+        session.calls += 1
+        session.last_used = self._now()
+        try:
+            await self._app(scope, receive, answer.watch)
+        finally:
+            session.calls -= 1
+            session.last_used = self._now()
+        if answer.status == 404 or (scope["method"] == "DELETE" and answer.status < 300):
+            self._sessions.pop(name, None)
+            await self._games.end_session(name, caller.owner)
+
+    async def _open(self, caller: Caller, request: tuple[Scope, Receive, Send]) -> None:
+        scope, receive, send = request
+        group = address_group((scope.get("client") or ("", 0))[0])
+        new = McpSession("", caller, group, self._now())
+        self._opening.append(new)
+        answer = _Answer(send)
+        try:
+            refusal = await self._refusal(caller) or await self._make_room(new, scope)
+            if refusal is not None:
+                await refusal(scope, receive, send)
+                return
+            await self._app(scope, receive, answer.watch)
+        finally:
+            self._opening.remove(new)
+        if answer.session and answer.status < 400:
+            new.id, new.last_used = answer.session, self._now()
+            self._sessions[new.id] = new
+
+    async def _refusal(self, caller: Caller) -> Response | None:
+        """Ask the game server whether it accepts the caller's token."""
+        if caller.token is None:
+            return None
+        try:
+            async with asyncio.timeout(CHECK_SECONDS), self._checks, self._games.visit(caller):
+                return None
+        except ProtocolError as error:
+            if error.code.startswith("auth/"):
+                return invalid_token(error.message)
+            reason = error.message
+        except (RobotouilleError, TimeoutError) as error:
+            reason = str(error)
+        return _unavailable(f"the game server cannot check the token: {reason}")
+
+    async def _make_room(self, new: McpSession, scope: Scope) -> Response | None:
+        """End sessions without a game until the new one is within all limits."""
+        self._forget_idle()
+        limits: list[tuple[int, Callable[[McpSession], bool]]] = [
+            (MAX_SESSIONS, lambda _: True),
+        ]
+        if new.caller.token:
+            limits.append((MAX_SESSIONS_OF_TOKEN, lambda s: s.caller.owner == new.caller.owner))
+        if new.group:
+            limits.append((MAX_SESSIONS_OF_ADDRESS, lambda s: s.group == new.group))
+        for limit, counts in reversed(limits):
+            while len(list(filter(counts, [*self._sessions.values(), *self._opening]))) > limit:
+                playing = self._games.sessions()
+                unused = [s for s in self._sessions.values() if counts(s) and s.id not in playing]
+                if not unused:
+                    return _unavailable(f"{limit} MCP sessions are open; end one")
+                await self._end(min(unused, key=lambda s: (s.calls > 0, s.last_used)), scope)
+        return None
+
+    def _forget_idle(self) -> None:
+        # The library has ended these.
+        long_ago = self._now() - self._idle_seconds
+        self._sessions = {
+            name: s for name, s in self._sessions.items() if s.calls or s.last_used > long_ago
+        }
+
+    async def _end(self, session: McpSession, scope: Scope) -> None:
+        """End a session with the request that its client would send."""
+        del self._sessions[session.id]
+        headers = [(b"host", Headers(scope=scope).get("host", "").encode("latin-1"))]
+        headers.append((SESSION_HEADER.encode(), session.id.encode()))
+        request = {**scope, "method": "DELETE", "headers": headers, **_identity(session.caller)}
+        await self._app(request, _nothing, _ignore)
+
+
+def _opens_session(scope: Scope, headers: Headers) -> bool:
+    version = headers.get(VERSION_HEADER)
+    return scope["method"] == "POST" and (version is None or version in HANDSHAKE_PROTOCOL_VERSIONS)
+
+
+def _identity(caller: Caller) -> Scope:
+    """Return the part of a scope by which the library recognises the owner of a session."""
+    if not caller.token:
+        return {"user": None}
+    return {"user": AuthenticatedUser(AccessToken(token="", client_id=caller.owner, scopes=[]))}
+
+
+async def _nothing() -> Message:
+    return {"type": "http.request", "body": b"", "more_body": False}
+
+
+async def _ignore(_: Message) -> None:
+    pass
+
+
+def invalid_token(reason: str) -> Response:
+    """Return the answer to a request without a valid token."""
+    return JSONResponse(
+        {"error": "invalid_token", "error_description": reason},
+        status_code=401,
+        headers={"www-authenticate": 'Bearer error="invalid_token"'},
+    )
+
+
+def _unavailable(reason: str) -> Response:
+    return JSONResponse({"error": reason}, status_code=503, headers={"retry-after": "1"})

@@ -1,0 +1,172 @@
+"""MCP sessions and connections of several clients, some of which are hostile."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+
+from robotouille_client.mcp_server import http, sessions
+from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
+from robotouille_client.mcp_server.open_games import OpenGames
+from robotouille_client.mcp_server.server import mcp_server
+from robotouille_server import Server
+from robotouille_server.auth import Role
+from tests.support.mcp_agent import over, with_bearer
+from tests.support.servers import serving
+
+HELLO = {
+    "jsonrpc": "2.0",
+    "id": 1,
+    "method": "initialize",
+    "params": {
+        "protocolVersion": "2025-06-18",
+        "capabilities": {},
+        "clientInfo": {"name": "ada", "version": "1"},
+    },
+}
+PING = {"jsonrpc": "2.0", "id": 2, "method": "ping"}
+ACCEPT = {"accept": "application/json, text/event-stream"}
+MADE_UP = "made-up"
+
+
+class Service:
+    """MCP server over HTTP, and its game server."""
+
+    def __init__(self, server: Server, games: OpenGames, url: str, raw: httpx.AsyncClient) -> None:
+        self.server = server
+        self.games = games
+        self.url = url
+        self._raw = raw
+
+    def token(self, subject: str) -> str:
+        return self.server.tokens.mint_role(Role.HOST, subject, seconds=3600)
+
+    async def send(
+        self, content: object, token: str = "", session: str = "", method: str = "POST"
+    ) -> httpx.Response:
+        headers = {**ACCEPT, "mcp-session-id": session, "authorization": f"Bearer {token}"}
+        given = {name: value for name, value in headers.items() if value.strip() != "Bearer"}
+        given = {name: value for name, value in given.items() if value}
+        return await self._raw.request(method, self.url, json=content, headers=given)
+
+    async def opened(self, token: str = "") -> str:
+        """Open a session and return its id."""
+        answer = await self.send(HELLO, token)
+        assert answer.status_code == 200, answer.text
+        return answer.headers["mcp-session-id"]
+
+    async def alive(self, session: str, token: str = "") -> bool:
+        return (await self.send(PING, token, session)).status_code == 200
+
+
+@asynccontextmanager
+async def service(folder: Path) -> AsyncIterator[Service]:
+    async with serving(folder) as server, httpx.AsyncClient(trust_env=False, timeout=30) as raw:
+        games = OpenGames(server.url)
+        app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
+        with listening_socket("127.0.0.1", 0) as listening:
+            running = HttpService(app, games)
+            task = asyncio.create_task(running.serve(sockets=[listening]))
+            url = f"http://127.0.0.1:{listening.getsockname()[1]}{PATH}"
+            yield Service(server, games, url, raw)
+            await raw.aclose()
+            running.should_exit = True
+            await task
+
+
+async def test_made_up_tokens_open_no_session(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp:
+        for _ in range(5):
+            answer = await mcp.send(HELLO, MADE_UP)
+            assert answer.status_code == 401
+            assert answer.headers["www-authenticate"].startswith("Bearer")
+            assert "mcp-session-id" not in answer.headers
+        ada = mcp.token("ada")
+        assert await mcp.alive(await mcp.opened(ada), ada)
+
+
+async def test_session_works_with_its_own_token_only(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp:
+        ada, eve = mcp.token("ada"), mcp.token("eve")
+        session = await mcp.opened(ada)
+        for token in (eve, MADE_UP, ""):
+            assert (await mcp.send(PING, token, session)).status_code == 404
+            assert (await mcp.send(None, token, session, "DELETE")).status_code == 404
+        assert await mcp.alive(session, ada)
+        assert (await mcp.send(None, ada, session, "DELETE")).status_code == 200
+        assert not await mcp.alive(session, ada)
+
+
+async def test_strangers_cannot_end_the_games_of_a_session(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp:
+        token = mcp.token("ada")
+        async with with_bearer(mcp.url, token, "legacy") as ada:
+            await ada.call("join", episode=await ada.opened("synchronous/01"))
+            (session,) = mcp.games.sessions()
+            assert session is not None
+            assert (await mcp.send(None, MADE_UP, session, "DELETE")).status_code == 404
+            assert len(mcp.games) == 1
+        assert len(mcp.games) == 0
+
+
+async def test_oldest_session_without_a_game_gives_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_SESSIONS", 3)
+    async with service(tmp_path) as mcp, over(mcp.url, "legacy") as playing:
+        view = await playing.call("join", episode=await playing.opened("synchronous/01"))
+        first, second = await mcp.opened(), await mcp.opened()
+        third = await mcp.opened()
+        assert [await mcp.alive(each) for each in (first, second, third)] == [False, True, True]
+        await playing.call("observe", game=view["game"])
+
+
+async def test_one_token_cannot_displace_the_sessions_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_SESSIONS_OF_TOKEN", 2)
+    async with service(tmp_path) as mcp:
+        ada, eve = mcp.token("ada"), mcp.token("eve")
+        session = await mcp.opened(ada)
+        many = [await mcp.opened(eve) for _ in range(4)]
+        assert await mcp.alive(session, ada)
+        assert [await mcp.alive(each, eve) for each in many] == [False, False, True, True]
+
+
+async def test_unreachable_game_server_is_reported(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp:
+        mcp.games.url = "ws://127.0.0.1:9"
+        answer = await mcp.send(HELLO, MADE_UP)
+        assert answer.status_code == 503
+        assert "cannot check the token" in answer.json()["error"]
+
+
+async def test_silent_connections_give_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http, "MAX_CONNECTIONS", 4)
+    async with service(tmp_path) as mcp:
+        address = httpx.URL(mcp.url)
+        silent = [await asyncio.open_connection(address.host, address.port) for _ in range(6)]
+        assert await mcp.alive(await mcp.opened())
+        assert await silent[0][0].read() == b""
+        for _, writer in silent:
+            writer.close()
+
+
+@pytest.mark.parametrize(
+    ("address", "group"),
+    [
+        ("192.0.2.1", "192.0.2.1"),
+        ("2001:db8::1:2:3:4", "2001:db8::/64"),
+        ("127.0.0.1", ""),
+        ("::1", ""),
+    ],
+)
+def test_addresses_are_grouped_by_network_and_loopback_has_no_limit(
+    address: str, group: str
+) -> None:
+    assert sessions.address_group(address) == group
