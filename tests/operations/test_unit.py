@@ -65,4 +65,7 @@ def test_unit_allows_enough_time_and_file_descriptors() -> None:
     assert unit["ExecStart"] == f"{SERVER} --config {CONFIG}"
     assert float(unit["TimeoutStopSec"]) > settings.drain_seconds
     assert int(unit["LimitNOFILE"]) > settings.max_connections
+    # Without these, a runaway server takes the machine down instead of being restarted.
+    assert unit["MemoryMax"].endswith("G")
+    assert int(unit["TasksMax"]) > 0
     assert settings.recordings.is_relative_to(f"/var/lib/{unit['StateDirectory']}")
