@@ -66,7 +66,7 @@ def whole_frames(file: BinaryIO, position: int = len(MAGIC)) -> Iterator[tuple[i
         check_magic(stream.read(len(MAGIC)))
         stream.seek(position)
         rest = b""
-        while len(rest) <= 2 * MAX_FRAME and position <= MAX_FILE:
+        while len(rest) <= MAX_FRAME + PIECE and position <= MAX_FILE:
             if not (piece := stream.read(PIECE)):
                 return
             # `frame_ends` expects the beginning of a recording.
@@ -228,10 +228,16 @@ class NoRecordings:
 
 @dataclass(frozen=True, slots=True)
 class RecordingSummary:
-    """Facts from the header and footer of a recording. Its frames are known up to `end`."""
+    """Facts from the header and footer of a recording.
+
+    Attributes:
+        end: The end of the last frame that was read.
+        read_size: The size of the file when all its frames were read.
+    """
 
     size: int
     end: int = len(MAGIC)
+    read_size: int = 0
     created: str = ""
     task: str = ""
     outcome: str = "unreadable"
@@ -300,6 +306,8 @@ class RecordingStore:
         try:
             with self._storage.open(name) as file:
                 size = file.seek(0, os.SEEK_END)
+                if known is not None and known.read_size == size:
+                    return known
                 if known is None or known.size > size:
                     known = RecordingSummary(size)
                 summary = _summarised(file, replace(known, size=size), live=live)
@@ -343,7 +351,7 @@ def _summarised(file: BinaryIO, known: RecordingSummary, *, live: bool) -> Recor
     if live and known.task:
         return known
     if known.size > MAX_SUMMARISED and not live:
-        return replace(known, outcome="unread")
+        return replace(known, outcome="unread", read_size=known.size)
     end, last = known.end, None
     try:
         for end, last in whole_frames(file, known.end):
@@ -351,9 +359,10 @@ def _summarised(file: BinaryIO, known: RecordingSummary, *, live: bool) -> Recor
                 known = _with_header(known, frame_value(last, 0))
                 if live:
                     return replace(known, end=end)
-        return known if last is None else _with_outcome(known, end, frame_value(last, 0))
+        known = replace(known, end=end, read_size=known.size)
+        return known if last is None else _with_outcome(known, frame_value(last, 0))
     except (RecordingError, KeyError, TypeError):
-        return RecordingSummary(known.size)
+        return RecordingSummary(known.size, read_size=known.size)
 
 
 def _with_header(known: RecordingSummary, head: dict[str, Any]) -> RecordingSummary:
@@ -361,7 +370,7 @@ def _with_header(known: RecordingSummary, head: dict[str, Any]) -> RecordingSumm
     return replace(known, created=created, task=task, outcome="unfinished")
 
 
-def _with_outcome(known: RecordingSummary, end: int, last: dict[str, Any]) -> RecordingSummary:
+def _with_outcome(known: RecordingSummary, last: dict[str, Any]) -> RecordingSummary:
     outcome = last["outcome"] if last.get("kind") == "footer" else {}
     reason = str(outcome.get("reason", "unfinished"))
-    return replace(known, end=end, outcome=reason, steps=outcome.get("steps"))
+    return replace(known, outcome=reason, steps=outcome.get("steps"))
