@@ -5,10 +5,13 @@ from __future__ import annotations
 from robotouille import World
 from robotouille.episode import (
     ActionRejected,
+    Clock,
+    Episode,
     Paused,
     PauseReason,
     Restarted,
     Resumed,
+    Rules,
     Started,
 )
 from robotouille.replay.container import MAGIC, read_frames
@@ -18,6 +21,7 @@ from robotouille.replay.recorder import (
     MAX_NOTES,
     SNAPSHOT_EVERY,
     Recorder,
+    header,
 )
 from robotouille.replay.recording import Recording
 from robotouille.world.unmet import only_words
@@ -47,16 +51,64 @@ def test_hashes_and_keyframes_are_written_at_regular_steps() -> None:
     assert keyframes == [n for n in range(recording.length + 1) if n % SNAPSHOT_EVERY == 0]
 
 
-def test_time_of_day_is_recorded_where_the_game_starts_to_run() -> None:
+def test_times_of_day_are_recorded_where_the_game_starts_and_stops() -> None:
     events = [Started(0.0), Paused((PauseReason.OPERATOR,), 1.0), Resumed(2.0), Restarted(3.0)]
-    seconds = iter([1_800_000_000.0, 1_800_000_002.0005, 1_800_000_009.25])
+    seconds = iter([1_800_000_000.0, 1_800_000_001, 1_800_000_002.0005, 1_800_000_009.25])
     for wall, expected in (
-        (lambda: next(seconds), [1_800_000_000_000, None, 1_800_000_002_000, 1_800_000_009_250]),
+        (lambda: next(seconds), [1_800_000_000_000, 1_800_000_001_000, 1_800_000_002_000,
+                                 1_800_000_009_250]),
         (None, [None] * 4),
-    ):
+    ):  # fmt: skip
         written = Recorder(TWO, wall=wall).record(events)
         (frame,) = read_frames(MAGIC + written)
         assert [note.get("utc_ms") for note in frame["notes"]] == expected
+
+
+def test_arrivals_before_the_start_and_the_end_have_both_times() -> None:
+    now = 100.0
+    episode = Episode(TWO, Rules())
+    recorder = Recorder(TWO, wall=lambda: 1_800_000_000 + now, clock=lambda: now)
+    stream = recorder.begin(header(TWO.task, episode.rules, episode="e"))
+
+    def at(time: float) -> float:
+        nonlocal stream, now
+        stream += recorder.record(episode.events())
+        now = time
+        return time
+
+    episode.join("robot1", "ada", "human", at(103.0), ready=False)
+    episode.join("robot2", "bob", "human", at(110.5))
+    episode.set_present("robot2", False, at(111.0))
+    episode.set_present("robot2", True, at(112.0))
+    episode.leave("robot2", at(113.0))
+    episode.set_ready("robot1", True, at(114.0))
+    episode.abort(at(120.25), "enough")
+    at(0.0)
+    recording = Recording(stream)
+    moments = [103_000, 103_000, 110_500, 111_000, 112_000, 113_000, 114_000]
+    notes = list(recording.notes())
+    assert [note["note"] for note in notes] == ["roster", "ready", *["roster"] * 4, "ready"]
+    assert [note["clock_ms"] for note in notes] == moments
+    assert [note["utc_ms"] for note in notes] == [1_800_000_000_000 + each for each in moments]
+    footer = recording.frames[-1]
+    assert (footer["utc_ms"], footer["clock_ms"]) == (1_800_000_120_250, 120_250)
+    assert recording.verify().ok
+
+
+def test_late_step_is_recorded_with_both_times() -> None:
+    episode = Episode(TWO, Rules(clock=Clock.REALTIME, step_rate=5, max_steps=2, countdown=0))
+    recorder = Recorder(TWO)
+    stream = recorder.begin(header(TWO.task, episode.rules, episode="e"))
+    for player in TWO.players:
+        episode.join(player, player, "bot", 10.0)
+    for time in (10.363, 10.4):
+        episode.tick(time)
+    recording = Recording(stream + recorder.record(episode.events()))
+    assert [(frame["t"], frame.get("late", 0)) for frame in recording.steps] == [
+        (200, 163),
+        (400, 0),
+    ]
+    assert recording.verify().ok
 
 
 def test_file_names() -> None:

@@ -51,7 +51,7 @@ with the names and with the texts until its content is declared."""
 
 
 PLAIN_FIELDS = frozenset((
-    "basis", "code", "controller", "generation", "heard", "holds", "kind", "more", "ms",
+    "basis", "clock_ms", "code", "controller", "generation", "heard", "holds", "kind", "more", "ms",
     "participant", "present", "ready", "seq", "session", "taken", "utc_ms", "what",
 ))  # fmt: skip
 """Fields of events without free text."""

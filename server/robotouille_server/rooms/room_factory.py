@@ -162,7 +162,7 @@ class RoomFactory:
         head = header(
             task, rules, episode=episode_id, seed=setup.seed, created=created, details=details
         )
-        recorder = Recorder(world, wall=around.wall)
+        recorder = Recorder(world, around.wall, self._machinery.timers.time)
         journal = None
         if around.storage is not None:
             name = file_name(created, task.name, episode_id)

@@ -651,7 +651,7 @@ class Episode:
             # that were due at its own time, as if the tick had not been late.
             for at in record.clock.on_tick(now, record):
                 self._release_held(at)
-                self._take_step(at)
+                self._take_step(at, now - at)
         self._release_held(now)
 
     # Requests are released one at a time: a decision may complete a step, and then the next held
@@ -681,12 +681,15 @@ class Episode:
         for at in self.record.clock.on_decision(now, self.record):
             self._take_step(at)
 
-    def _take_step(self, now: float) -> None:
+    def _take_step(self, now: float, late: float = 0.0) -> None:
+        """Take a step that was due at `now` and is taken `late` seconds after that."""
         record = self.record
         joint = joint_action(
             record.seats.values(), record.state, record.step, by_arrival=record.clock.scheduled
         )
-        goal = record.take_step(joint.moves, joint.idle, joint.waits, record.elapsed(now))
+        goal = record.take_step(
+            joint.moves, joint.idle, joint.waits, record.elapsed(now), late=late
+        )
         if not self._end_if_finished(now, goal=goal):
             self._start_move_timer(now)
 

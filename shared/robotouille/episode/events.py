@@ -304,6 +304,7 @@ class Stepped(NamedTuple):
         idle: Seats that decided to do nothing, with the sequence numbers of these decisions.
         undone: Facts that chance reversed after the actions.
         waits: Seats in `idle` that declared a wait.
+        late: Seconds between `time`, at which the step was due, and the tick that took it.
     """
 
     step: int
@@ -316,6 +317,7 @@ class Stepped(NamedTuple):
     idle: tuple[tuple[str, int], ...] = ()
     undone: tuple[Atom, ...] = ()
     waits: tuple[str, ...] = ()
+    late: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -285,6 +285,7 @@ class EpisodeRecord:
         waits: tuple[str, ...],
         time: float,
         undone: Sequence[Atom] | None = None,
+        late: float = 0.0,
     ) -> bool:
         """Apply a joint action, count it for every seat and report it.
 
@@ -292,8 +293,9 @@ class EpisodeRecord:
             moves: The moves, in the order in which they apply.
             idle: Seats that decided to do nothing, with the sequence numbers of these decisions.
             waits: Seats among them that declared a wait.
-            time: Seconds since the game started.
+            time: Seconds from the start of the game until the step was due.
             undone: Recorded random reversals; None draws them now.
+            late: Seconds from then until the step is taken.
 
         Returns:
             True if the goal is reached.
@@ -329,6 +331,7 @@ class EpisodeRecord:
                 idle,
                 tuple(undone),
                 waits,
+                late,
             )
         )
         # A reversal can also reach a goal that requires a fact to be false. The state is only asked

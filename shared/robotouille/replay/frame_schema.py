@@ -7,6 +7,7 @@ their defaults. Bytes of a recording therefore depend on this schema.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, Protocol, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -144,6 +145,7 @@ class StepFrame(Frame):
     kind: Literal["step"]
     step: Annotated[int, Field(ge=1)]
     t: int
+    late: Index = 0
     moves: list[RecordedMove]
     idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = Field(
         default_factory=list
@@ -185,6 +187,8 @@ class RecordedOutcome(Frame):
 class Footer(Frame):
     kind: Literal["footer"]
     outcome: RecordedOutcome
+    utc_ms: int = 0
+    clock_ms: int = 0
 
 
 # Notes
@@ -197,7 +201,17 @@ class NoteFields(Frame):
     t: int
 
 
-class RosterNote(NoteFields):
+class DatedNote(NoteFields):
+    """Base of the notes with the time of day and of the server's clock.
+
+    Before the start of the game, `t` is 0, so these are the only times of a note.
+    """
+
+    utc_ms: int = 0
+    clock_ms: int = 0
+
+
+class RosterNote(DatedNote):
     note: Literal["roster"]
     player: str
     name: str
@@ -211,7 +225,7 @@ class RosterNote(NoteFields):
     why: str = ""
 
 
-class ReadyNote(NoteFields):
+class ReadyNote(DatedNote):
     note: Literal["ready"]
     player: str
     ready: bool
@@ -258,15 +272,13 @@ class NotedNote(NoteFields):
     more: bool = False
 
 
-class CountdownNote(NoteFields):
+class CountdownNote(DatedNote):
     note: Literal["countdown"]
     ms: int = -1
-    utc_ms: int = 0
 
 
-class StartedNote(NoteFields):
+class StartedNote(DatedNote):
     note: Literal["started"]
-    utc_ms: int = 0
 
 
 class AnnouncedNote(NoteFields):
@@ -282,19 +294,17 @@ class ModeratedNote(NoteFields):
     name: str
 
 
-class PausedNote(NoteFields):
+class PausedNote(DatedNote):
     note: Literal["paused"]
     holds: list[str]
 
 
-class ResumedNote(NoteFields):
+class ResumedNote(DatedNote):
     note: Literal["resumed"]
-    utc_ms: int = 0
 
 
-class RestartedNote(NoteFields):
+class RestartedNote(DatedNote):
     note: Literal["restarted"]
-    utc_ms: int = 0
 
 
 class RoundTripNote(NoteFields):
@@ -395,18 +405,17 @@ _FIELDS = {
 _NAMES = {model: get_args(model.model_fields["note"].annotation)[0] for model in NOTES.values()}
 
 
-def note_of(event: Event, wall: Callable[[], float] | None = None) -> dict[str, Any]:
+def note_of(event: Event, times: Mapping[str, int] = MappingProxyType({})) -> dict[str, Any]:
     """Return the note that records an event.
 
     Args:
-        wall: Returns the seconds since 1970 (UTC), for notes that record the time of day at which
-            the game's time starts to run. None omits it.
+        times: The fields of a `DatedNote`. Without them, the note has no time of day.
     """
     model = NOTES[type(event)]
     computed = _COMPUTED[type(event)](event) if type(event) in _COMPUTED else {}
     computed["t"] = milliseconds(getattr(event, "time", 0.0))
-    if "utc_ms" in model.model_fields:
-        computed["utc_ms"] = None if wall is None else milliseconds(wall())
+    if issubclass(model, DatedNote):
+        computed |= {"utc_ms": None, "clock_ms": None, **times}
     note: dict[str, Any] = {"note": _NAMES[model]}
     for name, default in _FIELDS[model]:
         value = computed[name] if name in computed else getattr(event, name)

@@ -97,12 +97,15 @@ class Recorder:
     """Turns the events of one episode into the bytes to append to its file.
 
     Attributes:
-        wall: Returns the seconds since 1970 (UTC), which are recorded where the game's time starts
-            to run. None records no times of day, so that recordings are reproducible.
+        wall: Returns the seconds since 1970 (UTC). None records no times of day, so that recordings
+            are reproducible.
+        clock: Returns the seconds on a clock that is never set, as the caller of the episode reads
+            them. None records none.
     """
 
     world: World
     wall: Callable[[], float] | None = None
+    clock: Callable[[], float] | None = None
     writer: StateWriter = field(init=False)
 
     def __post_init__(self) -> None:
@@ -135,13 +138,14 @@ class Recorder:
             if isinstance(event, Stepped):
                 frame = self._step(event)
             elif isinstance(event, EpisodeEnded):
-                frame = pack_frame({"kind": "footer", "outcome": event.outcome.to_json()})
+                outcome = event.outcome.to_json()
+                frame = pack_frame({"kind": "footer", "outcome": outcome, **self._times()})
             # Beyond the seat's quota. Steps count no activity for it either, see
             # `Seat.count_rejection`.
             elif isinstance(event, ActionRejected) and not event.recorded:
                 continue
             else:
-                notes.append(note_of(event, self.wall))
+                notes.append(note_of(event, self._times()))
                 continue
             if notes:
                 frames.append(_notes_frames(notes))
@@ -151,11 +155,16 @@ class Recorder:
             frames.append(_notes_frames(notes))
         return b"".join(frames)
 
+    def _times(self) -> dict[str, int]:
+        """Return the time of day and of the clock, as recorded."""
+        clocks = (("utc_ms", self.wall), ("clock_ms", self.clock))
+        return {name: milliseconds(read()) for name, read in clocks if read is not None}
+
     def _step(self, event: Stepped) -> bytes:
-        rows: dict[str, Any] = {
-            "t": milliseconds(event.time),
-            "moves": [_move(move) for move in event.moves],
-        }
+        rows: dict[str, Any] = {"t": milliseconds(event.time)}
+        if late := milliseconds(event.late):
+            rows["late"] = late
+        rows["moves"] = [_move(move) for move in event.moves]
         if event.idle:
             rows["idle"] = event.idle
         if event.waits:
@@ -197,7 +206,7 @@ def step_frames(
     """Return the frame of a step, and the keyframe after it if one is due.
 
     Args:
-        rows: The fields that re-simulation cannot know: `t`, `moves`, `idle`, `waits`, `undone`.
+        rows: The fields that re-simulation cannot know: see `GIVEN` in `recording.py`.
         states: The states before and after the step.
     """
     frame = {"kind": "step", "step": step, **rows}

@@ -32,7 +32,7 @@ from robotouille.world.grounding.objects import atom_name
 from robotouille.world.world import State, Step, World
 
 # Everything else in a step follows from the state before it. `undone` is chance, so it is given.
-GIVEN = ("t", "moves", "idle", "waits", "undone")
+GIVEN = ("t", "late", "moves", "idle", "waits", "undone")
 """Fields of a step that re-simulation cannot know."""
 
 
