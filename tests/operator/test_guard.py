@@ -14,14 +14,9 @@ import pytest
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_server.auth import Role, RoleGrant
-from robotouille_server.operator import operator_view
+from robotouille_server.operator import load, operator_view
 from robotouille_server.operator.guard import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Access, LoginAudit
-from robotouille_server.operator.load import (
-    HEAVY_JOBS,
-    MAX_WAITING_JOBS,
-    REQUESTS_BURST,
-    HeavyJobs,
-)
+from robotouille_server.operator.load import HEAVY_JOBS, MAX_WAITING_JOBS, HeavyJobs
 from robotouille_server.operator.principal import RequestRefusedError
 from robotouille_server.runtime.logs import AuditLog
 from tests.support.operator import CHANGE, GUESS, audited, bearer, viewing
@@ -266,9 +261,12 @@ def test_token_in_use_is_one_login(tmp_path: Path) -> None:
 
 
 @virtual
-async def test_requests_are_limited_per_subject(tmp_path: Path) -> None:
+async def test_requests_are_limited_per_subject(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(load, "REQUESTS_BURST", 5)
     async with viewing(tmp_path) as (_, _, api):
-        for _ in range(int(REQUESTS_BURST)):
+        for _ in range(5):
             await api.get("/api/overview")
         answer = await api.http.get("/api/overview")
         assert (answer.status_code, answer.json()["code"]) == (429, "operator/rate")
@@ -279,10 +277,13 @@ async def test_requests_are_limited_per_subject(tmp_path: Path) -> None:
 
 
 @virtual
-async def test_other_subjects_have_their_own_limit(tmp_path: Path) -> None:
+async def test_other_subjects_have_their_own_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(load, "REQUESTS_BURST", 5)
     async with viewing(tmp_path, tokens=True) as (server, _, api):
         ada, bob = bearer(server, "ada"), bearer(server, "bob")
-        for _ in range(int(REQUESTS_BURST)):
+        for _ in range(5):
             await api.get("/api/overview", headers=ada)
         assert (await api.http.get("/api/overview", headers=ada)).status_code == 429
         await api.get("/api/overview", headers=bob)

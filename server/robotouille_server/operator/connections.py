@@ -107,6 +107,10 @@ class ConnectionSlot:
             self._stand(Standing.IDLE)
         self._waiting_since = self._slots.now()
 
+    def progressed(self) -> None:
+        """Note that the client has read what was written, so more of the response follows."""
+        self._progress = None
+
     def release(self) -> None:
         """Free the slot, because the connection is closed."""
         self._slots.remove(self)
@@ -288,6 +292,8 @@ class OperatorConnection(asyncio.Protocol):
             self._http.pause_writing()
 
     def resume_writing(self) -> None:
+        if self._slot is not None:
+            self._slot.progressed()
         if self._http is not None:
             self._http.resume_writing()
 

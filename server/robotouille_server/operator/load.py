@@ -16,7 +16,9 @@ HEAVY_JOBS = 2
 interpreter's lock."""
 MAX_WAITING_JOBS = 16
 BUSY_SECONDS = 1
-REQUESTS_A_SECOND, REQUESTS_BURST = 20.0, 60.0
+REQUESTS_A_SECOND, REQUESTS_BURST = 20.0, 256.0
+"""The burst is twice the number of connections. All connections of a flood can thus send a request,
+and an operator without a token is still answered."""
 MAX_SUBJECTS = 256
 
 P = ParamSpec("P")
