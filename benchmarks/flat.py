@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import io
 import json
 import selectors
 import subprocess
@@ -17,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgpack
 import psutil
@@ -84,6 +85,9 @@ class Memory:
 
     def read(self, name: str) -> bytes:
         return bytes(self.files[name])
+
+    def open(self, name: str) -> BinaryIO:
+        return io.BytesIO(self.read(name))
 
     def create(self, name: str) -> Growing:
         return Growing(self.files.setdefault(name, bytearray()))
