@@ -230,20 +230,20 @@ def _bound_packets(client: aiomqtt.Client) -> None:
     """Make a client close its connection when the broker sends what it was asked not to send.
 
     An honest broker respects `MaximumPacketSize`. For any other broker, paho reads up to 256 MiB
-    into memory and has no option to refuse that. Its only method that reads is replaced here,
-    until paho enforces `MaximumPacketSize` itself.
+    into memory. An upstream option is wanted that enforces `MaximumPacketSize`. Until then, this
+    replaces paho's only method that reads from the socket.
     """
     paho = client._client
     receive = paho._sock_recv
 
-    def receive_bounded(size: int) -> bytes:
+    def receive_bounded(bufsize: int) -> bytes:
         # paho asks for all bytes that the packet's head announces.
-        if size > MAX_PACKET_BYTES:
-            raise _refused(f"the broker sends a packet of {size:,} bytes")
+        if bufsize > MAX_PACKET_BYTES:
+            raise _refused(f"the broker sends a packet of {bufsize:,} bytes")
         # Subscriptions have QoS 1. paho keeps messages of QoS 2 until the broker releases them.
         if paho._in_messages:
             raise _refused("the broker sends a message of QoS 2")
-        return receive(size)
+        return receive(bufsize)
 
     paho._sock_recv = receive_bounded  # type: ignore[method-assign]
 
