@@ -84,6 +84,8 @@ class Game:
             episode.set_present("robot2", False, self.now)
             self.flush()
             episode.set_present("robot2", True, self.now, generation=self.seq)
+        if self.seq % 13 == 0 and episode.phase is not Phase.ENDED:
+            episode.take_over("robot2", "bot", self.now, session=f"session-{self.seq}")
         episode.tick(self.now)
         self.flush()
 
@@ -115,7 +117,7 @@ def test_restored_episode_equals_the_original(clock: Clock) -> None:
         one, two = ours.seat(player), theirs.seat(player)
         assert one.tally == two.tally
         assert (one.name, one.session, one.generation) == (two.name, two.session, two.generation)
-        assert one.answer.reasons == two.answer.reasons
+        assert (one.seq, one.answer.reasons) == (two.seq, two.answer.reasons)
         assert not one.present
     assert ours.pauses.shown == (PauseReason.RESTART, 1010.0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -9,6 +10,9 @@ from typing import Any
 
 import pytest
 
+from robotouille.episode import Absence, Clock
+from robotouille.replay.recording import read_recording
+from robotouille.replay.timeline import note_lines
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.room import Room
@@ -244,3 +248,114 @@ async def test_memory_for_absent_spectators_is_bounded(tmp_path: Path) -> None:
         assert len(room.members) == len(kept) <= 2 * 3
         everywhere = [one for one in gc.get_objects() if isinstance(one, Session)]
         assert len(everywhere) == len(server.sessions.by_id) <= 2 * 3
+
+
+def seat_token(server: Server, room: Room, **limits: Any) -> str:
+    return mint_token(server, Role.PLAYER, **{"episode": room.code, "seat": "robot1", **limits})
+
+
+async def joined_with(connection: Raw, room: Room, token: str, **fields: Any) -> dict[str, Any]:
+    await hello(connection, token=token)
+    return await connection.ask({**joining(room), **fields}, "joined")
+
+
+@pytest.mark.parametrize("limits", [{}, {"seat": ""}, {"role": Role.HOST}])
+@pytest.mark.parametrize("closed", [False, True])
+@virtual
+async def test_token_of_an_episode_brings_its_participant_back(
+    tmp_path: Path, limits: dict[str, Any], closed: bool
+) -> None:
+    """Another device, or a browser without its state, has only the role token."""
+    async with serving(tmp_path) as server, opened(server) as first, opened(server) as second:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        options = {"role": Role.PLAYER, "seat": "robot1", **limits}
+        token = server.tokens.mint_role(subject="p-1", seconds=60, episode=room.code, **options)
+        before = await joined_with(first, room, token)
+        await first.ask({"type": "act", "seq": 5, "action": "?"}, "rejected")
+        if closed:
+            await first.socket.close()
+            while room.episode.seats["robot1"].present:
+                await asyncio.sleep(0.1)
+        after = await joined_with(second, room, token)
+        assert (after["seat"], after["name"]) == (before["seat"], before["name"])
+        if not closed:
+            assert (await first.expect("bye"))["code"] == "session/elsewhere"
+        assert [session.player for session in room.members] == ["robot1"]
+        assert room.episode.seats["robot1"].present
+        async with opened(server) as late:
+            answer = await hello(late, resume=before["resume"])
+            # A program that stays open elsewhere must not take the seat back by itself.
+            assert answer.get("code") == ("auth/expired" if not closed else None)
+        assert [session.player for session in room.members] == ["robot1"]
+        assert room.episode.seats["robot1"].present
+
+
+@virtual
+async def test_token_brings_back_its_own_participant_only(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, opened(server) as first:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        await joined_with(first, room, seat_token(server, room))
+        others = {
+            "another subject": server.tokens.mint_role(
+                Role.PLAYER, "p-2", seconds=60, episode=room.code, seat="robot1"
+            ),
+            "a token for all episodes": mint_token(server, Role.PLAYER),
+        }
+        for why, token in others.items():
+            async with opened(server) as other:
+                answer = await joined_with(other, room, token, seat="robot1")
+                assert answer["code"] == "seat/taken", why
+        async with opened(server) as watcher:
+            answer = await joined_with(watcher, room, seat_token(server, room), role="spectator")
+            assert answer["role"] == "spectator"
+        assert room.episode.seats["robot1"].present
+
+
+@virtual
+async def test_used_token_for_one_session_does_not_bring_its_participant_back(
+    tmp_path: Path,
+) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        once = seat_token(server, room, once=True)
+        async with opened(server) as first:
+            await joined_with(first, room, once)
+        async with opened(server) as second:
+            assert (await hello(second, token=once))["code"] == "auth/used"
+            new = await joined_with(second, room, seat_token(server, room, once=True))
+            assert new["seat"] == "robot1"
+
+
+@virtual
+async def test_taken_over_seat_survives_a_restart(tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(serving(tmp_path))
+        alone = ONE_COOK.model_copy(update={"absence": Absence.PAUSE, "clock": Clock.LOCKSTEP})
+        room = server.lobby.create(alone, owner="")
+        token = seat_token(server, room, seat="")
+        for seq in (3, 4):
+            async with opened(server) as connection:
+                assert (await joined_with(connection, room, token))["type"] == "joined"
+                act = {"type": "act", "seq": seq, "action": "?"}
+                answer = await connection.ask(act, "rejected")
+                assert answer.get("code", "") != "action/stale"
+                resume = (await connection.ask({"type": "resync"}, "snapshot"))["seq"]
+                assert resume == seq
+        before = room.episode.seats["robot1"]
+        assert before.seq == 4
+        await server.stop("restart", hand_over=True)
+        server = await stack.enter_async_context(serving(tmp_path, seed=2))
+        room = server.lobby.find(room.code)
+        after = room.episode.seats["robot1"]
+        same = ("session", "participant", "name", "seq", "kind", "generation", "answer")
+        assert [getattr(after, name) for name in same] == [getattr(before, name) for name in same]
+        async with opened(server) as connection:
+            joined = await joined_with(connection, room, seat_token(server, room, seat=""))
+            assert (joined["seat"], joined["seq"]) == ("robot1", 4)
+            assert room.episode.running
+        room.abort("over")
+        await server.lobby.closed()
+        recording = read_recording(next(tmp_path.glob("*.rbt")))
+        assert recording.verify().ok
+        words = " ".join(note_lines(recording))
+        assert (words.count("takes robot1"), words.count("is back")) == (1, 2)

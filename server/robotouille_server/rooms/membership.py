@@ -76,7 +76,10 @@ class Membership:
         self._gate.check()
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
-        if request.role == "player":
+        if own := self._own_seats(session, request):
+            self._take_over(session, own, request.ready, now)
+            name = session.name
+        elif request.role == "player":
             players = self._turnover.choose(
                 self._episode, request, now, idle=self._may_idle(session, request)
             )
@@ -105,6 +108,48 @@ class Membership:
         session.name, session.room = name, room
         session.view = request.view
         session.known = set(request.known)
+
+    def _own_seats(self, session: Session, request: messages.Join) -> tuple[str, ...]:
+        """Return the requested seats if the participant of a token has them in another session.
+
+        Only with a token for this episode: other tokens may be shared by several programs.
+        """
+        limits = session.limits
+        if request.role != "player" or not limits.only_episode:
+            return ()
+        seats = self._episode.seats.values()
+        held = [s for s in seats if s.taken and s.participant == session.participant]
+        named = () if request.seats == "all" else request.seats
+        wanted = {request.seat} if request.seat else {*named}
+        # Absent seats first: their participant has to come back to them.
+        for seat in sorted(held, key=lambda one: one.present):
+            players = self.players_of(seat.session)
+            alone = not limits.only_seat or players == (limits.only_seat,)
+            if alone and wanted <= {*players}:
+                return players
+        return ()
+
+    def _take_over(
+        self, session: Session, players: tuple[str, ...], ready: bool, now: float
+    ) -> None:
+        """Give a participant's seats to its new session, and close the older connection."""
+        self._turnover.charge(players, now, "has lost and regained its connection")
+        self._episode.take_over(players, session.kind, now, session=session.id)
+        old = self._broadcaster.holder(players[0])
+        if old is not None:
+            self._remove(old)
+            self._supersede(old)
+        self._episode.set_ready(players, ready, now)
+        session.players, session.name = players, self._episode.seats[players[0]].name
+        self.ever_seated.add(session.id)
+
+    def _supersede(self, old: Session) -> None:
+        if old.peer is None:
+            # If it comes back, it learns that it is no longer in the episode. Otherwise it would
+            # join again and take the seat back.
+            self._sessions.sent_out(old)
+        else:
+            old.peer.close("session/elsewhere", "you joined with the same token elsewhere")
 
     def _may_idle(self, session: Session, request: messages.Join) -> bool:
         """Return whether the newcomer may stand still for long, as people do before they are ready.

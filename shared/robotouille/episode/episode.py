@@ -321,6 +321,26 @@ class Episode:
             record.emit_roster(seat, now)
         self._update_presence(now)
 
+    def take_over(
+        self, players: str | Collection[str], kind: str, now: float, *, session: str
+    ) -> None:
+        """Let the participant of some seats go on in a new session.
+
+        The seats keep everything else, such as the name and the numbers of the requests.
+
+        Raises:
+            ProtocolError: `episode/ended`.
+        """
+        record = self.record
+        record.check_open()
+        seats = [seat for seat in record.seats_of(players) if seat.taken]
+        for seat in seats:
+            seat.set_present(True, now, record.ran(now))
+            seat.change_session(session, kind)
+        for seat in seats:
+            record.emit_roster(seat, now)
+        self._update_presence(now)
+
     # Start and end
 
     def _start_when_complete(self, now: float) -> None:

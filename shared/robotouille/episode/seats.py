@@ -161,6 +161,10 @@ class Seat:
         # The new participant numbers its requests from 1 again.
         self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
 
+    def change_session(self, session: str, kind: str) -> None:
+        """Let the participant go on in a new session, whose resume tokens start again."""
+        self.session, self.kind, self.generation = session, kind, 0
+
     def lose_connection(self, ran: float) -> None:
         """Mark the participant as absent.
 

@@ -73,7 +73,7 @@ class ErrorCode(StrEnum):
     """The token's owner has too many episodes."""
 
     SESSION_ELSEWHERE = "session/elsewhere"
-    """`bye` only: another connection used the resume token."""
+    """`bye` only: another connection used the resume or role token of the seat."""
 
     SERVER_FULL = "server/full"
     """The server has too many episodes."""

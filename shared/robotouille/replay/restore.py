@@ -249,12 +249,13 @@ class _Replayer:
 def _sit(seat: Seat, note: dict[str, Any], ran: float) -> None:
     """Bring a seat into the state of a roster note, after the game has run for `ran` seconds."""
     if note["taken"]:
-        # A participant who returns keeps the session, and with it the numbers of the requests and
-        # the last answer.
-        newcomer = not seat.taken or seat.session != note["session"]
-        if newcomer:
-            if seat.taken:
-                seat.vacate(ran)
+        # A participant who returns, in the same session or a new one, keeps the numbers of the
+        # requests and the last answer.
+        if seat.taken and seat.participant != note["participant"]:
+            seat.vacate(ran)
+        if seat.taken:
+            seat.change_session(note["session"], note["kind"])
+        else:
             seat.take(note["name"], note["kind"], note["session"], note["participant"], ran)
         seat.generation = note["generation"]
         if note["present"]:

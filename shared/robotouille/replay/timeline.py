@@ -191,7 +191,8 @@ def _roster_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -
     seated[player] = (name, session)
     if not note["present"]:
         return f"{name} ({player}) is away{by_bot}"
-    if before is None or (before != (name, session) and before[1] != session):
+    # A participant may come back in a new session.
+    if before is None or (before[0] != name and before[1] != session):
         return f"{name} ({note['kind']}) takes {player}"
     return f"{name} ({player}) is back"
 
