@@ -58,10 +58,11 @@ class Server:
         self.tokens = credentials.tokens
         self._used_tokens = credentials.used
         self.sessions = Sessions(settings, self.metrics, credentials, around.randomness)
-        self.lobby = Lobby(settings, self.metrics, self.sessions, around)
-        self.shutdown = Shutdown()
         limit = settings.max_connections + MAX_SURPLUS_CONNECTIONS
         self.admission = Admission(self.metrics, limit, settings.hello_seconds)
+        loop_budget = self.admission.loop_budget
+        self.lobby = Lobby(settings, self.metrics, self.sessions, loop_budget, around)
+        self.shutdown = Shutdown()
         self.services = Services(
             settings=settings,
             metrics=self.metrics,
@@ -71,7 +72,7 @@ class Server:
             used_tokens=credentials.used,
             connection_limiter=ConnectionLimiter(settings.max_connections_per_address),
             code_guesses=CodeGuessLimiter(),
-            loop_budget=self.admission.loop_budget,
+            loop_budget=loop_budget,
             shutdown=self.shutdown,
         )
         pages = HttpPages(settings, self._full, self._metrics_page)

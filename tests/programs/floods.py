@@ -32,6 +32,7 @@ from websockets.typing import Subprotocol
 
 from robotouille_server.auth import Role, Tokens
 from robotouille_server.auth.keys import FileKeyring
+from tests.programs.audience_flood import AudienceFlood
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 from tests.support.server_process import ServerProcess, server_process
 
@@ -44,6 +45,8 @@ FLAGS = (
 MAX_GAP = 0.150
 MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
+READY = "ready\n"
+"""Line that the flooding process prints when it begins."""
 SUBPROTOCOL = Subprotocol("robotouille.v1.json")
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
 """Header of a proxy, so that the server treats the connection as a remote one."""
@@ -78,7 +81,8 @@ def _in_and_out(code: str) -> bytes:
 class Flood:
     """A message that is repeated, the messages that precede it, and whether replies are read.
 
-    With `silent`, the flood only opens and keeps this many connections. With `elsewhere`, its
+    With `silent`, the flood only opens and keeps this many connections. With `watched`, it plays in
+    rooms with 200 spectators each, given by their tasks and views. With `elsewhere`, its
     connections are remote; new clients are then remote too and have a token. `rooms` is the number
     of other episodes on the server.
     """
@@ -88,6 +92,8 @@ class Flood:
     first: tuple[str, ...] = ()
     reads: bool = True
     silent: int = 0
+    watched: tuple[tuple[str, str], ...] = ()
+    chats: bool = False
     elsewhere: bool = False
     rooms: int = 0
     connections: int = 4
@@ -141,6 +147,19 @@ FLOODS = {
     "tokens": Flood(
         "hello with an invalid token",
         lambda code: _message({**HELLO, "resume": "x" * 800}),
+    ),
+    "watched": Flood(
+        "actions of a player with 200 spectators",
+        watched=(("asynchronous/10", "both"),),
+    ),
+    "watched-rooms": Flood(
+        "actions of players in 4 rooms with 800 spectators",
+        watched=(("synchronous/01", "state"), ("asynchronous/10", "both")) * 2,
+    ),
+    "chat": Flood(
+        "chat of 4 players with 200 spectators",
+        watched=(("multi_agent/10@4", "state"),),
+        chats=True,
     ),
 }
 
@@ -202,8 +221,12 @@ def attack(name: str, port: int, code: str) -> None:
     """Flood a server until the process is killed."""
     os.nice(5)
     flood = FLOODS[name]
+    rooms = AudienceFlood(port, flood.watched, chats=flood.chats) if flood.watched else None
+    print(READY, end="", flush=True)
     if name == "none":
         time.sleep(3600)
+    if rooms is not None:
+        rooms.run()
     if flood.silent:
         _keep_silent(port, flood.silent, flood.elsewhere)
     attackers = [Attacker(flood, port, code) for _ in range(flood.connections)]
@@ -345,8 +368,10 @@ def _limit_descriptors(soft: int) -> None:
 def _flooding(name: str, port: int, code: str) -> Iterator[None]:
     _limit_descriptors(0)
     command = [sys.executable, "-m", "tests.programs.floods", "--attack", name, str(port), code]
-    process = subprocess.Popen(command)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
     try:
+        assert process.stdout.readline() == READY, "the flood did not begin"
         yield
     finally:
         process.kill()

@@ -135,7 +135,7 @@ async def table(server: Server, **create: Any) -> AsyncIterator[tuple[Ear, Ear, 
         await one.ask(join, "joined")
         await two.ask(join, "joined")
         ears = Ear(one), Ear(two), Ear(three)
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.2)
         yield ears
         for ear in ears:
             ear.listening.cancel()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -22,10 +22,12 @@ from robotouille.episode import (
     Stepped,
 )
 from robotouille.protocol import messages
-from robotouille.protocol.codec import MSGPACK, Codec
+from robotouille.protocol.codec import MSGPACK
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateWriter
 from robotouille.world.unmet import UnmetKind
+from robotouille.world.world import State
+from robotouille_server.rooms.audience import Audience, SharedMessage, SharedStep
 from robotouille_server.rooms.episode_messages import (
     EpisodeMessages,
     Snapshots,
@@ -34,7 +36,8 @@ from robotouille_server.rooms.episode_messages import (
 )
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.write_ahead import CommitGate
-from robotouille_server.transport import Peer, frame_of
+from robotouille_server.runtime.timer_queue import TimerQueue
+from robotouille_server.transport import LoopBudget, Peer, frame_of
 
 KEPT_DELTAS = 64
 """Deltas kept for clients that come back. If more were missed, a snapshot is shorter."""
@@ -71,13 +74,16 @@ class LongWait:
 class Broadcaster:
     """Sends messages to the sessions in a room. Each message is encoded once for all of them.
 
+    Players receive messages at once; spectators receive them through an `Audience`.
+
     Attributes:
-        members: The sessions in the room.
+        members: The sessions in the room. Change it by `enter` and `leave` only.
         long_wait: The seats that rosters report as slow.
         rematch: The code of the next game with the same task and participants, if one was opened.
     """
 
     __slots__ = (
+        "_audience",
         "_code",
         "_deltas",
         "_episode",
@@ -89,6 +95,7 @@ class Broadcaster:
         "_last_turn",
         "_notices",
         "_now",
+        "_public",
         "_said",
         "_snapshots",
         "long_wait",
@@ -102,9 +109,11 @@ class Broadcaster:
         code: str,
         episode: Episode,
         writer: StateWriter,
-        now: Callable[[], float],
+        timers: TimerQueue,
+        loop_budget: LoopBudget,
         gate: CommitGate,
     ) -> None:
+        now = timers.time
         self.members: list[Session] = []
         self.long_wait = LongWait(episode)
         self.rematch = ""
@@ -115,10 +124,14 @@ class Broadcaster:
         self._snapshots = Snapshots(episode_id, episode, writer)
         self._now = now
         self._gate = gate
+        self._audience = Audience(
+            timers, loop_budget, self._public_observation, self._commit_snapshot
+        )
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
         self._last_roster: messages.Roster | None = None
         self._last_turn: str | None = None
+        self._public: tuple[tuple[int, str | None, str], SharedMessage] | None = None
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
 
@@ -138,7 +151,19 @@ class Broadcaster:
         """Return the session that plays a seat."""
         return next((session for session in self.members if player in session.players), None)
 
-    # Coming in and coming back
+    # Coming in, coming back and leaving
+
+    def enter(self, session: Session) -> None:
+        """Send everything from now on to a session."""
+        self.members.append(session)
+        if not session.players:
+            self._audience.enter(session)
+
+    def leave(self, session: Session) -> None:
+        """Send nothing more to a session."""
+        if session in self.members:
+            self.members.remove(session)
+        self._audience.leave(session)
 
     def welcome(self, session: Session, ref: int | None, resume: str) -> None:
         """Send `joined` and a first snapshot."""
@@ -151,6 +176,9 @@ class Broadcaster:
         peer = session.peer
         if peer is None:
             return
+        if not session.players:
+            # What was pending is sent below, as everything else that the client has missed.
+            self._audience.enter(session)
         if seen is None or seen.episode != self._id:
             # This client has no state of the episode that deltas could continue. The session may
             # also continue in another program, which does not have the task.
@@ -215,12 +243,12 @@ class Broadcaster:
         self._last_delta, self._last_turn = event.step, event.turn
         # One frame for all readers: server frames are neither masked nor compressed
         # (docs/decisions/0016).
-        packed = frame_of(payload)
-        frames: dict[Codec, bytes] = {}
-        texts: dict[str | None, messages.Observation] = {}
+        shared = SharedStep(delta, event, MSGPACK, frame_of(payload))
+        self._audience.add(shared)
+        texts: dict[str | None, SharedMessage] = {}
         for session in self.members:
             peer = session.peer
-            if peer is None:
+            if peer is None or not session.players:
                 continue
             # `behind` is one comparison, so a reader that keeps up costs almost nothing
             # (docs/decisions/0006).
@@ -228,10 +256,7 @@ class Broadcaster:
                 continue
             if session.wants_state:
                 # JSON is encoded only if a member uses it.
-                frame = packed if peer.codec is MSGPACK else frames.get(peer.codec)
-                if frame is None:
-                    frame = frames[peer.codec] = frame_of(peer.codec.pack(delta))
-                peer.send_frame(frame)
+                peer.send_frame(shared.frame(peer.codec))
             if session.wants_text:
                 self._send_observations(session, event, texts)
 
@@ -239,7 +264,7 @@ class Broadcaster:
         self,
         session: Session,
         event: Stepped,
-        texts: dict[str | None, messages.Observation],
+        texts: dict[str | None, SharedMessage],
     ) -> None:
         """Send a text client the rejections of its own actions, then its view of the state."""
         for move, attempt in zip(event.moves, event.attempts, strict=True):
@@ -253,14 +278,32 @@ class Broadcaster:
                     seat=session.seat_shown(move.player),
                 )
                 self.send(session, rejected)
-        # Several steps may be published together. Only the last one shows the present phase.
-        phase = "running" if event.step < self._episode.step else self._episode.phase.value
         for player in session.views:
             if player not in texts:
-                texts[player] = self._episode_messages.observation(
-                    player, event.state, event.step, event.turn, phase
-                )
-            self.send(session, texts[player])
+                texts[player] = self._observation_after(event, player)
+            if session.peer is not None:
+                session.peer.send_frame(texts[player].frame(session.peer.codec))
+
+    def _public_observation(self, event: Stepped) -> SharedMessage:
+        return self._observation_after(event, None)
+
+    def _observation_after(self, event: Stepped, player: str | None) -> SharedMessage:
+        # Several steps may be published together. Only the last one shows the present phase.
+        phase = "running" if event.step < self._episode.step else self._episode.phase.value
+        return self._observation(player, event.state, event.step, event.turn, phase)
+
+    def _observation(
+        self, player: str | None, state: State, step: int, turn: str | None, phase: str
+    ) -> SharedMessage:
+        key = (step, turn, phase)
+        if player is None and self._public is not None and self._public[0] == key:
+            return self._public[1]
+        text = self._episode_messages.observation(player, state, step, turn, phase)
+        shared = SharedMessage(text)
+        if player is None:
+            # All spectators see the same text, which takes longer to write than a step.
+            self._public = key, shared
+        return shared
 
     def publish_rejection(self, event: ActionRejected) -> None:
         """Send a rejection to the participant whose action was rejected."""
@@ -386,6 +429,7 @@ class Broadcaster:
         peer = session.peer
         if peer is None:
             return
+        self._audience.catch_up(session, steps=False)
         if session.wants_state:
             known = self._episode.world.task.digest in session.known
             # From now on the client has the task: frames are delivered in order or not at all.
@@ -395,10 +439,8 @@ class Broadcaster:
         if session.wants_text:
             episode = self._episode
             for player in session.views:
-                observation = self._episode_messages.observation(
-                    player, episode.state, episode.step, episode.on_turn, self._episode.phase.value
-                )
-                peer.answer(observation)
+                seen = episode.state, episode.step, episode.on_turn, episode.phase.value
+                peer.answer_frame(self._observation(player, *seen).frame(peer.codec))
             if not session.wants_state and episode.outcome is not None:
                 self.send(session, self._episode_messages.ended(episode.outcome))
 
@@ -448,17 +490,17 @@ class Broadcaster:
     # Sending
 
     def send(self, session: Session, message: BaseModel) -> None:
+        """Send a message to one session, after everything that is pending for it."""
         if session.peer is not None:
+            self._audience.catch_up(session)
             session.peer.send(message)
 
     def send_all(self, message: BaseModel) -> None:
-        frames: dict[Codec, bytes] = {}
+        """Send a message to everybody."""
+        # Encoded once per codec, not per recipient: rooms may have hundreds of spectators.
+        shared = SharedMessage(message)
+        self._audience.add(shared)
         for session in self.members:
             peer = session.peer
-            if peer is None:
-                continue
-            frame = frames.get(peer.codec)
-            if frame is None:
-                # Encoded once per codec, not per recipient: rooms may have hundreds of spectators.
-                frame = frames[peer.codec] = frame_of(peer.codec.encode(message))
-            peer.send_frame(frame)
+            if peer is not None and session.players:
+                peer.send_frame(shared.frame(peer.codec))

@@ -19,6 +19,7 @@ from robotouille_server.rooms.write_ahead import CommitGate, WriteAhead
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
+from robotouille_server.transport import LoopBudget
 
 RETRY_SECONDS = 1.0
 """Seconds between two attempts to write a failing recording."""
@@ -30,6 +31,7 @@ class Machinery:
 
     metrics: Metrics
     timers: TimerQueue
+    loop_budget: LoopBudget
     bot_scheduler: BotScheduler
 
 

@@ -40,6 +40,7 @@ from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskFolder, read_task_folder
 from robotouille_server.runtime.timer_queue import Rounds, TimerQueue
 from robotouille_server.runtime.workers import is_id, plain_code
+from robotouille_server.transport import LoopBudget
 
 LINGER_SECONDS = 120.0
 """Seconds for which the room of an ended episode is kept, for participants who come back late."""
@@ -59,7 +60,12 @@ class Lobby:
     """
 
     def __init__(
-        self, settings: ServerSettings, metrics: Metrics, sessions: Sessions, around: Surroundings
+        self,
+        settings: ServerSettings,
+        metrics: Metrics,
+        sessions: Sessions,
+        loop_budget: LoopBudget,
+        around: Surroundings,
     ) -> None:
         self.rooms: dict[str, Room] = {}
         self.tasks = read_task_folder(settings.tasks) if settings.tasks else TaskFolder()
@@ -77,7 +83,7 @@ class Lobby:
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
         self._timers = TimerQueue()
         self._bot_scheduler = BotScheduler(around.bot_worker)
-        machinery = Machinery(metrics, self._timers, self._bot_scheduler)
+        machinery = Machinery(metrics, self._timers, loop_budget, self._bot_scheduler)
         self._factory = RoomFactory(around, self._codes, machinery, sessions, self)
         self._inspection = Rounds(self._live, INSPECTION_SECONDS, _inspect)
         self._round_trips = Rounds(self._live, LOOK_SECONDS, _measure_round_trips)

@@ -10,7 +10,7 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.publisher import SpectatorRosters
-from robotouille_server.rooms.seat_limits import DisplayNames, SeatTurnover
+from robotouille_server.rooms.seat_limits import ChatLimits, DisplayNames, SeatTurnover
 from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.rooms.write_ahead import CommitGate
@@ -28,6 +28,7 @@ class Membership:
 
     __slots__ = (
         "_broadcaster",
+        "_chat_limits",
         "_episode",
         "_gate",
         "_labels",
@@ -56,6 +57,7 @@ class Membership:
         self._labels = labels
         self._names = DisplayNames(episode)
         self._turnover = SeatTurnover(episode.world.players, now)
+        self._chat_limits = ChatLimits(episode.world.players, now)
         taken = [seat for seat in episode.seats.values() if seat.taken]
         self.ever_seated = {one for seat in taken for one in (seat.session, seat.participant)}
 
@@ -173,7 +175,7 @@ class Membership:
         """Send a newcomer `joined`, a snapshot and the roster, once the recording is written."""
         # The newcomer is a member before the recording is written, so that a roster about a failing
         # recording reaches them too. `joined` and the snapshot wait for the commit.
-        self._broadcaster.members.append(session)
+        self._broadcaster.enter(session)
         self._gate.when_committed(session, lambda: self._welcome(session, ref))
 
     def _welcome(self, session: Session, ref: int | None) -> None:
@@ -199,6 +201,16 @@ class Membership:
         self._turnover.charge(session.players, now, "has changed its readiness")
         self._episode.set_ready(session.players, ready, now)
 
+    def check_chat(self, session: Session, now: float) -> None:
+        """Check whether a participant may post a chat message now, and charge for it.
+
+        Raises:
+            ProtocolError: `seat/muted` for a muted participant, `rate/chat` after too many lines.
+        """
+        if self.mutes(session):
+            raise ProtocolError("seat/muted", "the operator has muted you in this episode", "text")
+        self._chat_limits.charge(session, now)
+
     # Leaving
 
     def leave(self, session: Session, now: float, why: Departure = Departure.LEFT) -> None:
@@ -213,8 +225,7 @@ class Membership:
 
     def _remove(self, session: Session) -> tuple[str, ...]:
         """Remove a session without freeing its seats, and return them."""
-        if session in self._broadcaster.members:
-            self._broadcaster.members.remove(session)
+        self._broadcaster.leave(session)
         self._gate.forget(session)
         players, session.room, session.players = session.players, None, ()
         # The names of seats are in the episode; only the names of spectators are kept here.
@@ -277,7 +288,7 @@ class Membership:
         else:
             session.name = self._names.choose(session.given_name)
             self._names.watch(session.name)
-        self._broadcaster.members.append(session)
+        self._broadcaster.enter(session)
 
     def players_of(self, session_id: str) -> tuple[str, ...]:
         """Return the seats of a session, whether it joined in this process or an earlier one."""

@@ -113,7 +113,15 @@ class Room:
         self._keeper = keeper
         now = machinery.timers.time
         self._gate = CommitGate(journal)
-        self.broadcaster = Broadcaster(self.id, self.code, episode, writer, now, self._gate)
+        self.broadcaster = Broadcaster(
+            self.id,
+            self.code,
+            episode,
+            writer,
+            machinery.timers,
+            machinery.loop_budget,
+            self._gate,
+        )
         rosters = SpectatorRosters(machinery.timers, self._gate, self.broadcaster.publish_roster)
         self.membership = Membership(
             episode, self.broadcaster, self._gate, rosters, sessions, self.labels, now()
@@ -191,8 +199,7 @@ class Room:
         # Chat is refused while writing fails, because unwritten messages would accumulate: a disk
         # may be full for hours.
         self._gate.check()
-        if self.membership.mutes(session):
-            raise ProtocolError("seat/muted", "the operator has muted you in this episode", "text")
+        self.membership.check_chat(session, self.driver.now())
         self.driver.apply(self.episode.say, session.name, session.player or "", text)
         session.recorded_bytes += len(text.encode())
 

@@ -192,3 +192,41 @@ class SeatTurnover:
         rested = [one for one in free if self._budgets[one].left(now) >= 1] or list(free[:1])
         aside = (one for one in rested if idle and is_out_of_the_way(episode.state, one))
         return [next(aside, rested[0])]
+
+
+CHAT_LINES, CHAT_LINES_AT_ONCE = 2.0, 10.0
+"""Chat lines of a seat per second and in a burst."""
+SPECTATOR_SHARE = 5
+"""Number of seats whose budget all spectators share."""
+
+
+class ChatLimits:
+    """Budget of chat lines for each seat, and one for all spectators together.
+
+    Everybody in the room receives each line, and no line is ever skipped, so a line costs the
+    server as much as hundreds of other messages.
+    """
+
+    __slots__ = ("_seats", "_spectators")
+
+    def __init__(self, players: Iterable[str], now: float) -> None:
+        self._seats = {
+            player: TokenBucket(CHAT_LINES, now, CHAT_LINES_AT_ONCE) for player in players
+        }
+        self._spectators = TokenBucket(
+            SPECTATOR_SHARE * CHAT_LINES, now, SPECTATOR_SHARE * CHAT_LINES_AT_ONCE
+        )
+
+    def charge(self, session: Session, now: float) -> None:
+        """Charge a line to the first seat of a participant, or to the spectators.
+
+        Raises:
+            ProtocolError: `rate/chat` after too many lines.
+        """
+        player = session.player
+        budget = self._spectators if player is None else self._seats[player]
+        if not budget.take(now):
+            who = "the spectators have" if player is None else "you have"
+            raise ProtocolError(
+                "rate/chat", f"{who} written too much at once; wait a second", "text"
+            )

@@ -87,8 +87,8 @@ class Peer:
         if self.open:
             self.send_frame(frame_of(self.codec.encode(message)))
 
-    def send_frame(self, frame: bytes) -> None:
-        """Send an encoded frame."""
+    def send_frame(self, frame: bytes, count: int = 1) -> None:
+        """Send an encoded frame, or several in one write."""
         transport = self._transport
         if self._protocol.state is not Connected.OPEN or transport.is_closing():
             return
@@ -97,11 +97,11 @@ class Peer:
         if transport.get_write_buffer_size() > MAX_HELD:
             self.drop("stalled")
             return
-        self.sent += 1
+        self.sent += count
         metrics = self._metrics
         # Plain attributes instead of Prometheus counters: this line runs for every message of every
         # recipient, and a counter takes a lock.
-        metrics.sent_messages += 1
+        metrics.sent_messages += count
         metrics.sent_bytes += len(frame)
         transport.write(frame)
 

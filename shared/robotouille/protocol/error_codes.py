@@ -62,6 +62,8 @@ class ErrorCode(StrEnum):
     RATE_WORDS = "rate/words"
     """The seat (or all spectators together) used up its quota of recorded text. Send the action
     again without `reasoning`, with the same `seq`."""
+    RATE_CHAT = "rate/chat"
+    """Too many chat lines from the seat, or from all spectators together. Wait a second."""
     RATE_CODES = "rate/codes"
     """Too many wrong episode codes from this address or token subject. Wait."""
     RATE_CONNECTIONS = "rate/connections"

@@ -1,0 +1,124 @@
+"""Rooms full of spectators, whose players act and chat as fast as the server reads.
+
+What a player sends in such a room is sent on to hundreds of spectators, so it costs the server far
+more than it costs the player.
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import socket
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+
+from tests.support.fuzzing.wire import TEXT, frame, request
+
+__all__ = ["AudienceFlood"]
+
+SUBPROTOCOL = "robotouille.v1.json"
+SPECTATORS = 200
+CHUNK = 1024 * 1024
+MESSAGES_A_SECOND = 190.0
+"""Slightly less than the server's limit: above it, a player would be disconnected."""
+
+
+def _message(**fields: object) -> bytes:
+    return frame(json.dumps(fields).encode(), TEXT)
+
+
+def _connect(port: int, name: str) -> socket.socket:
+    connection = socket.create_connection(("127.0.0.1", port), timeout=20)
+    hello = _message(type="hello", protocol=1, name=name, kind="bot")
+    connection.sendall(request(SUBPROTOCOL) + hello)
+    _read_until(connection, b'"welcome"')
+    return connection
+
+
+def _read_until(connection: socket.socket, mark: bytes) -> bytes:
+    data = b""
+    while mark not in data:
+        data += connection.recv(CHUNK)
+    return data
+
+
+def _text_after(data: bytes, field: str) -> str:
+    return data.split(f'"{field}":"'.encode())[1].split(b'"')[0].decode()
+
+
+def _room(port: int, name: str, task: str, view: str) -> tuple[list[socket.socket], int]:
+    """Return the connections of a room, and how many of them play. Players come first."""
+    host = _connect(port, name)
+    host.sendall(_message(type="create", task=task, clock="lockstep", max_steps=1_000_000))
+    code = _text_after(_read_until(host, b'"created"'), "code")
+    players = [host]
+    host.sendall(_message(type="join", episode=code, view=view))
+    joined = _read_until(host, b'"roster"')
+    for number in range(2, 1 + joined.split(b'"roster"')[-1].count(b'"player":')):
+        players.append(_connect(port, f"{name} {number}"))
+        players[-1].sendall(_message(type="join", episode=code, view=view))
+        _read_until(players[-1], b'"roster"')
+    watch = _message(type="join", episode=code, role="spectator", view=view)
+    spectators = [_connect(port, f"{name} w{i}") for i in range(SPECTATORS)]
+    for spectator in spectators:
+        spectator.sendall(watch)
+    return players + spectators, len(players)
+
+
+class _Player:
+    """Player that acts or chats as fast as the server allows."""
+
+    def __init__(self, connection: socket.socket, *, chats: bool) -> None:
+        self._connection = connection
+        self._chats = chats
+        self._seq = 0
+        self._began = time.monotonic()
+
+    def push(self) -> None:
+        """Send what is due."""
+        due = int((time.monotonic() - self._began) * MESSAGES_A_SECOND)
+        if self._seq == 0:
+            self._began, due = time.monotonic(), 1
+        # Short messages are sent as a whole or not at all, in practice.
+        with suppress(BlockingIOError):
+            while self._seq < due:
+                self._seq += 1
+                self._connection.send(self._message())
+
+    def _message(self) -> bytes:
+        if self._chats:
+            return _message(type="say", text="x")
+        return _message(type="act", seq=self._seq, action=None)
+
+
+class AudienceFlood:
+    """Rooms full of spectators, ready to be flooded.
+
+    Args:
+        port: The port of the server.
+        rooms: The task and the view of each room.
+        chats: True if the players chat, False if they act.
+    """
+
+    def __init__(self, port: int, rooms: Sequence[tuple[str, str]], *, chats: bool) -> None:
+        self._players: list[_Player] = []
+        self._connections: dict[int, socket.socket] = {}
+        for number, (task, view) in enumerate(rooms):
+            members, playing = _room(port, f"eve {number}", task, view)
+            self._players += [_Player(one, chats=chats) for one in members[:playing]]
+            self._connections |= {one.fileno(): one for one in members}
+
+    def run(self) -> None:
+        """Flood the server until the process is killed."""
+        poll = select.epoll()
+        for number, connection in self._connections.items():
+            connection.setblocking(False)
+            poll.register(number, select.EPOLLIN)
+        while True:
+            for player in self._players:
+                player.push()
+            for number, _ in poll.poll(0.01):
+                with suppress(BlockingIOError):
+                    if not self._connections[number].recv(CHUNK):
+                        poll.unregister(number)

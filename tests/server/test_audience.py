@@ -1,0 +1,228 @@
+"""Spectators receive updates together, at most ten times a second."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from robotouille.episode import Stepped
+from robotouille.protocol import messages
+from robotouille.protocol.codec import JSON
+from robotouille_server import Server
+from robotouille_server.auth import Role
+from robotouille_server.rooms.audience import (
+    DELIVERY_SECONDS,
+    MAX_STEPS,
+    WRITE_COST,
+    Audience,
+    SharedMessage,
+)
+from robotouille_server.rooms.seat_limits import CHAT_LINES, CHAT_LINES_AT_ONCE, SPECTATOR_SHARE
+from robotouille_server.rooms.session import Session
+from robotouille_server.runtime.timer_queue import TimerQueue
+from robotouille_server.transport import LoopBudget
+from robotouille_server.transport.admission import LOOP_BUDGET
+from tests.support.servers import Raw, raw, serving
+from tests.support.virtual_time import virtual
+
+SPECTATOR = "spectator"
+
+
+class Watched:
+    """Lockstep game of one player, who acts once in each call of `act`, and its spectators."""
+
+    def __init__(self, server: Server, player: Raw, code: str, spectators: list[Raw]) -> None:
+        self.server = server
+        self.player = player
+        self.code = code
+        self.spectators = spectators
+        self._seq = 0
+
+    async def act(self, count: int = 1) -> None:
+        """Act without waiting for time to pass."""
+        for _ in range(count):
+            self._seq += 1
+            await self.player.ask({"type": "act", "seq": self._seq, "action": None}, "delta")
+
+
+@asynccontextmanager
+async def watched(folder: Path, *views: str, **options: Any) -> AsyncIterator[Watched]:
+    """Open a game with a spectator of each view."""
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(
+            serving(folder, messages_per_second=1e6, **options)
+        )
+        ada = await stack.enter_async_context(raw(server, name="ada"))
+        create = {"type": "create", "task": "synchronous/01", "clock": "lockstep"}
+        code = (await ada.ask({**create, "max_steps": 10_000}, "created"))["code"]
+        join = {"type": "join", "episode": code}
+        await ada.ask(join, "joined")
+        spectators = []
+        for number, view in enumerate(views):
+            one = await stack.enter_async_context(raw(server, name=f"eve {number}"))
+            await one.ask({**join, "role": SPECTATOR, "view": view}, "joined")
+            spectators.append(one)
+        await asyncio.sleep(1.0)
+        for one in spectators:
+            await pending(one)
+        yield Watched(server, ada, code, spectators)
+
+
+async def pending(one: Raw) -> list[dict[str, Any]]:
+    """Return the messages that arrive before any time passes."""
+    got = []
+    try:
+        async with asyncio.timeout(0.001):
+            while True:
+                got.append(await one.receive())
+    except TimeoutError:
+        return got
+
+
+def steps(got: list[dict[str, Any]]) -> list[int]:
+    return [message["step"] for message in got if message["type"] != "roster"]
+
+
+@virtual
+async def test_spectator_receives_every_step_in_at_most_ten_deliveries_a_second(
+    tmp_path: Path,
+) -> None:
+    async with watched(tmp_path, "state") as game:
+        (eve,) = game.spectators
+        deliveries = []
+        for _ in range(100):
+            await game.act()
+            if got := await pending(eve):
+                deliveries.append(got)
+            await asyncio.sleep(0.009)
+        await asyncio.sleep(DELIVERY_SECONDS)
+        deliveries.append(await pending(eve))
+        assert steps([message for got in deliveries for message in got]) == list(range(1, 101))
+        assert len(deliveries) <= 1 / DELIVERY_SECONDS + 2
+
+
+@virtual
+async def test_first_step_after_a_quiet_time_is_delivered_at_once(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state") as game:
+        await game.act()
+        assert steps(await pending(game.spectators[0])) == [1]
+
+
+@virtual
+async def test_text_view_shows_only_the_last_step(tmp_path: Path) -> None:
+    async with watched(tmp_path, "text", "both") as game:
+        text, both = game.spectators
+        await game.act()
+        for one in game.spectators:
+            await pending(one)
+        await game.act(20)
+        await asyncio.sleep(DELIVERY_SECONDS)
+        assert [(m["type"], m["step"]) for m in await pending(text)] == [("observation", 21)]
+        got = await pending(both)
+        assert [m["step"] for m in got if m["type"] == "delta"] == list(range(2, 22))
+        assert [m["step"] for m in got if m["type"] == "observation"] == [21]
+
+
+@virtual
+async def test_snapshot_replaces_too_many_deltas(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state") as game:
+        (eve,) = game.spectators
+        await game.act()
+        await pending(eve)
+        await game.act(MAX_STEPS + 1)
+        await asyncio.sleep(DELIVERY_SECONDS)
+        got = await pending(eve)
+        assert [(m["type"], m["step"]) for m in got] == [("snapshot", MAX_STEPS + 2)]
+        await game.act()
+        await asyncio.sleep(DELIVERY_SECONDS)
+        assert steps(await pending(eve)) == [MAX_STEPS + 3]
+
+
+@virtual
+async def test_answer_follows_what_is_pending(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state") as game:
+        (eve,) = game.spectators
+        await game.act()
+        await pending(eve)
+        await game.player.ask({"type": "say", "text": "hello"}, "said")
+        await game.act()
+        await eve.send({"type": "leave"})
+        assert [m["type"] for m in await pending(eve)] == ["said", "delta", "left"]
+        await game.act()
+        await asyncio.sleep(1.0)
+        assert await pending(eve) == []
+
+
+@virtual
+async def test_newcomer_receives_no_step_twice(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state") as game, raw(game.server, name="zoe") as zoe:
+        await game.act(3)
+        await zoe.ask({"type": "join", "episode": game.code, "role": SPECTATOR}, "joined")
+        await asyncio.sleep(DELIVERY_SECONDS)
+        assert (await zoe.receive())["step"] == 3
+        await game.act()
+        await asyncio.sleep(DELIVERY_SECONDS)
+        assert steps([m for m in await pending(zoe) if m["type"] == "delta"]) == [4]
+
+
+@virtual
+async def test_delivery_to_many_gives_way_to_others() -> None:
+    """The steps of other rooms are taken between the turns of a delivery."""
+    budget, received = LoopBudget(asyncio.get_running_loop()), []
+
+    class Reader:
+        codec, behind = JSON, False
+
+        def send_frame(self, frame: bytes, count: int) -> None:
+            received.append(count)
+
+    def no_observation(event: Stepped) -> SharedMessage:
+        raise AssertionError
+
+    audience = Audience(TimerQueue(), budget, no_observation, lambda session: None)
+    for number in range(1000):
+        session = Session(f"s-{number}", name="eve", kind="human", role=Role.SPECTATOR)
+        session.peer = Reader()  # type: ignore[assignment]
+        audience.enter(session)
+    audience.add(SharedMessage(messages.Notice(text="x")))
+    audience.add(SharedMessage(messages.Notice(text="y")))
+    turns = [0]
+    while len(received) < 1000:
+        await asyncio.sleep(0)
+        turns.append(len(received))
+    at_once = max(after - before for before, after in pairwise(turns))
+    assert at_once <= LOOP_BUDGET / WRITE_COST
+    assert set(received) == {2}
+
+
+async def lines_accepted(one: Raw, count: int) -> int:
+    """Say lines at once; return how many are accepted."""
+    accepted = 0
+    for _ in range(count):
+        answer = await one.ask({"type": "say", "text": "x"}, "said")
+        accepted += answer["type"] == "said"
+        assert answer.get("code", "rate/chat") == "rate/chat"
+    return accepted
+
+
+@virtual
+async def test_chat_of_a_seat_is_limited(tmp_path: Path) -> None:
+    async with watched(tmp_path) as game:
+        assert await lines_accepted(game.player, 30) == CHAT_LINES_AT_ONCE
+        await asyncio.sleep(2.0)
+        assert await lines_accepted(game.player, 30) == 2 * CHAT_LINES
+
+
+@virtual
+async def test_chat_of_spectators_is_limited_together(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state", "state", "state") as game:
+        for one in game.spectators:
+            for _ in range(40):
+                await one.send({"type": "say", "text": "x"})
+        await asyncio.sleep(DELIVERY_SECONDS)
+        lines = [m for m in await pending(game.player) if m["type"] == "said"]
+        assert len(lines) == SPECTATOR_SHARE * CHAT_LINES_AT_ONCE
