@@ -120,6 +120,13 @@ class RowBuilder:
         for place, move in enumerate(frame["moves"]):
             seat = self._seats[move["player"]]
             name, *arguments = move["action"]
+            # The acting player is the first argument of an action that has one. Re-simulation
+            # refuses a move of another seat, too (`Recording.actions`).
+            if arguments and arguments[0] in self._seats and arguments[0] != seat.player:
+                action = f"{name}({', '.join(arguments)})"
+                raise RecordingError(
+                    f"step {frame['step']}: {action} is not an action of {seat.player!r}"
+                )
             applied = str(place) not in unmet
             milliseconds, basis = _bounded(move["ms"]), move.get("basis")
             stale = None if basis is None else _bounded(self._step - basis, INT32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import Any
 
@@ -12,7 +13,7 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 from robotouille.episode import ActionRequest, Clock
 from robotouille.errors import RecordingError
 from robotouille.replay import Recording
-from robotouille.replay.container import compress, pack_frame
+from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
 from robotouille.replay.measures import activities
 from robotouille_data import recording_rows as reading
 from robotouille_data.recording_rows import content_digest, episode_id, recorded_rows
@@ -153,6 +154,19 @@ def test_inconsistent_frames_are_an_error(frame: dict[str, Any], fault: str) -> 
     ends = list(frame_ends(stream))
     with pytest.raises(RecordingError, match=fault):
         rows_of(stream[: ends[1]] + pack_frame(frame))
+
+
+def test_move_of_another_seat_is_an_error_as_in_verification() -> None:
+    frames = list(read_frames(random_stream(1)))
+    step = next(frame for frame in frames if frame["kind"] == "step" and frame["moves"])
+    move = step["moves"][0]
+    other = {"robot1": "robot2", "robot2": "robot1"}[move["player"]]
+    step["moves"] = [{**move, "player": other}]
+    stream = MAGIC + b"".join(map(pack_frame, frames))
+    fault = rf"step {step['step']}: .* is not an action of '{other}'"
+    with pytest.raises(RecordingError, match=fault):
+        rows_of(stream)
+    assert re.search(fault, Recording(stream).verify().fault)
 
 
 def test_damaged_recordings_are_an_error() -> None:
