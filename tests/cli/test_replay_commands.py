@@ -9,7 +9,15 @@ import pytest
 from typer.testing import CliRunner
 
 from robotouille import World
-from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
+from robotouille.episode import (
+    Absence,
+    ActionRequest,
+    Clock,
+    Episode,
+    Event,
+    PauseReason,
+    Rules,
+)
 from robotouille.replay.container import MAGIC, compress, frame_ends, pack_frame, read_frames
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.replay.recording import Recording
@@ -70,6 +78,27 @@ def test_info_shows_controllers_and_pauses(eventful: Path) -> None:
     assert "after step 6 for 2 s: the server was restarted" in lines
     assert lines[-2].endswith("until the file ends: the recording could not be written")
     assert lines[-1] == "restarted after step 6"
+
+
+def test_info_counts_an_action_that_lost_within_its_step(tmp_path: Path) -> None:
+    episode = Episode(TASK, Rules(clock=Clock.LOCKSTEP, max_steps=1))
+    for player in TASK.players:
+        episode.join(player, player, "bot", 0.0)
+    walks = {
+        player: {a.destination: a for a in episode.state.actions(player) if a.destination}
+        for player in TASK.players
+    }
+    station = next(iter(walks["robot1"].keys() & walks["robot2"].keys()))
+    for player in TASK.players:
+        episode.submit(player, ActionRequest(1, walks[player][station]), 1.0)
+    path = tmp_path / "lost.rbt.part"
+    path.write_bytes(record(episode, episode.events()))
+    assert episode.outcome is not None
+    assert [seat.rejected for seat in episode.outcome.seats] == [0, 1]
+    text = robotouille("replay", "info", str(path))
+    assert "rejected   robot2: 1 lost" in text
+    told = json.loads(robotouille("replay", "info", str(path), "--json"))
+    assert told["rejected"] == {"robot1": {}, "robot2": {"lost": 1}}
 
 
 def test_info_as_json_has_controllers_and_pauses(eventful: Path) -> None:

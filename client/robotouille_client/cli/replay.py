@@ -19,7 +19,6 @@ from robotouille.errors import RobotouilleError
 from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
 from robotouille.replay.controllers import json_lines
 from robotouille.replay.distances import distances
-from robotouille.replay.measures import rejections
 from robotouille.replay.model_calls import call_texts
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import course, course_text, note_lines
@@ -129,7 +128,7 @@ def _info(recording: Recording) -> dict[str, Any]:
         "treated": head.get("treatments", {}),
         "seats": {p: f"{name} ({kind})" for p, (name, kind) in recording.participants.items()},
         "steps": recording.length,
-        "rejected": {p: dict(sorted(kinds.items())) for p, kinds in rejections(recording).items()},
+        "rejected": {p: dict(sorted(seat.all_rejected.items())) for p, seat in seats.items()},
         "activities": {player: seat.activities for player, seat in seats.items()},
         "staleness": {player: seat.staleness for player, seat in seats.items()},
         "outcome": recording.outcome,

@@ -125,6 +125,11 @@ class SeatMeasures:
         return {each.value: getattr(self, each.value) for each in Activity}
 
     @property
+    def all_rejected(self) -> dict[str, int]:
+        """Number of rejections by kind, with `lost`. Those beyond the quota are missing."""
+        return {**self.rejected, **({"lost": self.lost} if self.lost else {})}
+
+    @property
     def invalid(self) -> int:
         """Number of actions whose preconditions did not hold on arrival."""
         return self.rejected.get("invalid", 0)
