@@ -194,7 +194,7 @@ def _count(step: Mapping[str, Any], tallies: Mapping[str, Counter[str]]) -> None
         if move["seq"] == 0:  # A substitute's move.
             continue
         tally = tallies[move["player"]]
-        tally.update({"lost": str(place) in step.get("unmet", {}), "ms": move["ms"]})
+        tally.update({"lost": int(str(place) in step.get("unmet", {})), "ms": move["ms"]})
         if "basis" in move:
             tally.update({"based": 1, "stale": step["step"] - 1 - move["basis"]})
 
