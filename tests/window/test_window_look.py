@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import base64
 import io
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pygame
 import pytest
+from tests.support.window_play import headless_window
 
 from robotouille import World
-from robotouille.domain.pictures import picture_digest
+from robotouille.domain.pictures import MAX_DRAWN, picture_digest, sharp_side
 from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.domain.schema import InputFile
 from robotouille.errors import RobotouilleError
+from robotouille.installation import data_folder
 from robotouille.protocol import messages
 from robotouille_client.window.app.remote_game import fetch_look
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.pictures.shapes import MAX_PICTURES, MAX_PIXELS, PictureCache
-from robotouille_client.window.pictures.sprites import Sprites, with_percentages
+from robotouille_client.window.pictures.sprites import Sprites, drawing_thread, with_percentages
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import SeatView, View
 
@@ -130,6 +136,65 @@ def test_small_pictures_are_evicted_by_number() -> None:
     for number in range(10 * MAX_PICTURES):
         pictures.keep(number, pygame.Surface((1, 1)))
     assert 0 < sum(pictures.get(n) is not None for n in range(10 * MAX_PICTURES)) <= MAX_PICTURES
+
+
+ELABORATE = f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">{
+    '<rect x="4" width="1" height="9" fill="#010203"></rect>' * 1990
+}</svg>""".encode()
+
+
+@pytest.fixture
+def drawn_sides(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Sides in pixels at which SVG pictures are drawn."""
+    sides: list[int] = []
+    draw = pygame.image.load_sized_svg
+
+    def recorded(file: Any, size: tuple[int, int]) -> pygame.Surface:
+        sides.append(size[0])
+        return draw(file, size)
+
+    monkeypatch.setattr(pygame.image, "load_sized_svg", recorded)
+    return sides
+
+
+def test_elaborate_pictures_are_drawn_small_and_scaled(
+    tmp_path: Path, drawn_sides: list[int]
+) -> None:
+    """Full circles in place of the lines would take a minute at this size."""
+    (tmp_path / "a.svg").write_bytes(ELABORATE)
+    picture = Sprites((tmp_path,), Typesetter()).file("a.svg", 2048)
+    assert picture.get_size() == (2048, 2048)
+    assert tuple(picture.get_at((1024, 1024))) == (1, 2, 3, 255)
+    (side,) = drawn_sides
+    assert 1990 * side**2 <= MAX_DRAWN
+
+
+def test_shipped_pictures_are_sharp() -> None:
+    assert min(sharp_side(path.read_bytes()) for path in data_folder("assets").rglob("*.svg")) > 999
+
+
+def test_elaborate_pictures_from_a_server_never_delay_a_frame(tmp_path: Path) -> None:
+    (tmp_path / "table.svg").write_bytes(ELABORATE)
+    names = content() | {"floor": {"wall": "table.svg", "default": "table.svg"}}
+    look = KitchenLook(RenderingFile.model_validate(names), InputFile(), tmp_path)
+    world, begin = World("workshop/02"), threading.Event()
+    source = SimpleNamespace(view=lambda: View(world, world.initial), finished=False)
+    window = headless_window((1280, 720), look=look)
+    # The thread that draws is busy, so that a frame that waited for it would never end.
+    busy = drawing_thread.submit(begin.wait)
+    for _ in range(3):
+        window.frame(source)
+    pygame.event.clear()
+    plain = window.drawn
+    begin.set()
+    busy.result()
+    drawing_thread.submit(int).result()
+    window.frame(source)
+    assert window.drawn == plain + 1
+    assert (1, 2, 3) in {
+        tuple(pygame.display.get_surface().get_at((x, 500)))[:3] for x in range(900)
+    }
+    window.close()
 
 
 SIDE = 32

@@ -20,7 +20,7 @@ from robotouille_client.window.options import DisplayOptions, TimeSource, Window
 from robotouille_client.window.sources.texts import path_words
 from robotouille_client.window.view import GameSource, View
 
-_Drawn = tuple[tuple[int, int], object, object, UiOverlay, tuple[str, bool]]
+_Drawn = tuple[tuple[int, int], object, int, object, UiOverlay, tuple[str, bool]]
 PRELOAD_SECONDS = 0.0004
 """Time after each frame for drawing pictures that later frames may need."""
 _IDLE_SECONDS = 0.02
@@ -71,6 +71,7 @@ class Window:
             style.strip,
             preferences=style.preferences,
             words=style.words,
+            background=True,
         )
         self._input = PlayInput(
             keys,
@@ -193,6 +194,7 @@ class Window:
         drawing = (
             surface.get_size(),
             self._painter.redraw_key(shown),
+            self._painter.collect_pictures(),
             below,
             overlay,
             self._cards.seen,

@@ -160,6 +160,9 @@ def _numbers(text: str) -> list[float]:
 
 MAX_SHAPES = 2_000
 """Most elements: the time to draw a picture grows with them."""
+MAX_DRAWN = 50_000_000
+"""Most elements times pixels that are drawn at once: 0.3 to 0.6 s if every element covers it all."""
+ELEMENT = re.compile(rb"<[A-Za-z]")
 MAX_OUTLINES = 32 * 1024
 """Most characters in all paths and points. Longer outlines take seconds to draw."""
 MAX_DEPTH = 32
@@ -268,6 +271,14 @@ def _plain_style(value: str) -> str:
 def _is_local(value: str) -> bool:
     """Return whether an attribute refers to nothing outside the picture."""
     return "url(" not in value.casefold().replace("url(#", "")
+
+
+def sharp_side(svg: bytes) -> int:
+    """Return the largest side in pixels at which an SVG picture is drawn; larger ones are scaled.
+
+    Every element may cover the whole picture, so drawing takes elements times pixels.
+    """
+    return math.isqrt(MAX_DRAWN // max(1, len(ELEMENT.findall(svg))))
 
 
 def picture_digest(content: bytes) -> str:

@@ -164,7 +164,7 @@ class KitchenLayer:
         self._sprites = sprites
         self._resolver = resolver
         self._background: pygame.Surface | None = None
-        self._floor_of: Layout | None = None
+        self._floor_of: tuple[Layout, int] | None = None
         self._stations: dict[str, Appearance] = {}
 
     def stage(self, state: State) -> SceneSprites:
@@ -173,9 +173,10 @@ class KitchenLayer:
 
     def background(self, layout: Layout, stage: SceneSprites) -> pygame.Surface:
         """Return everything behind what moves."""
-        if self._background is None or self._floor_of != layout:
+        floor_of = (layout, self._sprites.revision)
+        if self._background is None or self._floor_of != floor_of:
             self._background = self._empty(layout)
-            self._floor_of, self._stations = layout, {}
+            self._floor_of, self._stations = floor_of, {}
         # Stations are part of the background; only those with a new look are drawn again.
         changed = [n for n, a in stage.stations.items() if self._stations.get(n) != a]
         for name in changed:

@@ -59,6 +59,7 @@ class Painter:
         preferences: With reduced motion, nothing moves except from place to place: no hops, no
             steam, no sparks.
         words: Words that replace those of the rendering.
+        background: Draw elaborate pictures of `pictures` in another thread, and tiles until then.
     """
 
     def __init__(
@@ -69,10 +70,12 @@ class Painter:
         *,
         preferences: Preferences = Preferences(),
         words: Language = NO_WORDS,
+        background: bool = False,
     ) -> None:
         self._rendering = rendering or preferences.rendering
         self._words = words
-        self._pictures = () if pictures is None else (pictures,)
+        self._pictures = pictures
+        self._background = background
         self._strip = strip
         self._preferences = preferences
         self.text = self._text = Typesetter(strong=preferences.strong_contrast)
@@ -158,6 +161,10 @@ class Painter:
             offline=None if offline is None else visible_offline(offline),
             starts_in=None if view.starts_in is None else float(ceil(view.starts_in)),
         )
+
+    def collect_pictures(self) -> int:
+        """Take what another thread has drawn; return the number of such pictures so far."""
+        return 0 if self._world is None else self._sprites.collect()
 
     def _moment(self, view: View) -> float:
         """Return the visible phase of a view. Particle effects alone need fewer pictures."""
@@ -263,8 +270,11 @@ class Painter:
         art = chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen)
         language = art.language.with_words(self._words)
         self._art: RenderingFile = art.model_copy(update={"language": language})
+        own = () if self._pictures is None else (self._pictures,)
         self._sprites = Sprites(
-            (*self._pictures, *self._art.folders(world.task.folder)), self._text
+            (*own, *self._art.folders(world.task.folder)),
+            self._text,
+            received=self._pictures if self._background else None,
         )
         self._resolver = resolver = AppearanceResolver(world.task.domain, self._art)
         self._kitchen = KitchenLayer(world, resolver, self._sprites)

@@ -197,7 +197,7 @@ class Ticket:
         """Return the part of a state that the ticket shows."""
         now = fit(self._dishes, state)
         done = tuple(round(share * RING_STEPS) for share in shares(state, now.holding))
-        return now.holding, done, tuple(stack_levels(state, now).items())
+        return now.holding, done, tuple(stack_levels(state, now).items()), self._sprites.revision
 
     def draw(
         self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, state: State, free: int

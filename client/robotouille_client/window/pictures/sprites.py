@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from concurrent.futures import Future, ThreadPoolExecutor
 from io import BytesIO
 from pathlib import Path
 
 import pygame
 
+from robotouille.domain.pictures import sharp_side
 from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.shapes import PictureCache
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -99,17 +101,36 @@ _SHARE = re.compile(
 )
 
 
+# Share of `MAX_DRAWN` up to which a received picture is drawn at once: 10 to 25 ms.
+_AT_ONCE = 0.04
+
+# A thread starts with its first picture.
+drawing_thread = ThreadPoolExecutor(1, thread_name_prefix="pictures")
+
+
 class Sprites:
     """Pictures from folders, drawn once for each size. The first folder with a file wins.
 
     A missing or broken file is not an error: the kind gets a generated tile.
+
+    Args:
+        received: The folder with pictures from a server. Elaborate ones are drawn in another
+            thread, one at a time, because they would delay frames. Until then they are treated as
+            missing.
     """
 
-    def __init__(self, folders: tuple[Path, ...], text: Typesetter) -> None:
+    def __init__(
+        self, folders: tuple[Path, ...], text: Typesetter, received: Path | None = None
+    ) -> None:
         self._folders = folders
+        self._received = received
         self._text = text
         self._kept = PictureCache()
         self._missing: set[str] = set()
+        self._sharp: dict[Path, int] = {}
+        self._drawing: tuple[str, int, Future[pygame.Surface | None]] | None = None
+        self.revision = 0
+        """Number of pictures that another thread has drawn: a frame then looks different."""
 
     @property
     def roomy(self) -> bool:
@@ -123,13 +144,43 @@ class Sprites:
         size = min(size, MAX_SIDE)
         picture = self._kept.get((name, size))
         if picture is None and name not in self._missing:
-            picture = self._load(name, size)
-            if picture is None:
-                # Remembered, because looking for a file in every frame would be slow.
-                self._missing.add(name)
-            else:
-                self._kept.keep((name, size), picture)
+            path = next((f / name for f in self._folders if (f / name).is_file()), None)
+            if path is not None and self._is_elaborate(path, size):
+                self._draw_later(path, size)
+                return None
+            return self._keep(name, size, None if path is None else _load(path, size))
         return picture
+
+    def collect(self) -> int:
+        """Take the picture that another thread has finished, if any; return `revision`."""
+        if self._drawing is not None and self._drawing[2].done():
+            name, size, drawn = self._drawing
+            self._drawing = None
+            self._keep(name, size, drawn.result())
+            self.revision += 1
+        return self.revision
+
+    def _keep(self, name: str, size: int, picture: pygame.Surface | None) -> pygame.Surface | None:
+        if picture is None:
+            # Remembered, because looking for a file in every frame would be slow.
+            self._missing.add(name)
+            return None
+        return self._kept.keep((name, size), picture)
+
+    def _is_elaborate(self, path: Path, size: int) -> bool:
+        if path.parent != self._received or path.suffix != ".svg":
+            return False
+        if path not in self._sharp:
+            try:
+                self._sharp[path] = sharp_side(path.read_bytes())
+            except OSError:
+                return False
+        return size > self._sharp[path] * _AT_ONCE**0.5
+
+    def _draw_later(self, path: Path, size: int) -> None:
+        # Not queued: what is still visible is requested again by the next frame.
+        if self._drawing is None:
+            self._drawing = (path.name, size, drawing_thread.submit(_load, path, size))
 
     def faded(self, name: str | None, size: int) -> pygame.Surface | None:
         """Return a file's picture half transparent."""
@@ -157,26 +208,26 @@ class Sprites:
         made = self._kept.get(key)
         return made or self._kept.keep(key, generate(appearance, size, self._text))
 
-    def _load(self, name: str, size: int) -> pygame.Surface | None:
-        path = next((f / name for f in self._folders if (f / name).is_file()), None)
-        if path is None:
-            return None
-        try:
-            if path.suffix == ".svg":
-                drawing = BytesIO(with_percentages(path.read_bytes()))
-                loaded = pygame.image.load_sized_svg(drawing, (size, size))
-            else:
-                loaded = pygame.image.load(path)
-        except (pygame.error, OSError):
-            return None
-        # Blits between surfaces with the same order of colours are twice as fast.
-        surface = pygame.Surface((size, size), pygame.SRCALPHA)
-        if loaded.get_size() != (size, size):
-            standard = pygame.Surface(loaded.get_size(), pygame.SRCALPHA)
-            standard.blit(loaded, (0, 0))
-            loaded = pygame.transform.smoothscale(standard, (size, size))
-        surface.blit(loaded, (0, 0))
-        return surface
+
+def _load(path: Path, size: int) -> pygame.Surface | None:
+    try:
+        if path.suffix == ".svg":
+            content = path.read_bytes()
+            side = min(size, sharp_side(content))
+            drawing = BytesIO(with_percentages(content))
+            loaded = pygame.image.load_sized_svg(drawing, (side, side))
+        else:
+            loaded = pygame.image.load(path)
+    except (pygame.error, OSError):
+        return None
+    # Blits between surfaces with the same order of colours are twice as fast.
+    surface = pygame.Surface((size, size), pygame.SRCALPHA)
+    if loaded.get_size() != (size, size):
+        standard = pygame.Surface(loaded.get_size(), pygame.SRCALPHA)
+        standard.blit(loaded, (0, 0))
+        loaded = pygame.transform.smoothscale(standard, (size, size))
+    surface.blit(loaded, (0, 0))
+    return surface
 
 
 def with_percentages(svg: bytes) -> bytes:
