@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -102,3 +103,11 @@ def test_large_audit_log_is_rotated_and_the_oldest_file_deleted(
     lines = [json.loads(line) for file in files for line in file.read_text().splitlines()]
     numbers = sorted(line["number"] for line in lines)
     assert numbers == list(range(numbers[0], 60))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
+def test_pipe_without_a_reader_does_not_stop_the_server(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "audit.log", 0o600)
+    log = AuditLog(tmp_path / "audit.log", lambda: NOW)
+    log.note("pause", by="lab")
+    assert log.problem.startswith("the audit log cannot be written")

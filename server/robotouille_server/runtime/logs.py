@@ -93,6 +93,8 @@ _APPEND = (
     | os.O_CREAT
     | getattr(os, "O_NOFOLLOW", 0)
     | getattr(os, "O_CLOEXEC", 0)
+    # Opening or filling a named pipe without a reader would stop all episodes.
+    | getattr(os, "O_NONBLOCK", 0)
 )
 
 Details = Mapping[str, str | int]
