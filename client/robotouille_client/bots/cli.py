@@ -39,7 +39,8 @@ class BotOptions(LlmBotOptions, ServerOptions):
         str | None,
         typer.Option(
             callback=unicode,
-            help="Code of the episode; hosts may use its id. Default: the first one that waits for players.",
+            help="Code of the episode; hosts may use its id. Default: the first one that waits "
+            "for players.",
         ),
     ] = None
     seat: Annotated[str | None, typer.Option(help="Seat to take, such as robot2.")] = None
