@@ -170,8 +170,8 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
         f"`join` and `resync` {joining}, `list` and `get_rendering` {listing}, "
         f"`get_picture` {picture}." in page
     )
-    assert f"With more than {peer.MAX_UNSENT // kib} KiB unsent" in page
-    assert f"more than {peer.MAX_HELD // kib**2} MiB unsent" in page
+    assert f"While more than {peer.MAX_UNSENT // kib} KiB wait" in page
+    assert f"more than {peer.MAX_HELD // kib**2} MiB waiting" in page
     assert f"After {defaults.stall_seconds:g} seconds (setting `stall_seconds`)" in page
     assert f"more than {broadcaster.KEPT_DELTAS} steps" in page
     assert f"of the last {broadcaster.KEPT_SAID};" in page
