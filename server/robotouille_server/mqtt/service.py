@@ -128,6 +128,7 @@ class BrokerService:
         # Outside of the connection's tasks, so that a lost connection does not interrupt a command.
         executing = asyncio.create_task(self._execute_commands(), name="broker commands")
         pauses = reconnect_pauses(self._rng)
+        self._metrics.mqtt_connected = False
         while not self._stopping.is_set():
             began = self._loop.time()
             try:

@@ -67,7 +67,7 @@ class Metrics(Collector):
         self.registry = CollectorRegistry()
         self.steps = self.applied = self.rejected = 0
         self.log_suppressed = 0
-        self.mqtt_connected = False
+        self.mqtt_connected: bool | None = None
         self.mqtt_published = self.mqtt_dropped_steps = self.mqtt_dropped_messages = 0
         self.received = self.sent_messages = self.sent_bytes = 0
         self.disk_free: int | None = None
@@ -148,10 +148,11 @@ class Metrics(Collector):
             "Log lines suppressed because similar lines are too frequent",
             value=self.log_suppressed,
         )
-        yield GaugeMetricFamily(
+        # No value without `--mqtt`: the alert on a lost broker must not fire then.
+        yield _known(
             "robotouille_mqtt_connected",
             "1 while the server is connected to the MQTT broker",
-            value=self.mqtt_connected,
+            self.mqtt_connected,
         )
         yield CounterMetricFamily(
             "robotouille_mqtt_published",
