@@ -1,4 +1,4 @@
-"""The asyncio client, which reconnects by itself.
+"""The asyncio client, which reconnects automatically.
 
 `ClientProtocol` decides what to send and when. This module adds the socket, futures and timers.
 """
@@ -36,7 +36,7 @@ class Client:
     """A participant's connection to a server, made by `connect()`.
 
     Its requests raise `ConnectionFailedError` if the connection is closed, or if the server does
-    not answer within 15 seconds of connection, and `ProtocolError` if the server refuses.
+    not answer within 15 seconds of connected time, and `ProtocolError` if the server refuses.
 
     Args:
         rng: Source of the random delays between connection attempts. Simulations pass a seeded one.
@@ -157,13 +157,13 @@ class Client:
         Args:
             labels: Return only episodes with all of these labels. Hosts see the labels of their
                 own episodes.
-            closed: Return the episodes that were closed because nobody came instead.
+            closed: Return instead the episodes that were closed because no player joined.
         """
         found: dict[str, messages.EpisodeInfo] = {}
         request = messages.ListEpisodes(labels=dict(labels or {}), closed=closed)
         while True:
             page = await self._ask(request, messages.Episodes)
-            # Episodes that open or close between two pages shift the list, so one may come twice.
+            # Episodes that open or close between two pages shift the list, so one may appear twice.
             found.update((one.episode, one) for one in page.episodes)
             skip = request.skip + len(page.episodes)
             if not page.episodes or skip >= page.total:
@@ -215,11 +215,11 @@ class Client:
 
         Args:
             seat: The player to control; any free one if None.
-            seats: Several players to control, by name, or `all` whose seats are free. The client
+            seats: Names of several players to control, or `all` for all free seats. The client
                 gets all of them or none.
-            view: Send the `state`, `text` for language models, or `both`.
-            ready: True if the game may begin as soon as all participants are there. If not, call
-                `Game.ready`. Servers without this feature begin anyway.
+            view: Data to receive: the `state`, `text` for language models, or `both`.
+            ready: False to delay the start until you call `Game.ready`. Servers without this
+                feature start anyway.
 
         Raises:
             UntrustedRedirectError: The episode is on another host.
@@ -239,7 +239,8 @@ class Client:
         """Leave the ended game and join its rematch, which has the same task and rules.
 
         All participants who call this meet in one rematch. The first call opens it, and the
-        others learn its code (`Game.rematch_code`). The client gets its former seats if free.
+        others learn its code (`Game.rematch_code`). The client gets its former seats if
+        they are free.
 
         Args:
             view: As in `join`.
@@ -387,8 +388,8 @@ class Client:
                 await self._to_send.wait()
 
     def _flush(self) -> None:
-        # Called after everything that may change the protocol: resolve futures, wake the sender
-        # and set the timer.
+        # Callers use this after everything that may change the protocol. It resolves futures, wakes
+        # the sender and sets the timer.
         if self.protocol.state.online:
             self.connected.set()
         else:
@@ -445,8 +446,8 @@ async def connect(
         name: The requested name, of 1 to 40 characters.
         reconnect: True to reconnect after a lost connection.
         token: A signed role token, if the server requires one.
-        resume: The `Client.resume` of a process that stopped. Joining its episode then restores
-            its seat.
+        resume: Resume token (`Client.resume`) of a process that has stopped. Joining its
+            episode then restores its seat.
 
     Raises:
         ConnectionFailedError: The server cannot be reached, or does not welcome the client within

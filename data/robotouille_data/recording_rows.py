@@ -43,9 +43,9 @@ class RowBuilder:
 
     `steps` and `events` hold the rows so far. The caller may take rows and clear the lists.
 
-    A frame that contradicts an earlier one, such as a fact without a table entry or a player
-    without a seat, raises LookupError, TypeError, ValueError or AttributeError in any method.
-    Missing steps and numbers out of range raise RecordingError.
+    If a frame contradicts an earlier one, such as a fact without a table entry or a player without
+    a seat, any method may raise LookupError, TypeError, ValueError or AttributeError. Missing steps
+    and numbers out of range raise RecordingError.
     """
 
     def __init__(self, header: Mapping[str, Any], episode_id: int) -> None:
@@ -306,7 +306,7 @@ def content_digest(content: bytes) -> str:
 
 
 def episode_id(digest: str) -> int:
-    """Return the episode id for a recording with this digest.
+    """Return the episode id of a recording with this digest.
 
     The id has 63 bits so that a signed integer column can hold it.
     """

@@ -10,10 +10,10 @@ The module first collects evidence. `classify` then weighs it as the appendix do
 1. Actions: the run ends with rejected answers that name no action, or an action out of reach.
 2. State: near the end the agent still claims that something is done although it is not.
 3. Transitions: a rule was violated, and the same action never worked afterwards.
-4. Goal: something that contradicts the goal is still there at the end, or the first reasoning
-   omitted a part of the goal.
-5. Otherwise, the category with most evidence. Rule violations outweigh everything else: the agent
-   took too long to recover from them.
+4. Goal: something still contradicts the goal at the end, or the first reasoning omitted a part of
+   the goal.
+5. Otherwise: the category with most evidence. Rule violations outweigh all other evidence, because
+   the agent took too long to recover from them.
 """
 
 from __future__ import annotations
@@ -117,9 +117,9 @@ def classify(trajectory: Trajectory, budget: int) -> Failure | None:
     for category in (Category.ACTION, Category.STATE, Category.TRANSITION, Category.GOAL):
         if lasting := [e for e in found if e.category is category and e.lasting]:
             return _failure(lasting)
-    # The factor lets a single rule violation outweigh any amount of other evidence.
     if found:
         counts = Counter(each.category for each in found)
+        # This factor lets a single rule violation outweigh any amount of other evidence.
         counts[Category.TRANSITION] *= len(found)
         ((category, _),) = counts.most_common(1)
         return _failure([each for each in found if each.category is category])
@@ -311,7 +311,7 @@ def _prepared(world: World) -> frozenset[str]:
     return frozenset(found)
 
 
-# The goal: how it was understood, and what was made
+# The goal: bad starts and contradictions
 
 
 def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:

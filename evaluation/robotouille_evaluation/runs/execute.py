@@ -1,4 +1,4 @@
-"""Play of one job to its end, which yields a row and recordings even if something fails."""
+"""Playing one job to its end, with a row and recordings even if something fails."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ from robotouille_evaluation.runs.text_episode import (
 )
 
 MAX_WORLDS = 16
-"""Worlds that a process keeps for its next jobs, because grounding one takes time."""
+"""Maximum number of worlds that a process keeps for later jobs, because grounding takes time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class RunContext:
     Args:
         run: Name of the run, for the rows.
         clock: Clock in seconds, for the rows' `seconds`.
-        steps_to_go: Search how far the goal was at the end, which is slow.
+        steps_to_go: True to search how far the goal was at the end, which is slow.
     """
 
     run: str
@@ -81,7 +81,7 @@ async def play_job(
 ) -> ResultRow:
     """Play a job and write its recordings.
 
-    A failure of the model or the disk ends the episode, and the row names it.
+    A failure of the model or the disk ends the episode, and the row contains the error.
 
     Args:
         model: Model of the agent, if it needs one.
@@ -164,7 +164,7 @@ class _JobEpisode:
         self._budget = budget
         self._wrap = wrap
         self._agents = JobAgents(job, context.pack, world)
-        # The same for all agents, so that they meet the same reversals.
+        # The seed does not depend on the agent, so all agents meet the same reversals.
         self._reversal = reversal_of(job.variant, world, f"{job.instance}:{job.seed}")
         self.runners: list[RecordedRunner] = []
         self.exchanges: list[Exchange] = []
@@ -316,7 +316,7 @@ def _measure_recording(
     """Return the measures of a recorded trial and the number of its repeated transitions.
 
     Args:
-        steps_to_go: Search how far the goal was at the end, which is slow.
+        steps_to_go: True to search how far the goal was at the end, which is slow.
     """
     recording = Recording(content)
     recording.world = world
@@ -324,7 +324,7 @@ def _measure_recording(
     instance = pack.instance(job.instance)
     distance = StepsToGo(world) if steps_to_go else None
     if distance is not None and job.seats > 1 and instance.best(job.seats) is not None:
-        # Searches for teams take a hundred times as long; the known plan is a bound without one.
+        # Searches for teams take a hundred times as long; the known plan is a bound without search.
         distance.learn(world.initial, pack.plan(instance, world))
     found = measure(trajectory, limit, distance=distance, fewest=instance.optimal(job.seats))
     return found, repeated_transitions(trajectory)

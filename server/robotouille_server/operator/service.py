@@ -55,10 +55,10 @@ MAX_TRANSCRIPTS = 256
 
 
 class OperatorService:
-    """Operations on one server, as a principal may use them.
+    """Operations on one server, limited to what a principal may see and do.
 
-    A token can be limited to one episode. Its principal then sees a server without any other
-    episode. `now` returns the loop's time. All methods run on the server's event loop.
+    A token can be limited to one episode. The principal then sees no other episode. `now` returns
+    the loop's time. All methods run on the server's event loop.
     """
 
     def __init__(self, server: Server, now: Callable[[], float]) -> None:
@@ -391,13 +391,13 @@ class RoomTranscripts:
         return found
 
     def forget(self, rooms: Container[str]) -> None:
-        """Forget the rooms that no longer exist; `rooms` contains the others."""
+        """Forget the rooms that no longer exist; `rooms` contains those that do."""
         for gone in [name for name in self._kept if name not in rooms]:
             del self._kept[gone]
 
 
 def _rank(found: tuple[Room, str]) -> tuple[bool, int]:
-    """Sort episodes with problems first, then paused ones; ended ones come last."""
+    """Return a sort key: problems first, then paused episodes; ended episodes last."""
     room, phase = found
     return not room.problem, PHASES.index(phase)
 

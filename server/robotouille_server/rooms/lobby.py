@@ -89,8 +89,8 @@ class Lobby:
         self._round_trips = Rounds(self._live, LOOK_SECONDS, _measure_round_trips)
         self._recovery: Recovery[Room] | None = None
         if around.storage is not None:
-            # Without a folder there is nothing to recover, and every resume token for an unknown
-            # episode is refused at once.
+            # Without a recordings folder there is nothing to recover, and every resume token for
+            # an unknown episode is refused at once.
             now, seconds = self._timers.time, settings.recovery_seconds
             self._recovery = Recovery(
                 around.storage, around.worker, seconds, self._adopt, now, around.wall
@@ -143,8 +143,8 @@ class Lobby:
         existing = self.rooms.get(game.next)
         if existing is not None and existing.episode.phase is not Phase.ENDED:
             return existing
-        # Checked only for a new room: players may always join a rematch that another player has
-        # opened.
+        # The limits apply to new rooms only: players may always join a rematch that another player
+        # has opened.
         self._check_capacity(owner, reserved=False)
         room = self._add(self._factory.new(game.setup_for(owner), owner))
         game.next = room.id
@@ -281,8 +281,8 @@ class Lobby:
             ProtocolError: `episode/unknown` for any other name.
         """
         room = self.rooms.get(name)
-        # The code of an episode on another worker is not known here, so a token with that code does
-        # not open the id.
+        # This worker does not know the codes of episodes on other workers, so a token for such a
+        # code does not admit the episode's id.
         own = (name,) if room is None else (room.id, room.code)
         if is_id(name) and not (only and any(same_episode(only, one) for one in own)):
             raise _unknown(name)
@@ -291,13 +291,12 @@ class Lobby:
     def home_of(self, session: str, episode: str) -> Room | None:
         """Return the room of a resume token.
 
-        It is the room in which a session held seats before a restart, or else the room for which
-        the token was made. A session can take seats after its token was made.
+        This is the room in which the session held seats before a restart, or otherwise the room
+        that the token names. The seats come first, because a session may have taken them after its
+        token was made.
         """
         if self._recovery is not None:
             seated = self._recovery.seated(session)
-            # The room with the seats comes first: the token may have been made before the
-            # participant joined it.
             if seated is not None:
                 return seated
         if not episode:
@@ -312,7 +311,7 @@ class Lobby:
         """Make a room with the final state of an archived episode, if there is one.
 
         Raises:
-            ProtocolError: That would take too long.
+            ProtocolError: The search in the archive would take too long.
         """
         if self._recovery is not None and episode not in self.rooms:
             await self._recovery.archive.show(episode)
@@ -322,7 +321,7 @@ class Lobby:
 
     def _found_elsewhere(self, name: str) -> Room | None:
         """Return a room that was just handed over; raise if another process has it."""
-        # Raises `ElsewhereError` with the address of the worker that has the episode
+        # This raises `ElsewhereError` with the address of the worker that has the episode
         # (docs/decisions/0017).
         self._worker.check_here(name, plain_code(name), CODE_LENGTH)
         if self.draining or (
@@ -396,7 +395,7 @@ class Lobby:
             # A researcher expects a file for every labelled or reserved episode, played or not.
             # Other unplayed episodes would only fill the folder with empty recordings.
             kept = room.episode.record.used or room.reserved or bool(room.labels)
-            # A thread does this, because compressing a long recording would delay steps.
+            # A thread closes the file, because compressing a long recording would delay steps.
             finish = partial(_finish, room.journal, kept=kept)
             closing = loop.run_in_executor(None, finish)
             self._closing.add(closing)
@@ -406,8 +405,8 @@ class Lobby:
 
     def _linger(self, room: Room) -> None:
         self._rematches.add(room)
-        # Keep the room for the grace at least: an absent participant may return after the end for
-        # as long as during the episode.
+        # Keep the room at least for the grace period: an absent participant may return for as long
+        # after the end as during the episode.
         seconds = max(LINGER_SECONDS, room.episode.rules.grace)
         loop = asyncio.get_running_loop()
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
@@ -419,7 +418,7 @@ class Lobby:
             await asyncio.wait(self._closing)
 
     def suspend(self, episode: str) -> list[Session]:
-        """Hand an episode over to another process. Return its members; none the second time."""
+        """Hand an episode over to another process. Return its members the first time."""
         room = self.rooms.get(episode)
         if room is None:
             return []

@@ -277,10 +277,10 @@ class Episode:
             return
         name = seats[0].name
         for seat in seats:
-            # Two loops, here and in `set_present`, because no step, pause or end may occur while
+            # There are two loops, here and in `set_present`: no step, pause or end may occur while
             # only some seats of a participant have changed (docs/decisions/0031).
             seat.vacate(record.ran(now))
-            # Otherwise a delayed action of this participant would count for the next one.
+            # Otherwise a delayed action would count for the seat's next participant.
             self._submissions.drop(seat.player)
             seat.away = now
         for seat in seats:
@@ -457,13 +457,13 @@ class Episode:
     def resume(self, why: PauseReason, now: float) -> None:
         """Remove a reason for a pause. The game resumes if there is no other reason."""
         if why in self.pauses:
-            # `Presence` removes the reason: if no outer reason is left, the time of absences counts
-            # again.
+            # `Presence` removes the reason, because the end of a pause that absent participants did
+            # not cause starts their grace periods again.
             self._presence.lift(why, now)
             self._update_pauses(now)
 
     def renew_patience(self, now: float, patience: float) -> None:
-        """Restart the time for which participants are awaited after a restart."""
+        """Start the time again for which the game waits for participants after a restart."""
         if PauseReason.RESTART in self.pauses:
             self.pauses.until[PauseReason.RESTART] = now + patience
         if not self.pauses.outer:
@@ -497,8 +497,8 @@ class Episode:
             else:
                 record.enter_phase(PhaseEvent.RESUME)
                 record.stopwatch.go_on(elapsed)
-                # The budgets of the step and the seats restart, so that a pause takes nobody's time
-                # to think (docs/decisions/0015).
+                # The budgets of the step and the seats restart, so that a pause costs no player
+                # thinking time (docs/decisions/0015).
                 record.clock.resume(now)
                 self._start_move_timer(now)
                 record.emit(Resumed(elapsed))
@@ -584,8 +584,7 @@ class Episode:
         rules = self.record.rules
         if rules.chat is Chat.OFF:
             raise ProtocolError("chat/off", "chat is off in this episode", "text")
-        # Checked here and not in the client, because a study must be able to rely on it for every
-        # client.
+        # The episode checks this, because a study must be able to rely on it for every client.
         if rules.chat is Chat.PHRASES and text not in rules.phrases:
             listed = ", ".join(map(repr, rules.phrases))
             message = f"only these phrases can be sent in this episode: {listed}"
@@ -629,7 +628,7 @@ class Episode:
         """Apply an operator's decision about a participant.
 
         Args:
-            session: Pseudonym of the participant's present session.
+            session: Pseudonym of the participant's current session.
             participant: Pseudonym for later sessions; possibly empty.
             name: The participant's name, for the recording.
         """
@@ -682,8 +681,8 @@ class Episode:
 
     def _tick_absence(self, now: float) -> None:
         for why in self.pauses.expired(now):
-            # When another reason expires, the game continues. The absence rule then applies to
-            # participants who are not back.
+            # Only these two reasons end the game when they expire. After any other reason, the
+            # absence rule applies to participants who are not back.
             if why in (PauseReason.DESERTED, PauseReason.ABSENCE):
                 self._end(Reason.ABANDONED, now, self._presence.missing())
                 return

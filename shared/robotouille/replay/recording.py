@@ -31,7 +31,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name
 from robotouille.world.world import State, Step, World
 
-# Everything else in a step follows from the state before it. `undone` is chance, so it is given.
+# All other fields of a step follow from the state before it. Chance decides `undone`.
 GIVEN = ("t", "late", "moves", "idle", "waits", "undone")
 """Fields of a step that re-simulation cannot know."""
 
@@ -279,7 +279,7 @@ class Recording:
             raise RecordingError(f"{self.source}: {fault}") from None
 
     def _recorded_facts(self) -> Iterator[tuple[int, frozenset[str]]]:
-        # The names in the file and not those of the world, whose atoms a later version may number
+        # The names come from the file, because a later version may number the world's atoms
         # differently.
         tables = self.header["tables"]
         names = [row[0] for row in tables["objects"]]
@@ -339,7 +339,7 @@ class Recording:
         return ""
 
     def resimulate(self) -> bytes:
-        """Return the recording as written again from its header, actions and notes."""
+        """Return the bytes of the recording, written again from its header, actions and notes."""
         return b"".join(written for _, _, written in self.resimulated_frames())
 
     def resimulated_frames(self) -> Iterator[tuple[dict[str, Any], State, bytes]]:
@@ -373,7 +373,7 @@ class Comparison:
     Attributes:
         same: True while all bytes are equal.
         missing: Re-simulated bytes after the recording's last whole frame: a keyframe that the
-            stopped process did not write any more.
+            process could not write before it stopped.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -387,8 +387,8 @@ class Comparison:
         recording, position = self._recording, self._position
         known = min(len(written), max(0, recording.whole - position))
         self.same = self.same and recording.stream[position : position + known] == written[:known]
-        # The writer puts a step and the keyframe after it into two frames. A process that stops in
-        # between leaves the first one whole, and the file is not torn.
+        # A step and the keyframe after it are two frames. If the process stops between them, the
+        # file has no torn end, but the keyframe is missing.
         self.missing += written[known:]
         self._position = position + len(written)
 

@@ -4,8 +4,9 @@ world = World(load_task("synchronous/01_cheese_sandwich"))
 state = world.initial
 state = state.step(state.actions("robot1")[0]).state
 
-`World` and `State` refer to each other and share this module. `GroundTask` and `GroundState` hold
-what each of them knows alone. Transitions come from `Timers`, valid actions from `SuccessorTree`.
+`World` and `State` refer to each other and share this module. Their base classes `GroundTask` and
+`GroundState` contain the parts that do not need the other class. Transitions come from `Timers`,
+valid actions from `SuccessorTree`.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ class State(GroundState):
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Rows name actions and objects. Effects are numbered differently in other processes.
+        # Rows name the actions and objects of effects, whose numbers differ between processes.
         return _restore, (self.world, self.facts, self.timer_rows(), self.timers.busy)
 
     def actions(self, player: str) -> tuple[GroundAction, ...]:
@@ -137,7 +138,7 @@ class State(GroundState):
         return self.world.encoding.vector(self.facts, self.timers)
 
     def without(self, atoms: Iterable[Atom]) -> State:
-        """Return this state with some facts made false; running effects go on.
+        """Return this state with some facts made false; running effects continue.
 
         Args:
             atoms: Facts as `atoms` lists them; facts that are false already are ignored.
@@ -164,7 +165,7 @@ class State(GroundState):
     def action(self, player: str, number: int) -> GroundAction | None:
         """Return the action with a number: its index in `World.ground_actions(player)`.
 
-        A number about a slot stands for the object that is in the slot now.
+        If a number refers to a slot, its action uses the object that is in the slot now.
 
         Returns:
             The action, valid or not; None if one of its slots is empty.
@@ -182,7 +183,7 @@ class State(GroundState):
 
         Args:
             action: An action of this task.
-            player: Player whose numbering counts; by default the acting player.
+            player: Player whose numbering to use; by default the acting player.
 
         Raises:
             UnknownNameError: The action is unreachable, or the player does not exist.
@@ -242,8 +243,8 @@ class World(GroundTask):
 
     `task` is the task it was made from. `players` are the names of its players in seat order.
 
-    A world holds nothing of an episode, so all episodes of a task may share one. It caches while
-    it is used, so it must not be used by several threads at once. Three parts of it grow:
+    A world contains no data of episodes, so all episodes of a task may share one. Its methods
+    change its caches, so only one thread at a time may use it. Three parts of it grow:
 
     - Objects and atoms grow in generations (`GroundObjects`), when a step or `restore` needs more
       created objects than there is room for. Bits never move, so states, actions and timers stay
@@ -254,8 +255,8 @@ class World(GroundTask):
 
     Args:
         task: A task, or a name or path for `load_task`.
-        slots: Created objects of a kind that arrays have room for, instead of the default
-            (docs/train.md).
+        slots: Number of created objects for which arrays have room, by kind, instead of the
+            default (docs/train.md).
 
     Raises:
         UnknownTaskError: No task or file has that name.
@@ -269,8 +270,8 @@ class World(GroundTask):
         self._trees: dict[str, SuccessorTree] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A shipped task travels as its name and digest, since a pickled state is sent often and
-        # the task is a hundred times as large as the state.
+        # The pickle of a shipped task is its name and digest: states are sent often, and the task
+        # is a hundred times as large as a state.
         task, slots = self.task, (dict(self._slots),) if self._slots else ()
         if self._is_shipped:
             return _shipped_world, (task.name, task.seats, task.timing.value, task.digest, *slots)
@@ -284,7 +285,7 @@ class World(GroundTask):
 
     def _grown(self) -> None:
         super()._grown()
-        # Nodes of a tree test bits of atoms that existed when the node was made.
+        # The nodes of a tree test only bits of atoms that existed when the nodes were made.
         self._trees.clear()
 
     @cached_property
@@ -292,7 +293,7 @@ class World(GroundTask):
         """True if the task can be loaded by name, so that pickles need not contain it."""
         task = self.task
         try:
-            # `files=False`: a file of that name in the working directory is not the shipped task.
+            # Without `files=False`, a file of that name in the working directory would count.
             known = load_task(task.name, seats=task.seats, timing=task.timing, files=False)
         except RobotouilleError:
             return False
@@ -311,7 +312,8 @@ class World(GroundTask):
         """Return each condition of the goal in words, and whether it holds in a state.
 
         Conditions are in the problem's order. A condition holds if some choice of objects makes it
-        true together with all earlier ones that hold. So all hold exactly if the goal is reached.
+        true together with all earlier ones that hold. So all of them hold exactly if the goal is
+        reached.
         """
         return tuple(zip(self._goal_sentences, self.goal.holding(state.facts), strict=True))
 
@@ -387,8 +389,8 @@ class World(GroundTask):
                 of another player, and `unmet` has the reasons against it.
 
         Raises:
-            UnknownNameError: The sentence names no action or several, and the message lists those,
-                the unmet conditions, or the nearest valid sentences. Or the player does not exist.
+            UnknownNameError: The player does not exist, or the sentence names no action or several.
+                The message lists the actions, the unmet conditions or the nearest sentences.
             WrongArgumentError: The sentence is not a string.
         """
         actions = self.actions(state, player)
@@ -418,7 +420,7 @@ class World(GroundTask):
     def pack(self, state: State) -> bytes:
         """Return a state as about 100 bytes, for a process that has this world too.
 
-        `pickle` sends the world along: its name if it is shipped, otherwise the whole task.
+        `pickle` also sends the world: its task's name if shipped, otherwise the whole task.
         """
         rows = PackedState(state.facts, state.timer_rows(), state.timers.busy)
         return packed(self.task, rows)
@@ -449,7 +451,7 @@ class World(GroundTask):
         Raises:
             WrongArgumentError: `action` is not an action.
         """
-        # An attribute error costs nothing on the fast path; an isinstance check would.
+        # This is the fast path: `try` costs nothing here, but `isinstance` would cost time.
         try:
             # One mask and one comparison test all preconditions, positive and negative.
             met = state.facts & action.tested == action.required
@@ -500,10 +502,10 @@ class World(GroundTask):
                 None does nothing and counts as applied.
 
         Raises:
-            WrongWorldError: An action was made by another world, and that was detected.
+            WrongWorldError: An action was made by another world. Not all such actions are detected.
         """
-        # The loop of `step` without reasons and attempts: team searches call this for every joint
-        # action that they generate.
+        # This repeats the loop of `step` without reasons and attempts, because team searches call
+        # it for every joint action that they generate.
         facts, timers, applied = state.facts, state.timers, []
         for action in actions:
             if action is None:
@@ -531,7 +533,8 @@ class World(GroundTask):
         """Apply the actions of a joint action in order, then let one step of time pass.
 
         An action whose preconditions do not hold when its turn comes is rejected and changes
-        nothing (docs/decisions/0005-invalid-actions-cost-nothing.md). So is a player's second one.
+        nothing (docs/decisions/0005-invalid-actions-cost-nothing.md). So is a player's
+        second action.
 
         Args:
             state: State of this task.
@@ -582,7 +585,7 @@ class World(GroundTask):
     def _in_order(
         self, state: State, joint: JointAction
     ) -> Iterable[tuple[str | None, GroundAction]]:
-        # Most calls come from planners with one action of this world.
+        # This shortcut is for planners, most of whose calls have one action of this world.
         if type(joint) is GroundAction and joint.source is self:
             return ((None, joint),)
         return [
@@ -642,7 +645,7 @@ class World(GroundTask):
         Raises:
             UnknownNameError: A row names an unknown action, object or player.
             WrongWorldError: The facts or a row do not fit this world.
-            WrongArgumentError: The facts are not an integer, or the rows are not rows.
+            WrongArgumentError: The facts are not an integer, or a row has the wrong form.
         """
         if not isinstance(facts, int):
             raise WrongArgumentError(f"expected the facts as an integer, found {facts!r}")
@@ -657,7 +660,7 @@ class World(GroundTask):
 
 Slots = tuple[tuple[str, int], ...]
 
-# Weak values: a world and its caches are freed once no state or episode refers to them.
+# The values are weak, so that worlds that no state or episode uses are freed.
 _worlds: weakref.WeakValueDictionary[tuple[str, Slots], World] = weakref.WeakValueDictionary()
 
 

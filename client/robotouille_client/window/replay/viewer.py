@@ -1,4 +1,4 @@
-"""Viewers of games: a recording, two recordings side by side, a game just seen, a live game."""
+"""Viewers of one recording, two recordings side by side, a game just played, or a live game."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class ReplaySource(GameSource):
     """Source that shows the moment of a history at which the playhead stands.
 
     If a state cannot be read, the last readable state stays on the screen and the panel gives the
-    reason. The playhead may be longer than the history, when another history is next to it.
+    reason. The playhead may go beyond the history's end if a longer history is shown next to it.
 
     Args:
         title: Line that the panel shows while everything can be read.
@@ -106,7 +106,7 @@ class ReplaySource(GameSource):
             return state, f"Step {step} cannot be shown. This is step {last}: {error}"
 
     def _missing(self) -> str:
-        """Say what the recording lacks, or return the title."""
+        """Return a line about what the recording lacks, or the title."""
         if self.history.fault:
             return f"The end is missing: {self.history.fault}"
         if self.history.outcome is None:
@@ -135,7 +135,7 @@ class _ViewerWithJobs(ReplaySource):
 
 
 class HistoryViewer(_ViewerWithJobs):
-    """Viewer of a game that the player has just been in, and that no file holds.
+    """Viewer of the game that the player has just played, which is not stored in a file.
 
     Args:
         stem: Path of the videos, without steps and suffix.
@@ -166,7 +166,7 @@ class HistoryViewer(_ViewerWithJobs):
         self.strip = TimelineStrip(history, playhead, state, keys, curve)
 
     def wait_for_search(self, seconds: float) -> bool:
-        """Wait for the steps to go. Return whether the search has ended."""
+        """Wait for the search of steps to go. Return whether it has ended."""
         return self._search.wait(seconds)
 
     def close(self) -> None:
@@ -264,7 +264,7 @@ def watch(
     Args:
         rate: Steps a second. Default: the rate of the recorded game.
         at: First step to show.
-        screenshot: File for a picture of that step. No window opens then.
+        screenshot: File for a picture of that step; no window opens.
         rendering: Name of a rendering. Default: the domain's own.
 
     Raises:
@@ -335,7 +335,7 @@ class RecordingViewer(_ViewerWithJobs):
         rate: Steps a second. Default: the rate of the recorded game.
         rendering: Name of a rendering for videos. Default: the domain's own.
         make_window: Makes the window from its caption, its strip and, for two recordings, a
-            painter. Use the same rendering.
+            painter. It must use the same rendering.
         words: Words that replace those of the domain in the log.
 
     Raises:
@@ -393,7 +393,7 @@ class RecordingViewer(_ViewerWithJobs):
         self.window.close()
 
     def wait_for_search(self, seconds: float) -> bool:
-        """Wait for the steps to go. Return whether all searches have ended."""
+        """Wait for the searches of steps to go. Return whether all have ended."""
         waited = [search.wait(seconds) for search in self._searches]
         return all(waited)
 

@@ -7,9 +7,9 @@ progress, a change of participants, or a chat message. So all of them plan from 
 if some take longer.
 
 The bots assume that participants outside the team stand still, and plan around them. If there is no
-such plan, the bots ask the others for help and plan as if the others stepped aside, or as if they
-were in the team. The bots carry out the part of that plan that need not be undone, and move out of
-the way while they wait (docs/decisions/0038-bots-with-people.md).
+such plan, the bots ask the others for help and plan as if the others stepped aside, or as if the
+others were in the team. The bots execute the part of that plan that never has to be undone, and
+make way while they wait (docs/decisions/0038-bots-with-people.md).
 """
 
 from __future__ import annotations
@@ -104,10 +104,10 @@ class PlannerPolicy:
     """Policy that chooses the actions of one seat by search on its own copy of the world.
 
     Equal seeds and events give equal actions, because the policy reads no clock. `anticipating` is
-    true if the last action counts on another seat's action in the same step.
+    true if the last action relies on another seat's action in the same step.
 
     Args:
-        anytime: A planner of the task to share, so that the task is not analysed again.
+        anytime: Planner of the task that several policies share, so that the task is analysed once.
         start: The state from which `observe` follows the game.
     """
 
@@ -128,7 +128,7 @@ class PlannerPolicy:
         self._known: Mapping[str, str] = {}
         self._only = len(world.players) == 1
         self._punctual = world.task.timing is Timing.BENCHMARK
-        # A guess until `meet` reports the clock: games in real time use the timing `people`.
+        # This is a guess until `meet` sets the clock: real-time games use the timing `people`.
         self._hurried = not self._punctual
         self._lockstep = False
         self._anytime = anytime or AnytimePlanner(World(world.task))
@@ -266,7 +266,7 @@ class PlannerPolicy:
         return None if self._followed is None else self._followed.script
 
     def _drop_plan(self, past: PastStep | None = None) -> None:
-        """Stop following the plan; the next `act` makes one from the present or a past step."""
+        """Stop following the plan; the next `act` makes one from the current or a past step."""
         if past is None:
             self._unprocessed.clear()
         # All seats of the team notice a deviation in the same step, and plan from that step. So
@@ -340,9 +340,8 @@ class PlannerPolicy:
         watch = self._followed
         if watch is None:
             return None
-        # In lockstep all seats decide at the same time, so an action may count on another one of
-        # the same step (`act.anticipates`). Only the team's own actions are certain enough for
-        # that.
+        # In lockstep all seats decide at the same time, so an action may rely on another one of
+        # the same step (`act.anticipates`). Only actions of the team are certain enough for that.
         if not self._lockstep or watch.assumption is Assumption.EVERYBODY:
             return watch.script.act(state)
         action, self.anticipating = watch.script.joint(state).get(self.player, (None, False))
@@ -359,9 +358,9 @@ class PlannerPolicy:
             self._may_improve = self._punctual and self._is_worth_improving(made.found)
         else:
             logger.debug("%s finds no plan from here", self.player)
-            # Counted for each state: the next plan from this one tries the other assumption first.
+            # The next plan from this state tries the other assumption first.
             self._in_vain[base.state] = tried + 1
-        # A proof that the goal is out of reach needs no second search.
+        # After a proof that the goal is out of reach, another search would be useless.
         helpless = made.assumption is Assumption.NOTHING and not made.found.unsolvable
         self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
         if helpless and self._outsiders and self.player == min(self._team):
@@ -378,8 +377,8 @@ class PlannerPolicy:
 
     def _improve(self, state: State) -> None:
         """Search for a shorter remaining plan of a single seat."""
-        # Called only with the timing `benchmark`, since otherwise plan lengths say little about
-        # time, and only for a single seat, since other seats would have to change their parts too.
+        # Callers use this only with the timing `benchmark`, because other plan lengths say little
+        # about time, and for a single seat, because other seats would have to change their parts.
         for result in self._search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
                 self._follow_instead(result.plan, state)
@@ -441,7 +440,7 @@ class PlannerPolicy:
     def _step_aside(self, state: State) -> GroundAction | None:
         """Return a walk to an empty place, or None if the seat is at one."""
         walks = walks_aside(state, self.player)
-        # A random place: two bots that step aside would otherwise choose the same one.
+        # The place is random, because two bots would otherwise step aside to the same one.
         return self._random.choice(walks) if walks else None
 
     def _waits_for_others(self, state: State, action: GroundAction | None) -> bool:
