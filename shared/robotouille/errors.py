@@ -21,8 +21,19 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import wraps
+from typing import ParamSpec
+
+P = ParamSpec("P")
+
+MAX_FAULTS = 1_000
+"""Most faults that one check reports."""
+MAX_COMPARED = 50_000
+"""Most names that one check compares for its suggestions: a second or two."""
+_left_to_compare: ContextVar[int | None] = ContextVar("left_to_compare", default=None)
 
 
 def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
@@ -34,11 +45,19 @@ def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
         most: Largest number of suggestions.
     """
     names = {known.casefold(): known for known in valid}
+    left = _left_to_compare.get()
+    if left is not None:
+        if len(names) > left:
+            return ""
+        _left_to_compare.set(left - len(names))
     near = difflib.get_close_matches(str(name).casefold(), list(names), n=most, cutoff=0.6)
     if not near:
         return ""
     *others, last = [repr(names[each]) for each in near]
     return f"; did you mean {', '.join(others)} or {last}?" if others else f"; did you mean {last}?"
+
+
+SEVERITIES = ("error", "warning", "note")
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -56,6 +75,28 @@ class Fault:
     def __str__(self) -> str:
         where = f"{self.path}: " if self.path else ""
         return f"{where}{self.message}"
+
+
+def bounded(check: Callable[P, list[Fault]]) -> Callable[P, list[Fault]]:
+    """Limit the suggestions and the faults of a check.
+
+    Without limits, a file of a few megabytes of unknown names takes minutes.
+    """
+
+    @wraps(check)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> list[Fault]:
+        token = _left_to_compare.set(MAX_COMPARED)
+        try:
+            faults = check(*args, **kwargs)
+        finally:
+            _left_to_compare.reset(token)
+        more = faults[MAX_FAULTS:]
+        if not more:
+            return faults
+        worst = min((fault.severity for fault in more), key=SEVERITIES.index)
+        return [*faults[:MAX_FAULTS], Fault("", f"and {len(more):,} more faults", worst)]
+
+    return limited
 
 
 class RobotouilleError(Exception):

@@ -1,5 +1,6 @@
 """Faults of domains and problems: place, message and suggestion."""
 
+import difflib
 import json
 import pickle
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robotouille import FileError, World, load_task
+from robotouille import FileError, World, errors, load_task
 from robotouille.errors import Fault
 from tests.support.broken_files import DOMAIN, PROBLEM, build, changed, faults_of, write
 
@@ -200,3 +201,33 @@ def test_message_lists_at_most_a_hundred_faults() -> None:
     lines = str(error).splitlines()
     assert len(error.faults) == 2345
     assert (len(lines), lines[-1]) == (101, "k.json: and 2,245 more faults")
+
+
+UNKNOWN = [f"iscutt{number}" for number in range(5_000)]
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        {**PROBLEM, **dict.fromkeys(UNKNOWN, 1)},
+        changed(PROBLEM, "objects", "item", 0, "predicates", to=UNKNOWN),
+    ],
+)
+def test_thousands_of_unknown_names_get_few_suggestions(
+    monkeypatch: pytest.MonkeyPatch, problem: dict[str, Any]
+) -> None:
+    compared = 0
+    find = difflib.get_close_matches
+
+    def counted(name: str, names: list[str], **options: Any) -> list[str]:
+        nonlocal compared
+        compared += len(names)
+        return find(name, names, **options)
+
+    monkeypatch.setattr(errors, "MAX_COMPARED", 1_000)
+    monkeypatch.setattr(difflib, "get_close_matches", counted)
+    with pytest.raises(FileError) as error:
+        build(problem=problem)
+    assert 0 < compared <= 1_000
+    assert "unknown" in str(error.value.faults[0])
+    assert str(error.value.faults[-1]) == "and 4,000 more faults"

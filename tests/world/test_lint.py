@@ -4,9 +4,10 @@ from typing import Any
 
 import pytest
 
+from robotouille import GroundAction, World
 from robotouille.domain.schema import DomainFile
 from robotouille.errors import Fault
-from robotouille.world.lint import lint_domain, lint_task
+from robotouille.world.lint import MAX_CHECKED, lint_domain, lint_task
 from tests.support.broken_files import DOMAIN, PROBLEM, build, changed
 from tests.world.kitchens import kitchen
 
@@ -152,6 +153,32 @@ def domain_findings(*path: Any, to: Any) -> list[Fault]:
 
 
 PRECONS = ("action_defs", 0, "precons")
+
+
+def test_large_kitchens_are_not_searched_for_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each robot can put any item onto any other one, at any table: three million actions."""
+    world = kitchen(
+        width=50,
+        stations=[{"name": "table", "x": x, "y": 0} for x in range(50)],
+        items=[item("bread", x) for x in range(50)] + [item("bread", x, 0, 1) for x in range(40)],
+        players=[robot(x, 1) for x in range(4)],
+        goal=CLEAR,
+    )
+    grounded = 0
+    ground = World.action
+
+    def counted(self: World, name: str, *arguments: str) -> GroundAction:
+        nonlocal grounded
+        grounded += 1
+        return ground(self, name, *arguments)
+
+    monkeypatch.setattr(World, "action", counted)
+    (finding,) = lint_task(world.task)
+    assert grounded <= MAX_CHECKED
+    assert str(finding) == (
+        "goal: too many objects to check whether the goal can be reached: "
+        "more than 100,000 possible actions"
+    )
 
 
 def test_valid_domain_has_no_findings() -> None:

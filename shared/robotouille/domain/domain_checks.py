@@ -25,7 +25,7 @@ from robotouille.domain.schema import (
     LayoutRule,
     PredicateDef,
 )
-from robotouille.errors import Fault, did_you_mean
+from robotouille.errors import Fault, bounded, did_you_mean
 
 
 def unknown(path: str, what: str, name: str, valid: Iterable[str]) -> Fault:
@@ -33,6 +33,7 @@ def unknown(path: str, what: str, name: str, valid: Iterable[str]) -> Fault:
     return Fault(path, f"unknown {what} {name!r}{did_you_mean(name, valid)}")
 
 
+@bounded
 def check_domain(domain: DomainFile) -> list[Fault]:
     """Find unknown or repeated names and wrong numbers and types of arguments."""
     faults = [
@@ -190,6 +191,7 @@ def _check_words(path: str, text: str, what: str, valid: Collection[str]) -> lis
     return [unknown(path, what, name, valid) for name in names if name not in valid]
 
 
+@bounded
 def check_input(inputs: InputFile, domain: DomainFile) -> list[Fault]:
     """Find actions and parameters of an input file that the domain does not have."""
     faults = []

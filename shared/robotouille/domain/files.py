@@ -13,6 +13,7 @@ import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import IO, Any, NoReturn, TypeVar
 
@@ -20,7 +21,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from robotouille.domain.schema import EFFECT_KINDS
-from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille.errors import Fault, FileError, bounded, did_you_mean
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 40
@@ -157,7 +158,7 @@ def validate(raw: Any, model: type[M], source: str) -> M:
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise FileError(source, [_fault(raw, model, e) for e in _errors(error)]) from None
+        raise FileError(source, _faults(raw, model, _errors(error))) from None
 
 
 def known_part(raw: Any, model: type[M]) -> M | None:
@@ -221,12 +222,17 @@ def _errors(error: ValidationError) -> list[ErrorDetails]:
     return [e for e in errors if e["type"] != "too_short" or e["loc"] not in invalid_inside]
 
 
+@bounded
+def _faults(raw: Any, model: type[BaseModel], errors: list[ErrorDetails]) -> list[Fault]:
+    return [_fault(raw, model, error) for error in errors]
+
+
 def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
     location = _location(error)
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "extra_forbidden":
         message = f"unknown field {location[-1]!r}"
-        elsewhere = [name for name in _fields_near(model, location) if name != location[-1]]
+        elsewhere = [name for name in _fields_near(model) if name != location[-1]]
         message += did_you_mean(str(location[-1]), elsewhere)
     elif error["type"] != "missing":
         message = f"{message[0].lower()}{message[1:]}"
@@ -240,7 +246,8 @@ def _location(error: Any) -> list[Any]:
     return [part for part in error["loc"] if part not in EFFECT_KINDS or isinstance(part, int)]
 
 
-def _fields_near(model: type[BaseModel], location: list[Any]) -> list[str]:
+@cache
+def _fields_near(model: type[BaseModel]) -> list[str]:
     # Suggest fields of all models in the file: a field is often right but in the wrong place.
     names: set[str] = set()
     pending: list[type[BaseModel]] = [model]

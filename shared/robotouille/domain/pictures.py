@@ -161,7 +161,7 @@ def _numbers(text: str) -> list[float]:
 MAX_SHAPES = 2_000
 """Most elements: the time to draw a picture grows with them."""
 MAX_DRAWN = 50_000_000
-"""Most elements times pixels that are drawn at once: 0.3 to 0.6 s if every element covers it all."""
+"""Most elements times pixels that are drawn: up to a second if every element covers it all."""
 ELEMENT = re.compile(rb"<[A-Za-z]")
 MAX_OUTLINES = 32 * 1024
 """Most characters in all paths and points. Longer outlines take seconds to draw."""

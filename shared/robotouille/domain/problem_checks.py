@@ -17,7 +17,7 @@ from robotouille.domain.derived import (
 )
 from robotouille.domain.domain_checks import unknown
 from robotouille.domain.schema import CountedEffect, DomainFile, ProblemFile
-from robotouille.errors import Fault, did_you_mean
+from robotouille.errors import Fault, bounded, did_you_mean
 
 MAX_FACTS, MAX_CHOICES = 20_000, 10_000_000
 """Limits on a task's fluent facts and on the instances of one action.
@@ -25,6 +25,7 @@ MAX_FACTS, MAX_CHOICES = 20_000, 10_000_000
 They bound the memory that a small file can claim."""
 
 
+@bounded
 def check_problem(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     """Find objects off the grid or of unknown types, unknown predicates, and invalid goals."""
     return [

@@ -186,7 +186,7 @@ def build_task(
     faults = _domain_faults(_ByIdentity(domain)) or check_problem(problem, domain)
     errors = [fault for fault in faults if fault.severity == "error"]
     if errors:  # Warnings follow because they may explain the errors.
-        raise FileError(source, [*errors, *(fault for fault in faults if fault not in errors)])
+        raise FileError(source, [*errors, *(f for f in faults if f.severity != "error")])
     players = sum(len(problem.objects.get(kind, ())) for kind in domain.player_types)
     allowed = problem.seats or (players,)
     if seats is None:

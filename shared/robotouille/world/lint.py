@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Set
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 
 from robotouille.domain.derived import created_kinds, fluents
@@ -312,6 +312,10 @@ def _goal(world: World) -> Iterator[Fault]:
     if too_few:
         return
     facts = reachable_facts(world)
+    if facts is None:
+        words = "too many objects to check whether the goal can be reached: more than "
+        yield Fault("goal", f"{words}{MAX_CHECKED:,} possible actions", "warning")
+        return
     for i, term in enumerate(goal.terms):
         if term.predicate in world.table.static_predicates:
             continue
@@ -322,14 +326,27 @@ def _goal(world: World) -> Iterator[Fault]:
         yield Fault("goal", "no choice of objects can meet all its predicates")
 
 
-def reachable_facts(world: World) -> int:
-    """Return the mask of facts that can ever become true, in the delete relaxation."""
+MAX_CHECKED = 100_000
+"""Most actions, repetitions included, that `reachable_facts` looks at: about 5 s."""
+
+
+def reachable_facts(world: World) -> int | None:
+    """Return the mask of facts that can ever become true, in the delete relaxation.
+
+    Return None if there are too many actions to find out.
+    """
     facts = world.initial.facts
     # Facts that can be false: those false at first, and those that some action removes.
     absent = ~facts
-    pending = [(schema, arguments) for schema in world.schemas for arguments in _all(world, schema)]
+    instances = (
+        (schema, arguments) for schema in world.schemas for arguments in _all(world, schema)
+    )
+    pending, checked = list(islice(instances, MAX_CHECKED + 1)), 0
     # A fixed point: each round applies what the facts of the round before allow.
     while True:
+        checked += len(pending)
+        if checked > MAX_CHECKED:
+            return None
         before = (facts, absent)
         waiting = []
         for schema, arguments in pending:

@@ -26,7 +26,7 @@ from robotouille.domain.related_files import (
 from robotouille.domain.rendering import RENDERING_FILES, Language, RenderingFile
 from robotouille.domain.schema import DomainFile
 from robotouille.domain.task import Task, read_domain
-from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille.errors import Fault, FileError, bounded, did_you_mean
 from robotouille.installation import data_folder
 
 
@@ -144,6 +144,7 @@ def lint_rendering(
     return [*lint_pictures(rendering, beside), *lint_names(path, rendering, domain, beside, kinds)]
 
 
+@bounded
 def lint_pictures(rendering: RenderingFile, beside: Path | None) -> list[Fault]:
     """Report pictures that do not exist, each with the nearest name that does."""
     folders = rendering.folders(beside)
@@ -161,6 +162,7 @@ def lint_pictures(rendering: RenderingFile, beside: Path | None) -> list[Fault]:
     ]
 
 
+@bounded
 def lint_names(
     path: Path,
     rendering: RenderingFile,
