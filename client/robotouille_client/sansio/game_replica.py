@@ -421,8 +421,8 @@ class GameReplica:
         tables = message.model_dump(include={"predicates", "objects", "atoms"})
         reader = StateReader(world, tables, values)
         if reader.state.digest != message.hash:
-            message = "the snapshot's hash does not match its state"
-            raise ProtocolError(ErrorCode.STATE_MISMATCH, message)
+            fault = "the snapshot's hash does not match its state"
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, fault)
         return reader
 
     def _roster(self, message: messages.Roster, now: float) -> None:
