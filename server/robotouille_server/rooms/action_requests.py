@@ -52,9 +52,11 @@ class ActionRequests:
         The rejection is recorded and published like others. It is answered without a record if
         the episode has ended, the seat is another participant's, or the quota is used up.
         """
-        # Not every refusal is recorded, but each is counted: a client in a loop shows up here.
+        # Every refusal is counted, even if it is not recorded, so the metrics show a client in a
+        # loop.
         self._metrics.errors.labels(why.code).inc()
-        # Other refusals are errors of programs. A faulty client could fill the recording with them.
+        # All other codes are faults of programs. A faulty client could fill the recording with
+        # them.
         if why.code not in RECORDED:
             self._answer(session, request, why)
             return
@@ -84,7 +86,8 @@ class ActionRequests:
     def _submit(self, session: Session, request: messages.Act, now: float) -> None:
         player = session.own_seat(request.seat)
         if self._gate.failing:
-            # The client sends the request again. Until then, the unwritten events must not grow.
+            # The client repeats a dropped request. Until writing works, the unwritten events must
+            # not grow.
             return
         # A client that lost its connection cannot know whether its action arrived, so it repeats
         # the last one with the same number. Executing it twice would change the game.
@@ -98,7 +101,7 @@ class ActionRequests:
             self._episode.reject(player, _with_action(request, in_words(request)), error, now)
         else:
             self._episode.submit(player, _with_action(request, action), now)
-        # Also for rejected actions: their reasoning is recorded, too.
+        # This includes rejected actions, because their reasoning is recorded, too.
         session.recorded_bytes += len((request.reasoning or "").encode())
 
     def _answer_again(self, session: Session, player: str, request: messages.Act) -> None:

@@ -100,7 +100,7 @@ class Archive:
         """
         task = self._sought.get(episode)
         if task is None:
-            # Bounds the tasks that clients with old tokens can create.
+            # This bounds the number of tasks that clients with old tokens can create.
             if len(self._sought) >= MAX_SOUGHT:
                 raise _expired("too many ended episodes are being searched for")
             task = self._sought[episode] = asyncio.create_task(self._show(episode))
@@ -137,7 +137,8 @@ class Archive:
 
     async def _list_when_due(self) -> None:
         loop = asyncio.get_running_loop()
-        # At most one listing in `LIST_SECONDS`: listing a folder of many thousand files takes long.
+        # Listing a folder of many thousand files takes long, so it is done at most once in
+        # `LIST_SECONDS`.
         await asyncio.sleep(self._listed + LIST_SECONDS - loop.time())
         self._listing = None
         self._listed = loop.time()
@@ -150,8 +151,8 @@ class Archive:
     async def _readable(self, name: str) -> ArchivedEpisode | None:
         """Return the episode of a file; None if it is unreadable, ProtocolError if too long."""
         refused = self._refused.get(name)
-        # An unreadable or too long file stays so; a client must not be able to have it read again
-        # and again.
+        # Unreadable and too long files never change, so clients must not make the server read them
+        # again and again.
         if refused is None:
             try:
                 return await self._found(name)
@@ -177,12 +178,12 @@ class Archive:
 
     async def _found(self, name: str) -> ArchivedEpisode:
         loop = asyncio.get_running_loop()
-        # In a thread, because reading and decompressing block. Replaying frames is Python code, so
-        # it is done in small parts on the event loop instead.
+        # A thread reads and decompresses the file, because both block. Replaying frames is Python
+        # code, so the event loop does it in small parts.
         content = await loop.run_in_executor(None, self._content, name)
         recording = await _in_turns(_opening(content, name))
         original = name_in(recording.header).removesuffix(OPEN) + CLOSED
-        # A copy may have been changed, and would be shown in place of the original.
+        # A renamed copy may have been changed, and must not be shown instead of the original.
         if name != original:
             raise RecordingError(f"a copy of {original}")
         restored = await _in_turns(restoring(recording, loop.time(), 0.0, shared_world))

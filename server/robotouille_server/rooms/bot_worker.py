@@ -29,7 +29,7 @@ from robotouille_server.runtime.logs import get_logger
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
 
-# `-P`: modules in the server's working directory must not replace installed ones.
+# `-P` keeps modules in the server's working directory from replacing installed ones.
 COMMAND = (sys.executable, "-P", "-m", "robotouille_server.rooms.bots")
 FIRST_BACK_OFF, MAX_BACK_OFF = 0.1, 5.0
 """Seconds before a dead process is replaced: the first time, and at most."""
@@ -152,8 +152,8 @@ class ProcessBotWorker:
     def _request(self, task: Task, make: Callable[[int], bytes]) -> asyncio.Future[BotAnswer]:
         answer: asyncio.Future[BotAnswer] = self._loop.create_future()
         if self._closed or self._loop.time() < self._retry_at:
-            # At once, not after the back-off: doing nothing in this step is better than acting
-            # late.
+            # The question fails at once, because doing nothing in this step is better than acting
+            # after the back-off.
             answer.set_exception(BotWorkerLostError())
             return answer
         self._number += 1
@@ -197,12 +197,12 @@ class ProcessBotWorker:
             return
         self._pipe, self.pid = pipe, pipe.pid
         self._started = self._loop.time()
-        # A new process knows no task.
+        # A new process has received no task yet.
         self._tasks_sent.clear()
         self._retire_thread()
         if self._closed:
             pipe.end()
-        # Questions that were asked while the process started.
+        # Send the questions that were asked while the process started.
         for number in list(self._requests):
             self._send(number)
 
@@ -225,7 +225,7 @@ class ProcessBotWorker:
         self._pipe, self.pid = None, None
         if not self._closed:
             get_logger().error("the process of the substitutes died", status=status)
-        # A process that dies right after each start must not use a core for starting.
+        # Otherwise, restarting a process that dies right after each start would use up a core.
         if self._loop.time() - self._started > HEALTHY_SECONDS:
             self._back_off_seconds = FIRST_BACK_OFF
         self._back_off()
@@ -338,7 +338,7 @@ class _Pipe(asyncio.SubprocessProtocol):
 
 def _environment() -> dict[str, str]:
     """Return an environment with the same modules but without the server's settings and keys."""
-    # The process needs no keys or settings, and what it does not have cannot leak
+    # The process needs no keys or settings, and cannot leak what it does not have
     # (docs/decisions/0022).
     plain = {k: v for k, v in os.environ.items() if not k.startswith("ROBOTOUILLE_")}
     path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)

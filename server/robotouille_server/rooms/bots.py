@@ -98,8 +98,8 @@ class BotWorld:
         """Return a new planner policy for a seat."""
         from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
 
-        # `alone`: planning for one seat is quicker, and nobody tells the other players of a plan
-        # (docs/decisions/0020).
+        # The option `alone` makes planning quicker. The other players would not learn of a team
+        # plan anyway (docs/decisions/0020).
         options = PlannerOptions(seed=SEED, expansions=EXPANSIONS, alone=True)
         return PlannerPolicy(self.world, player, options, anytime=self.planner)
 
@@ -149,7 +149,7 @@ class Bots:
         """Remember a task."""
         if task.digest not in self._worlds:
             self._worlds[task.digest] = BotWorld(task)
-            # The least recently used task goes. The server sends it again after the reply
+            # Forget the least recently used task. The server sends it again after the reply
             # "unknown".
             if len(self._worlds) > MAX_WORLDS:
                 self._worlds.popitem(last=False)
@@ -162,8 +162,8 @@ class Bots:
         """Return the answer to a question about a task that was shown."""
         world = self._world(digest)
         bot = self._bots.pop(question.bot, None)
-        # A forgotten world came back as another object, so the plan refers to objects that are
-        # gone.
+        # If the task was forgotten and sent again, its world is a new object, so the bot's old plan
+        # is useless.
         if bot is None or bot.world is not world:
             bot = _Bot(world, _policy(world, question))
         else:

@@ -135,7 +135,7 @@ class EpisodeDriver:
         Returns:
             True if anything was recorded or published.
         """
-        # Round trips are events. While writing fails, the unwritten events must not grow.
+        # Round trips are events, and while writing fails, the unwritten events must not grow.
         if not self._episode.running or self._gate.failing:
             return False
         shown, recorded = self._round_trips.measure(self._broadcaster.members)
@@ -152,7 +152,7 @@ class EpisodeDriver:
     def _schedule(self) -> None:
         due = self._episode.due()
         if self._timer is not None:
-            # The usual case: most changes do not move the deadline, and cancelling costs more than
+            # Most changes do not move the deadline, and cancelling a timer costs more than
             # comparing.
             if due == self._timer.due:
                 return
@@ -163,12 +163,12 @@ class EpisodeDriver:
         self._timer = None
         now = self.now()
         episode = self._episode
-        # Lateness is measured for real-time steps only. Other timers may be late without anybody
-        # noticing.
+        # Only the lateness of real-time steps is measured: no player notices other late timers.
         if episode.rules.scheduled and episode.running:
             self._metrics.lateness.observe(max(0.0, now - due))
         try:
-            # Never earlier than `due`: a timer of the event loop may fire a little too soon.
+            # The maximum is needed, because a timer of the event loop may fire a little before
+            # `due`.
             episode.tick(max(now, due))
             self.flush()
         except Exception:
@@ -192,7 +192,7 @@ class EpisodeDriver:
         if not self._open:
             return
         if self._gate.failing:
-            # No timer: while the recording cannot be written, the episode is paused.
+            # The episode needs no timer: it is paused while the recording cannot be written.
             self._retry_later()
             return
         self._schedule()
@@ -203,9 +203,9 @@ class EpisodeDriver:
             self._metrics.age.observe(self.now() - begun)
         self._published(events)
         if self._episode.phase is Phase.ENDED:
-            # No further timer: the recording is closed by the lobby, in a thread.
+            # The driver stops here. The lobby closes the recording, in a thread.
             self._close()
-        # Readers refuse longer files, and an episode without an end would be lost as a whole.
+        # Readers refuse longer files, so the episode must end now, or all of it would be lost.
         elif self._journal is not None and self._journal.full:
             self.abort("the recording has reached its maximum size")
 
@@ -222,8 +222,8 @@ class EpisodeDriver:
 
     def _failing_changed(self, failing: bool) -> None:
         if failing:
-            # Participants learn of it at once. The roster shows what was published last, because
-            # the events since then are not written.
+            # Participants learn of the failure at once. The roster shows the state published last,
+            # because later events are not written yet.
             self._metrics.failing.inc()
             self._broadcaster.publish_unwritable()
         else:
@@ -236,7 +236,7 @@ class EpisodeDriver:
         """Stop without ending the episode; another process continues the recording."""
         self._stop()
         if self._journal is not None:
-            # The lock on the file tells the next process that it may continue.
+            # Releasing the lock on the file tells the next process that it may continue.
             self._journal.release()
 
     def _stop(self) -> None:

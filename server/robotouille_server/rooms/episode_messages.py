@@ -29,7 +29,7 @@ class EpisodeMessages:
         self._now = now
         self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
 
-    # Present state
+    # Current state
 
     @property
     def pause(self) -> messages.Pause | None:
@@ -78,7 +78,8 @@ class EpisodeMessages:
 
     def delta(self, event: Stepped) -> dict[str, Any]:
         """Return the fields of a `delta` message."""
-        # Plain values: a validated message would take longer than the step itself.
+        # The delta is a plain dictionary, because validating a message would take longer than the
+        # step.
         delta: dict[str, Any] = {"type": "delta", "step": event.step}
         delta |= self._writer.changes(event.before, event.state)
         if event.moves:
@@ -161,7 +162,7 @@ class Snapshots:
 
     def _of_state(self, codec: Codec) -> Fields:
         episode = self._episode
-        # The step is compared, too, in case a step leaves the state as it is.
+        # The step is also compared, because a step may leave the state unchanged.
         if self._state is not episode.state or self._step != episode.step:
             self.forget()
             self._state, self._step = episode.state, episode.step

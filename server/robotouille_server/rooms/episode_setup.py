@@ -101,7 +101,8 @@ def _task(
     name = request.task or settings.task
     timing = request.timing or settings.timing_for(rules.clock)
     seats = request.seats if request.seats is not None else settings.seats
-    # The default number of seats belongs to the default task. Another task has its own.
+    # The setting for seats applies to the default task only. Other tasks have defaults of their
+    # own.
     if request.task is not None and request.seats is None:
         seats = None
     try:
@@ -111,7 +112,8 @@ def _task(
             return own
         if request.task is None:
             return load_task(name, seats=seats, timing=timing, seed=seed)
-        # `files=False` inside: a name in a message must not be read as a path on the server.
+        # `_shipped` uses `files=False`, so that no name in a message is read as a path on the
+        # server.
         return _shipped(name, seats, timing, seed)
     except UnknownTaskError as error:
         near = did_you_mean(name.partition("@")[0], tasks.names)
@@ -198,7 +200,7 @@ class FinishedGame:
             ProtocolError: `auth/episode` if the participant had no seat, `episode/banned` if it was
                 removed.
         """
-        # Checked first: a removed player also had a seat.
+        # The ban is checked first, because a removed player also had a seat.
         if not self.banned.isdisjoint(asker):
             message = "you were removed from this episode and cannot play it again"
             raise ProtocolError("episode/banned", message, "rematch")
@@ -221,7 +223,7 @@ class Rematches:
         # rematch.
         if not game.players or game.episode in self._games:
             return
-        # Bounded: each game keeps its task and the ids of its players.
+        # The number of games is bounded, because each keeps its task and the ids of its players.
         while len(self._games) >= MAX_FINISHED:
             _, oldest = self._games.popitem(last=False)
             self._codes.pop(plain_code(oldest.code), None)

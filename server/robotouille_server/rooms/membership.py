@@ -95,8 +95,8 @@ class Membership:
                 participant=session.participant,
                 ready=request.ready,
             )
-            # Both ids: a participant with a token keeps the pseudonym in a new session; one without
-            # a token has only the id of the session (see `FinishedGame.check`).
+            # Both ids are kept: a participant with a token has the same pseudonym in a new session,
+            # but one without a token has only the session's id (see `FinishedGame.check`).
             self.ever_seated |= {session.id, session.participant}
         elif self._broadcaster.spectators >= max_spectators:
             message = f"the episode has {max_spectators} spectators already"
@@ -106,7 +106,8 @@ class Membership:
             self._limit_away(max_spectators)
             name = self._names.choose(session.given_name)
             self._names.watch(name)
-        # Only after everything that may raise: a refused `join` must leave the session as it was.
+        # This comes after everything that may raise, so that a refused `join` does not change the
+        # session.
         session.name, session.room = name, room
         session.view = request.view
         session.known = set(request.known)
@@ -192,11 +193,11 @@ class Membership:
         """
         session.own_seat(None)
         seats = self._episode.record.seats_of(session.players)
-        # Repeating the present value costs nothing and is not recorded. After the start, readiness
-        # has no effect any more (docs/decisions/0037).
+        # Repeating the current value costs nothing and is not recorded. Readiness has no effect
+        # after the start (docs/decisions/0037).
         if self._episode.phase is not Phase.WAITING or all(seat.ready == ready for seat in seats):
             return
-        # First, so that a refused change is not charged to the seat.
+        # The check comes first, so that a refused change is not charged to the seat.
         self._gate.check_space()
         self._turnover.charge(session.players, now, "has changed its readiness")
         self._episode.set_ready(session.players, ready, now)
@@ -228,7 +229,7 @@ class Membership:
         self._broadcaster.leave(session)
         self._gate.forget(session)
         players, session.room, session.players = session.players, None, ()
-        # The names of seats are in the episode; only the names of spectators are kept here.
+        # Only the names of spectators are kept here: the episode has the names of players.
         if not players:
             self._names.release(session.name)
         session.name = session.given_name
@@ -313,8 +314,7 @@ class Membership:
 
     def send_out(self, session: Session, episode_id: str, reason: str) -> None:
         """Tell a session that it was removed; keep the message for one that is away."""
-        # Without this, an absent participant would not learn of the removal before trying to
-        # join again.
+        # Without this, an absent participant would learn of the removal only when it joins again.
         if session.peer is None:
             self._sessions.sent_out(session)
         self._broadcaster.send(session, messages.Left(episode=episode_id, reason=reason))

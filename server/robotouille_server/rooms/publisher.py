@@ -63,7 +63,7 @@ class SlowSeats:
 
     def begin(self) -> None:
         """Start checking, because the episode runs (again)."""
-        # Real-time steps wait for nobody, so nobody can be slow.
+        # Real-time steps wait for no player, so no player can be slow.
         if self._timer is None and not self._episode.rules.scheduled:
             self._check_at(self._now() + WAITING_SECONDS)
 
@@ -138,15 +138,15 @@ class SpectatorRosters:
 
     def _schedule(self) -> None:
         if self._timer is None:
-            # A timer even for "now": changes in the same turn of the event loop then share one
-            # roster.
+            # A timer is used even if the roster is due now, so that all changes in one turn of the
+            # event loop share a roster.
             due = max(self._timers.time(), self._rested_at)
             self._timer = self._timers.call_at(due, self._on_time)
 
     def _on_time(self, due: float) -> None:
         self._timer = None
-        # A roster would show what is not written yet. `released` is called when writing works
-        # again.
+        # While writing fails, a roster would show unwritten changes. `released` is called when
+        # writing works again.
         if self._wanted and not self._gate.failing:
             self._wanted = False
             self._rested_at = max(due, self._timers.time()) + ROSTER_SECONDS
@@ -192,7 +192,7 @@ class Publisher:
         self._slow_seats = SlowSeats(
             episode, broadcaster.long_wait, timers, broadcaster.publish_roster
         )
-        # With other absence policies no bot observes the steps, so they cost nothing.
+        # Under other absence rules no bot observes the steps, so this costs nothing then.
         self._substitutes: list[SubstituteBot] = []
         if episode.rules.absence is Absence.BOT:
             self._substitutes = [
@@ -220,7 +220,7 @@ class Publisher:
                 self._publish_seat_change(event)
             case Started() | Paused() | Resumed() | Restarted():
                 self._publish_roster()
-                # The timer stops during a pause.
+                # The timer for slow seats stops during a pause.
                 self._slow_seats.begin()
                 for substitute in self._substitutes:
                     substitute.warm()

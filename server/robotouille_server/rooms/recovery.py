@@ -98,11 +98,11 @@ class Recovery(Generic[RoomT]):
             room = known.get(episode)
             if room is None:
                 self._take_over(name)
-            # Two files with one episode id: continuing both would give two rooms the same seats and
-            # tokens.
+            # If two files have the same episode id, continuing both would give two rooms the same
+            # seats and tokens.
             elif room.journal is not None and room.journal.name != name:
                 self._give_up(name, f"a copy of {room.journal.name}")
-        # Polled, because a lock cannot be waited for without blocking the event loop.
+        # The files are polled, because waiting for a lock would block the event loop.
         if self._foreign:
             self._scan_later(known)
 
@@ -148,8 +148,8 @@ class Recovery(Generic[RoomT]):
         except FileNotFoundError:
             self._foreign.pop(name, None)
             return
-        # The lock of the other process. Its code is read once, so that clients who ask for the code
-        # receive `server/handover` instead of "unknown episode".
+        # Another process holds the lock. The episode's code is read once, so that clients that send
+        # it get `server/handover` instead of "unknown episode".
         except BlockingIOError:
             if name not in self._foreign:
                 self._foreign[name] = self._code_of(name)
@@ -180,11 +180,12 @@ class Recovery(Generic[RoomT]):
         """Make a room of a file; return whether the room keeps the file open."""
         content = self._storage.read(name)
         if _has_no_header(content):
-            # The write-ahead rule: nothing was published before the header was complete.
+            # Nothing was published before the header was complete (write-ahead rule), so nothing is
+            # lost.
             self._storage.remove(name)
             return False
         recording = Recording(content, name)
-        # A copy has the same header, and so the same episode id, as its original.
+        # A renamed copy has the header, and therefore the episode id, of its original.
         if (original := name_in(recording.header)) != name:
             raise RecordingError(f"a copy of {original}")
         restored = self._restored(recording)
@@ -194,7 +195,8 @@ class Recovery(Generic[RoomT]):
         if restored.missing:
             file.append(restored.missing)
         size = restored.kept + len(restored.missing)
-        # The footer was written but the process died before it could close the file.
+        # If the recording is complete, the process died after the footer, before it closed the
+        # file.
         if restored.complete:
             closed = close_recording(self._storage, name, file.read(), size)
             self.archive.add(closed)
@@ -204,8 +206,7 @@ class Recovery(Generic[RoomT]):
         room = self._adopt(ArchivedEpisode(recording.header, restored, recorder, journal))
         for seat in restored.episode.seats.values():
             if seat.taken:
-                # Tokens made before the seat was taken do not name the episode, but they name the
-                # session.
+                # Tokens from before the join do not name the episode, but they name the session.
                 self._seated[seat.session] = room
         return True
 

@@ -169,10 +169,10 @@ class Room:
 
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
         """Take seats or watch; send the session `joined` and a snapshot."""
-        # The events of the join are published before the newcomer becomes a member: `joined` must
-        # be the first message that it receives.
+        # The events of the join are published before the newcomer becomes a member, because its
+        # first message must be `joined`.
         self.driver.apply(self.membership.join, self, session, request, max_spectators)
-        # Outside `apply`: the flush above has published the join, and a newcomer must not receive
+        # `welcome` comes after `apply`, which has published the join: the newcomer must not receive
         # it.
         self.membership.welcome(session, request.ref)
 

@@ -45,7 +45,7 @@ class DisplayNames:
         taken |= {likeness(seat.player) for seat in seats if seat.player not in players}
         like, alike = likeness(name), self._alike
         alike[like] += 1
-        # Bounds the counters: a client could join with ever new names.
+        # This bounds the number of counters, because a client could join with ever new names.
         if len(alike) > MANY:
             alike.clear()
         # With thousands of equal names, the search for the first free number would take long.
@@ -83,7 +83,7 @@ class RoundTrips:
         Returns:
             True if a shown latency has changed, and the round trips to record: player and seconds.
         """
-        # Pings measure the latency (every 20 seconds), so no message is sent for this.
+        # The connection's pings (every 20 seconds) already measure the latency.
         measured = [
             (session, session.peer.latency)
             for session in members
@@ -105,7 +105,7 @@ class RoundTrips:
         before = self._recorded.get(player)
         if before is not None:
             change = abs(seconds - before)
-            # Unsteady networks would otherwise add a note per seat every ten seconds.
+            # Otherwise, an unsteady network would add a note per seat every ten seconds.
             if change < MIN_CHANGE or change <= min(before / 4, MAX_CHANGE):
                 return False
         self._recorded[player] = seconds

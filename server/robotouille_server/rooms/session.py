@@ -211,6 +211,6 @@ class Session:
     @view.setter
     def view(self, view: str) -> None:
         self._view = view
-        # Stored, not computed: they are read for every session in every step.
+        # These flags are stored, because they are read for every session in every step.
         self.wants_state = view in ("state", "both")
         self.wants_text = view in ("text", "both")

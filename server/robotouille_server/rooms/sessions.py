@@ -63,15 +63,16 @@ class Sessions:
         if hello.token is None:
             return self._role_without_token(visitor, "token"), None
         grant = self._tokens.check_role(hello.token)
-        # Only checked here; the token is used up by the first join. A client whose first connection
-        # is lost before it has joined can therefore try again.
+        # The token is only checked here, and used up by the first join. A client that loses its
+        # connection before it has joined can therefore try again.
         if grant.once:
             self._used.check(grant.token_id)
         return grant.role, grant
 
     def _role_without_token(self, visitor: Visitor, field: str) -> Role:
         """Return `host` for programs on this machine, `player` for all others."""
-        # Also for local programs: on a shared machine, every user is local (docs/security.md).
+        # This applies to local programs, too: on a shared machine, every user is local
+        # (docs/security.md).
         self._check_strict(field)
         return Role.HOST if visitor.local else Role.PLAYER
 
@@ -132,8 +133,8 @@ class Sessions:
         # have changed since the token was signed.
         if home is not None:
             self._check_place(session, grant, home, watches=not players)
-        # Computed now instead of taken from the token: `require_token` or a proxy may have been
-        # set up since, and the client may now come from elsewhere.
+        # The role is computed again: `require_token` or a proxy may have been set up since the
+        # token was signed, and the client may now come from elsewhere.
         if grant.anonymous:
             return self._role_without_token(visitor, "resume")
         if not self._tokens.past(grant.role_expires):
@@ -191,8 +192,8 @@ class Sessions:
         limits = session.limits
         grant = ResumeGrant(
             session=session.id,
-            # The next generation. The present one stays valid until the client has used this token,
-            # because the message with it may be lost.
+            # This token has the next generation. The current one stays valid until the client has
+            # used this token, because the message with it may be lost.
             generation=session.generation + 1,
             name=session.given_name if session.players else session.name,
             kind=session.kind,
@@ -204,7 +205,8 @@ class Sessions:
             view=session.view,
             role_expires=limits.role_expires,
             token_id=limits.token_id,
-            # Left out if it equals the session id: tokens are in every `joined` and `welcome`.
+            # Every `joined` and `welcome` has a token, so the pseudonym is left out if it equals
+            # the session id.
             participant=session.participant if session.participant != session.id else "",
         )
         return self._tokens.mint_resume(grant, self._token_seconds)

@@ -106,7 +106,7 @@ class Folder:
 
     def create(self, name: str) -> Appender:
         self.path.mkdir(parents=True, exist_ok=True)
-        # `O_EXCL`: an existing recording must never be overwritten, even if two ids were equal.
+        # With `O_EXCL`, an existing recording is never overwritten, even if two ids are equal.
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | PLAIN
         return _File(os.open(self._file(name), flags, MODE))
 
@@ -120,8 +120,8 @@ class Folder:
         with os.fdopen(os.open(new, NEW_FILE, MODE), "wb") as file:
             file.write(content)
             file.flush()
-            # Synced before the rename: otherwise, after a power cut, the new name could refer to an
-            # empty file.
+            # The file is synced before the rename. Otherwise, after a power cut, the new name could
+            # refer to an empty file.
             os.fsync(file.fileno())
         new.replace(path)
         _sync(self.path)
@@ -142,13 +142,15 @@ class _File:
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         try:
-            # Locked first. The size below is only reliable while no other process can append.
+            # The lock comes first, because the size below is reliable only while no other process
+            # can append.
             _lock(descriptor)
         except OSError:
             os.close(descriptor)
             raise
         found = os.fstat(descriptor)
-        # The other process closed and removed the file between `open` and the lock.
+        # Without links, the file was closed and removed by another process between `open` and the
+        # lock.
         if not found.st_nlink:
             os.close(descriptor)
             raise FileNotFoundError(errno.ENOENT, "another process has just removed the file")
@@ -168,14 +170,14 @@ class _File:
                 written += _write_at(self._descriptor, data[written:], self._size + written)
         except OSError:
             with contextlib.suppress(OSError):
-                # Half a frame in the middle of a file would count as damage and end the recording
-                # there.
+                # Remove what was written: half a frame in the middle of a file would count as
+                # damage and end the recording there.
                 os.ftruncate(self._descriptor, self._size)
             raise
         self._size += written
 
     def _notice_cut(self, found: os.stat_result) -> None:
-        # Remembered, because the next append restores the length of the file.
+        # The flag remembers this, because the next append restores the length of the file.
         self._cut_short = self._cut_short or found.st_size < self._size
 
     def read(self) -> bytes:

@@ -58,7 +58,7 @@ class BotScheduler:
 
     def learn(self, task: Task, player: str) -> None:
         """Prepare a seat of a task when the worker is idle."""
-        # Once per task and seat, however many rooms play it: what is learnt is shared.
+        # All rooms share what is learnt, so each seat of a task is prepared once.
         self._to_learn.setdefault((task.digest, player), task)
         self._dispatch()
 
@@ -96,7 +96,8 @@ class BotScheduler:
         self, future: asyncio.Future[BotAnswer], deliver: Callable[[BotAnswer], None]
     ) -> None:
         self._in_flight += 1
-        # Callbacks instead of a task per question: hundreds of substitutes may ask in one step.
+        # A callback is cheaper than a task per question, and hundreds of substitutes may ask in one
+        # step.
         future.add_done_callback(partial(self._done, deliver))
 
     def _done(

@@ -62,7 +62,7 @@ class CommitGate:
 
     def release(self) -> None:
         """Send all deferred answers."""
-        # Swapped first, because an answer may defer another one.
+        # The dictionary is replaced first, because an answer may defer another one.
         deferred, self._deferred = self._deferred, {}
         for waiting in deferred.values():
             for send in waiting:
@@ -114,8 +114,8 @@ class WriteAhead:
     def flush(self, now: float, *, retry: bool = False) -> list[Event]:
         """Collect, write and publish events; return the published ones."""
         self._collect()
-        # One attempt per second (`RETRY_SECONDS`) instead of one per event: a failing disk is often
-        # a slow disk, too.
+        # The log tries again once per `RETRY_SECONDS`, not at each event, because a failing disk is
+        # often slow, too.
         if not self._uncommitted or (self._gate.failing and not retry) or not self._commit(now):
             return []
         # Answers deferred earlier are about states before these events.
@@ -128,8 +128,8 @@ class WriteAhead:
     def _collect(self) -> None:
         events = self._episode.events()
         if events:
-            # Encoded at once: the log needs the events in the order in which they happened, and
-            # encoding again at each retry would take time from other episodes.
+            # The events are encoded at once: the log needs them in the order in which they
+            # happened, and encoding them again at each retry would take time from other episodes.
             self._uncommitted += events
             if self._log is not None:
                 self._log.add(events)
