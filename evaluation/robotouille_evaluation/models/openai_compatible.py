@@ -44,8 +44,10 @@ RESERVED = frozenset({"messages", "model", "stream", "n"})
 MAX_CONNECT_SECONDS = 10.0
 MAX_KEY = 4096
 """Characters of a key."""
-MAX_BODY_BYTES = 16_000_000
-"""Most bytes of a response, uncompressed."""
+MAX_BODY_BYTES = 4_000_000
+"""Most bytes of a response, uncompressed: the longest answer in escaped letters."""
+MAX_ERROR_BYTES = 65_536
+"""Bytes of an error's body that are read."""
 MAX_PAUSE = 60.0
 """Longest pause in seconds before an unusable response is asked for again."""
 
@@ -186,7 +188,7 @@ class OpenAICompatibleModel:
                 raise error.in_total(attempts + error.attempts, used) from None
             attempts += 1 + response.retries_taken
             try:
-                answer = self._read(response)
+                answer = await self._answer(response)
             except ModelError as error:
                 used += error.usage  # an empty answer was paid for, too
                 if not error.retry_may_help or attempts >= self.endpoint.attempts:
@@ -240,6 +242,15 @@ class OpenAICompatibleModel:
         detail = f"{self.endpoint.base_url}: {words}"
         return ModelError(ModelErrorKind.ENDPOINT, detail, attempts=attempts)
 
+    async def _answer(self, response: LegacyAPIResponse[ChatCompletion]) -> ModelAnswer:
+        """Read a response in a thread, so that a large one delays no other episode."""
+        try:
+            async with asyncio.timeout(self.endpoint.timeout):
+                return await asyncio.to_thread(self._read, response)
+        except TimeoutError:
+            detail = f"an answer that took more than {self.endpoint.timeout:g} s to read"
+            raise ModelError(ModelErrorKind.TIME_OUT, detail) from None
+
     def _read(self, response: LegacyAPIResponse[ChatCompletion]) -> ModelAnswer:
         secrets = (self._key,) if self._key else ()
         # The SDK does not validate its own types, so the body is read as plain JSON.
@@ -254,19 +265,22 @@ def _attempts(error: Any) -> int:
 async def _read_body(seconds: float, response: Any) -> None:
     """Read a response's body before the SDK does, which limits neither its size nor its time."""
     body = bytearray()
+    most = MAX_BODY_BYTES if response.is_success else MAX_ERROR_BYTES
     try:
         async with asyncio.timeout(seconds):
             async for piece in response.aiter_bytes():
                 body += piece
-                if len(body) > MAX_BODY_BYTES:
+                if len(body) > most:
                     if response.is_success:
-                        raise ValueError(f"the answer has more than {MAX_BODY_BYTES:,} bytes")
+                        raise ValueError(f"the answer has more than {most:,} bytes")
                     break
     except TimeoutError:
         raise TimeoutError from None
     finally:
         await response.aclose()
-    response._content = bytes(body)  # as `aread` does
+    response._content = bytes(body[:most])  # as `aread` does
+    # The header could name an encoding that is slow to decode, such as `punycode`.
+    response.encoding = "utf-8"
 
 
 def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:

@@ -16,6 +16,8 @@ from robotouille_evaluation.models.model import ModelError, ModelErrorKind, Usag
 
 MAX_ANSWER_BYTES = 1_000_000
 """Longest text of an answer in UTF-8; the rest is cut."""
+MAX_BRACKETS = 200_000
+"""Most objects and lists in a response. Each takes memory for 3 bytes of text."""
 MAX_TOKENS_COUNTED = 10**9
 MAX_EXCERPT = 300
 """Characters of an endpoint's message that an error shows."""
@@ -125,6 +127,8 @@ def read_completion(
 
 def read_json(body: str, secrets: Sequence[str] = ()) -> Mapping[str, object]:
     """Return a body's JSON object, or raise `ModelError`."""
+    if body.count("{") + body.count("[") > MAX_BRACKETS:
+        raise not_a_completion(f"more than {MAX_BRACKETS:,} objects and lists")
     try:
         return _mapping(json.loads(body))
     except (ValueError, RecursionError):

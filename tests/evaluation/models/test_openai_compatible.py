@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -25,7 +26,7 @@ from robotouille_evaluation.models import (
     Usage,
     openai_compatible,
 )
-from robotouille_evaluation.models.openai_compatible import key_from_environment
+from robotouille_evaluation.models.openai_compatible import MAX_ERROR_BYTES, key_from_environment
 from robotouille_evaluation.models.responses import MAX_ANSWER_BYTES
 from tests.support import openai_server
 from tests.support.openai_server import (
@@ -247,8 +248,55 @@ async def test_a_response_without_end_is_not_read(
     monkeypatch: pytest.MonkeyPatch, status: int, kind: ModelErrorKind
 ) -> None:
     monkeypatch.setattr(openai_compatible, "MAX_BODY_BYTES", 1000)
+    monkeypatch.setattr(openai_compatible, "MAX_ERROR_BYTES", 1000)
     caught, _ = await failure(Reply(b" " * 100_000, status=status), attempts=1)
     assert caught.kind is kind
+
+
+async def test_little_of_an_error_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[int] = []
+    shorten = openai_compatible.error_of_status
+
+    def recorded(status: int, body: str, *args: Any, **options: Any) -> ModelError:
+        read.append(len(body))
+        return shorten(status, body, *args, **options)
+
+    monkeypatch.setattr(openai_compatible, "error_of_status", recorded)
+    events = b'data: {"choices": []}\n\n' * 100_000
+    caught, _ = await failure(Reply(events, 400, "text/event-stream"), attempts=1)
+    assert caught.kind is KINDS.REFUSED and read == [MAX_ERROR_BYTES]
+
+
+async def test_a_response_of_empty_objects_is_not_parsed() -> None:
+    """Sixteen megabytes of them took 470 MiB of memory."""
+    caught, _ = await failure(Reply(b"[" + b"{}," * 500_000 + b"{}]"), attempts=1)
+    assert "more than 200,000 objects and lists" in str(caught)
+    caught, _ = await failure(Reply(b"[" + b"{}," * 5_000_000 + b"{}]"), attempts=1)
+    assert "more than 4,000,000 bytes" in str(caught)
+
+
+async def test_the_header_chooses_no_slow_encoding() -> None:
+    """Time to decode Punycode grows with the square of its length."""
+    reply = answer("Action: Wait é")
+    named = Reply(reply.body, content_type="application/json; charset=punycode")
+    assert (await success(named)).text == "Action: Wait é"
+
+
+async def test_reading_an_answer_neither_delays_others_nor_lasts_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    released = threading.Event()
+
+    def slow(*_: object) -> object:
+        released.wait()
+        return {}
+
+    monkeypatch.setattr(openai_compatible, "read_json", slow)
+    try:
+        caught, _ = await failure(answer("Action: Wait"), timeout=0.2, attempts=1)
+    finally:
+        released.set()
+    assert caught.kind is KINDS.TIME_OUT
 
 
 async def test_no_server_at_the_address() -> None:
