@@ -84,7 +84,7 @@ class Conversation:
     def receive(self, payload: bytes | str) -> None:
         """Process one message; answer an invalid one by an error."""
         peer, services, session = self.peer, self._services, self.session
-        # Messages of a connection that was closed or replaced may still be in its buffer.
+        # The buffer may still contain messages of a connection that was closed or replaced.
         if not peer.open or (session is not None and session.peer is not peer):
             return
         if services.shutdown.notice is not None:
@@ -99,8 +99,8 @@ class Conversation:
                 self._loop.time(), len(payload), peer.take_answered(), greeted=session is not None
             )
             message = self._decode(payload)
-            # Acts have a sequence number instead. The type is compared, because this line runs for
-            # every message.
+            # Acts have a sequence number instead of a `ref`. Comparing types is quick, and this
+            # line runs for every message.
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
             self._handle(message, affordable)
         except FloodError:
@@ -126,8 +126,8 @@ class Conversation:
         requests = self._requests
         extra = COSTS.get(type(message), 1) - 1
         if extra:
-            # Expensive messages also use up the turn of all connections, so a step is not late
-            # because of them.
+            # Expensive messages also use up the budget that all connections share, so that they do
+            # not delay steps.
             self._services.loop_budget.spend(extra)
             if not isinstance(message, messages.Resync):
                 self.peer.socket.give_way()

@@ -203,8 +203,8 @@ class Requests:
         try:
             return check_join(message, only=only, seat=seat, episode=room.id, code=room.code)
         except ProtocolError as error:
-            # Otherwise, a token for one episode could be used to guess the codes of others without
-            # a limit.
+            # Without this, a token for one episode would allow unlimited guesses of other episodes'
+            # codes.
             if error.code == "auth/episode":
                 self._services.code_guesses.wrong(self._counted, self._now())
             raise

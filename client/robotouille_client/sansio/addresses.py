@@ -9,8 +9,8 @@ from urllib.parse import SplitResult, urlsplit, urlunsplit
 from robotouille.protocol import messages
 from robotouille_client.errors import UntrustedRedirectError
 
-# The first attempt comes fast enough that a restarting process goes unnoticed. The limit keeps
-# a server that is down for hours from getting more than one attempt in 2.5 s from each client.
+# The first attempt is so early that players do not notice a restart. The limit bounds the attempts
+# at a server that is down for hours to one in 2.5 s from each client.
 FIRST_DELAY, MAX_DELAY = 0.1, 5.0
 
 
@@ -66,6 +66,6 @@ def reconnect_delays(rng: random.Random) -> Iterator[float]:
     limit = FIRST_DELAY
     while True:
         limit = min(2 * limit, MAX_DELAY)
-        # Every delay is random, also the longest ones. Otherwise all clients of a restarted
-        # server would keep arriving in the same instant.
+        # All delays are random, even the longest. Otherwise, all clients of a restarted server
+        # would always arrive at the same time.
         yield limit * rng.uniform(0.5, 1.0)

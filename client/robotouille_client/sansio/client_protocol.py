@@ -43,8 +43,8 @@ from robotouille_client.sansio.client_state import (
 )
 from robotouille_client.sansio.game_replica import GameReplica
 
-# Number of redirects in a row after which the client gives up. Two processes that disagree about an
-# episode would otherwise send it back and forth.
+# Number of redirects in a row after which the client gives up. Otherwise, two processes that
+# disagree about an episode would send it back and forth.
 MAX_MOVES = 4
 
 # Answers to `hello` that mean the resume token is of no use.
@@ -111,8 +111,8 @@ class ClientProtocol(Generic[G]):
         self._rejoin: messages.Join | None = None
         self._rejoin_at: float | None = None
         self._joined: messages.Joined | None = None
-        # Messages that belong to one connection go first and are dropped with it. The others
-        # outlive it.
+        # Messages for the current connection only are sent first, and dropped when it is lost. The
+        # others are kept for the next connection.
         self._first: deque[messages.Message] = deque()
         self._outbox: deque[messages.Message] = deque()
 
@@ -131,8 +131,8 @@ class ClientProtocol(Generic[G]):
 
     def connection_failed(self, error: RobotouilleError, now: float) -> None:
         """Schedule the next attempt after a failed connection, or close if it cannot help."""
-        # Without a first welcome the address is more likely wrong than the server down, so the
-        # user learns about it at once.
+        # Before the first welcome, a wrong address is more likely than a stopped server, so the
+        # user gets the error at once.
         final = isinstance(error, UntrustedRedirectError) or not isinstance(
             error, ConnectionFailedError
         )
@@ -254,8 +254,8 @@ class ClientProtocol(Generic[G]):
             return self.readiness and self.state is not ClientState.REJOINING
         if not isinstance(message, messages.Act):
             return True
-        # While rejoining the seat may be lost; and a newer action may have replaced this one.
-        # Identity is compared because a lost seat restarts the sequence numbers.
+        # A rejoin may have lost the seat, and a newer action may have replaced this one. Identity
+        # is compared, because a lost seat restarts the sequence numbers.
         game = self.game
         return (
             self.state is not ClientState.REJOINING
@@ -341,7 +341,7 @@ class ClientProtocol(Generic[G]):
                 self._enter(Trigger.UNKNOWN)
                 self.resume = None
                 self._send_hello()
-            # Another process of the server has the session.
+            # Another process of the server has this session.
             case messages.Moved():
                 self._greeted_elsewhere(answer, now)
             case messages.Error(code=ErrorCode.SERVER_HANDOVER):
@@ -447,8 +447,8 @@ class ClientProtocol(Generic[G]):
 
     def _enter_game(self, joined: messages.Joined, now: float) -> None:
         game, asked = self.game, joined.ref is not None
-        # A join by the user starts afresh, even in the same episode. Only a rejoin, or `joined`
-        # without a request after a resume, continues with the copy.
+        # A join by the user starts with a new copy of the game, even in the same episode. Only a
+        # rejoin, or `joined` without a request after a resume, continues with the old copy.
         fresh = joined.ref in self._requests.pending or (asked and game is not None and game.ended)
         if game is None or game.episode != joined.episode or fresh:
             self._enter(Trigger.ENTERED)
@@ -469,7 +469,7 @@ class ClientProtocol(Generic[G]):
 
     def _answered(self, message: messages.ServerMessage, now: float) -> None:
         ref = getattr(message, "ref", None)
-        # After a resume, `joined` has no `ref` but also answers a join from before.
+        # After a resume, `joined` has no `ref`, but it also answers a join from before.
         if isinstance(message, messages.Joined) and ref is None:
             ref = self._requests.join()
         if self._rejoin is not None and ref == self._rejoin.ref:

@@ -203,8 +203,8 @@ TRANSITIONS: dict[ClientState, dict[Trigger, ClientState]] = {
         Trigger.CLOSE: ClientState.CLOSED,
     },
     ClientState.LOBBY: {Trigger.ENTERED: ClientState.SYNCING, **_WELCOMED},
-    # A resumed session that was in no episode stays here until the client joins one: the server
-    # does not say whether `joined` follows, and every request is allowed until then.
+    # A resumed session that was in no episode stays in this state until the client joins one. The
+    # server does not announce whether `joined` follows, and every request is allowed until then.
     ClientState.RESUMING: {
         Trigger.ENTERED: ClientState.SYNCING,
         Trigger.RETURNED: ClientState.PLAYING,

@@ -40,7 +40,8 @@ class TakenStep:
             RobotouilleError: The delta does not fit the world.
         """
         did, decided = [], {}
-        # First of all: a faulty server must not make the client parse rows without limit.
+        # This check comes first, so that a faulty server cannot make the client parse rows without
+        # limit.
         if max(len(delta.did), len(delta.waits)) > len(world.players):
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "the step lists too many players")
         try:

@@ -42,7 +42,8 @@ CHAT_ERRORS = frozenset({
 })  # fmt: skip
 
 
-# A program that never reads its events must not run out of memory: the oldest ones are dropped.
+# The oldest events are dropped, so that a program that never reads its events does not run out of
+# memory.
 MAX_EVENTS = 10_000
 # The rules allow at most this many steps. A larger number from a faulty server would make clients
 # that keep a row for each step allocate without limit.
@@ -342,7 +343,8 @@ class GameReplica:
             case messages.Rejected():
                 self._rejected(message, now)
             case messages.Said():
-                # After a resume, chat lines are repeated. Servers that do not number them send 0.
+                # After a resume, the server repeats chat lines. Servers without numbered lines send
+                # 0.
                 if message.number > self.said or message.number == 0:
                     self.said = max(self.said, message.number)
                     self._emit(ChatReceived(message.name, message.seat, message.text))
@@ -388,7 +390,7 @@ class GameReplica:
             self._outgoing.extend(self._sent.repeat(now, every=True))
 
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
-        # Snapshots and deltas may overtake each other when a resync crosses a step.
+        # If a step is taken while a resync is under way, this snapshot may be older than the copy.
         if self._reader is not None and message.step < self.step:
             return
         if not 0 <= message.step <= MAX_STEP:
@@ -447,8 +449,8 @@ class GameReplica:
         if self._reader is None:
             return
         if self._resyncing:
-            # A snapshot was requested. Repeat the request from time to time, in case the server
-            # dropped it because of a rate limit.
+            # A snapshot was requested. Repeat the request from time to time, because the server may
+            # have dropped it at a rate limit.
             self._skipped_deltas += 1
             if self._skipped_deltas % RESYNC_EVERY == 0:
                 self._outgoing.append(messages.Resync())

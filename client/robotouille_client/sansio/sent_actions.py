@@ -79,8 +79,8 @@ class SentActions:
 
     def settle(self, seat: str | None, seq: int, result: ActResult) -> None:
         """Record the result of a seat's action, and that earlier ones were superseded."""
-        # The server reports one action per seat and step. It says nothing about the actions
-        # that this one replaced before the step was taken.
+        # The server reports one action per seat and step, and not the actions that this one
+        # replaced before the step was taken.
         for earlier in sorted(s for s, whose in self._undecided.items() if whose == seat):
             if earlier < seq:
                 superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")

@@ -177,11 +177,11 @@ class Broadcaster:
         if peer is None:
             return
         if not session.players:
-            # What was pending is sent below, as everything else that the client has missed.
+            # This drops what was pending: everything that the client has missed is sent below.
             self._audience.enter(session)
         if seen is None or seen.episode != self._id:
-            # This client has no state of the episode that deltas could continue. The session may
-            # also continue in another program, which does not have the task.
+            # Deltas need a state to start from, which this client does not have. The session may
+            # even continue in another program, which does not have the task.
             session.known.clear()
             self.send_snapshot(session)
             return
@@ -214,16 +214,16 @@ class Broadcaster:
     def _missed(self, session: Session, seen: messages.Seen) -> list[bytes | str] | None:
         """Return the payloads of the deltas that a client has missed; None if some are gone."""
         step = self._episode.step
-        # Text clients receive observations, which show a whole state: there is nothing to catch up
-        # on.
+        # Text clients receive observations, which show a whole state, so they need no missed
+        # deltas.
         if seen.stale or session.wants_text or session.peer is None:
             return None
         # After the end, a snapshot is needed anyway, because it contains the outcome.
         if not 0 <= seen.step <= step or self._episode.outcome is not None:
             return None
         count = step - seen.step
-        # The kept deltas must end at the present step: a restored episode lacks its earlier
-        # steps.
+        # The kept deltas must end at the current step, because a restored episode lacks earlier
+        # deltas.
         if count > len(self._deltas) or (count and self._last_delta != step):
             return None
         payloads = list(self._deltas)[len(self._deltas) - count :]
@@ -241,7 +241,7 @@ class Broadcaster:
         payload = MSGPACK.pack(delta)
         self._deltas.append(payload)  # type: ignore[arg-type]
         self._last_delta, self._last_turn = event.step, event.turn
-        # One frame for all readers: server frames are neither masked nor compressed
+        # All readers share one frame, because server frames are neither masked nor compressed
         # (docs/decisions/0016).
         shared = SharedStep(delta, event, MSGPACK, frame_of(payload))
         self._audience.add(shared)
@@ -288,7 +288,7 @@ class Broadcaster:
         return self._observation_after(event, None)
 
     def _observation_after(self, event: Stepped, player: str | None) -> SharedMessage:
-        # Several steps may be published together. Only the last one shows the present phase.
+        # Several steps may be published together. Only the last one shows the current phase.
         phase = "running" if event.step < self._episode.step else self._episode.phase.value
         return self._observation(player, event.state, event.step, event.turn, phase)
 
@@ -321,7 +321,7 @@ class Broadcaster:
             seat=session.seat_shown(event.player),
         )
         self.send(session, rejected)
-        # The client acted on a state that has passed, so it may have missed a delta.
+        # The client acted on an earlier state, so it may have missed a delta.
         if event.code == ErrorCode.ACTION_STALE:
             self.ask_snapshot(session)
 
@@ -375,7 +375,7 @@ class Broadcaster:
 
         The rest of the roster repeats the last one, because later changes are not written yet.
         """
-        # No roster was sent yet, so there is none to correct.
+        # Before the first roster, there is no roster to correct.
         last = self._last_roster
         if last is None:
             return
@@ -409,15 +409,15 @@ class Broadcaster:
             self._send_asked(session, peer)
 
     def _send_asked(self, session: Session, peer: Peer) -> None:
-        # One snapshot per turn answers any number of requests. See `PACED` and `COSTS` in
-        # `runtime.budgets`: resyncs cost less than their answers because of this.
+        # One snapshot per turn answers any number of requests. Therefore, resyncs cost less than
+        # their answers (see `PACED` and `COSTS` in `runtime.budgets`).
         peer.snapshot_sent, peer.snapshot_due = True, False
         peer.socket.loop.call_soon(self._next_turn, session, peer)
         self._commit_snapshot(session)
 
     def _next_turn(self, session: Session, peer: Peer) -> None:
         peer.snapshot_sent = False
-        # In the meantime, the client may have reconnected or left.
+        # The client may have reconnected or left since its request.
         if peer.snapshot_due and session.peer is peer and session in self.members:
             self._send_asked(session, peer)
 
@@ -497,7 +497,7 @@ class Broadcaster:
 
     def send_all(self, message: BaseModel) -> None:
         """Send a message to everybody."""
-        # Encoded once per codec, not per recipient: rooms may have hundreds of spectators.
+        # The message is encoded once per codec, because rooms may have hundreds of spectators.
         shared = SharedMessage(message)
         self._audience.add(shared)
         for session in self.members:

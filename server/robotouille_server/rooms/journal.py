@@ -93,12 +93,13 @@ class Journal:
         try:
             if self._file is None:
                 self._file = self._storage.create(self.name)
-            # Not synced: syncing takes milliseconds and would block all episodes. A killed process
-            # loses nothing, a power cut may lose seconds (docs/decisions/0013).
+            # The data is not synced, because syncing takes milliseconds and would block all
+            # episodes. A killed process loses nothing; a power cut may lose seconds
+            # (docs/decisions/0013).
             self._file.append(self._pending)
         except OSError as error:
             problem = f"the recording cannot be written: {error.strerror or error}"
-            # Logged once per problem: the driver retries every second.
+            # Each problem is logged once, because the driver retries every second.
             if problem != self._unwritten:
                 get_logger().error("recording failed", file=self.name, error=problem)
             self._unwritten = problem
@@ -119,8 +120,8 @@ class Journal:
         if self._file is None:
             return False
         try:
-            # Costs a few microseconds per file, so all open recordings can be inspected every five
-            # seconds.
+            # This costs a few microseconds per file, so all open recordings can be inspected every
+            # five seconds.
             condition = self._file.condition()
         except OSError as error:
             self._damaged(f"the recording cannot be reached: {error.strerror or error}")
@@ -171,7 +172,7 @@ class Journal:
         try:
             if self._file is None:
                 raise FileNotFoundError(0, "nothing was written")
-            # Read through the descriptor, not by name: the file with the name may be another one by
+            # The content is read through the descriptor, because another file may have the name by
             # now.
             return close_recording(self._storage, self.name, self._file.read(), self.size)
         except OSError as error:
@@ -220,8 +221,8 @@ def close_recording(storage: Storage, name: str, content: bytes, size: int) -> s
     _check_whole(content, size)
     whole = name.removesuffix(OPEN) + CLOSED
     storage.replace(whole, compress(content))
-    # After the closed file exists under its name and is synced. A crash in between leaves both, and
-    # the next start closes the recording again.
+    # The open file is removed only now, when the closed one exists and is synced. A crash in
+    # between leaves both, and the next start closes the recording again.
     with contextlib.suppress(FileNotFoundError):
         storage.remove(name)
     return whole
@@ -231,7 +232,7 @@ def _check_whole(content: bytes, size: int) -> None:
     if len(content) < size:
         raise RecordingError(f"damaged: it has {len(content):,} bytes, but {size:,} were written")
     last, end = len(MAGIC), len(MAGIC)
-    # Only positions are computed: decoding every frame takes much longer.
+    # Only the positions are computed, because decoding every frame would take much longer.
     for position in frame_ends(content):
         last, end = end, position
     if end < len(content):

@@ -220,7 +220,7 @@ class Publisher:
                 self._publish_seat_change(event)
             case Started() | Paused() | Resumed() | Restarted():
                 self._publish_roster()
-                # The timer for slow seats stops during a pause.
+                # A pause stops the timer for slow seats, so it is started again.
                 self._slow_seats.begin()
                 for substitute in self._substitutes:
                     substitute.warm()

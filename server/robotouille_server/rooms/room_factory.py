@@ -149,11 +149,12 @@ class RoomFactory:
             ProtocolError: `server/recording` if its recording cannot be written.
         """
         around, task, rules = self._around, setup.task, setup.rules
-        # 64 random bits: ids are in file names, and two servers may share a folder over time.
+        # Ids have 64 random bits, because they are in file names, and servers may share a folder
+        # over time.
         episode_id = around.worker.mark_id(around.randomness.getrandbits(64))
         code = self._codes.new()
-        # Rooms of one task share the compiled world: memory per room matters with thousands of
-        # rooms (docs/decisions/0019).
+        # Rooms of one task share the compiled world, because a server may have thousands of rooms
+        # (docs/decisions/0019).
         world = shared_world(task)
         created = around.timestamp()
         details = HeaderDetails(
@@ -167,8 +168,8 @@ class RoomFactory:
         if around.storage is not None:
             name = file_name(created, task.name, episode_id)
             journal = Journal(around.storage, name, recorder, begin=recorder.begin(head))
-            # The header is written before anybody knows the code: an episode whose recording
-            # fails at once must not begin.
+            # The header is written before any client knows the code, because an episode whose
+            # recording fails at once must not begin.
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")

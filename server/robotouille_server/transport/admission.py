@@ -50,22 +50,23 @@ class LoopBudget:
 
     def wait(self, resume: Callable[[], None]) -> None:
         """Call `resume` after all connections in the queue have had their turn."""
-        # First come, first served, so a flooding connection cannot overtake the others.
+        # The queue is first come, first served, so that a flooding connection cannot overtake
+        # others.
         self._waiting.append(resume)
         self._schedule()
 
     def _schedule(self) -> None:
         if not self._scheduled:
             self._scheduled = True
-            # Not within this turn: the next one also handles sockets, and timers of steps that are
-            # due.
+            # The queue continues in the next turn, which also handles sockets and the timers of due
+            # steps.
             self._loop.call_soon(self._turn)
 
     def _turn(self) -> None:
         self._scheduled = False
         self._spent = 0.0
         for _ in range(len(self._waiting)):  # Connections that queue again wait for the next turn.
-            # So the timer of a step never waits for more than one budget of work.
+            # This break keeps the timer of a step from waiting for more than one budget of work.
             if self.over:
                 break
             self._waiting.popleft()()
@@ -93,7 +94,7 @@ class Handshakes:
         """Return the encrypted transport; None if the handshake fails or takes too long."""
         self._all[raw] = None
         try:
-            # Includes the time in the queue, so that waiting clients do not accumulate.
+            # The limit includes the time in the queue, so that waiting clients do not accumulate.
             async with asyncio.timeout(seconds):
                 await self._slot()
                 self._running[raw] = self._loop.time()
@@ -145,7 +146,7 @@ class Handshakes:
                 raw.abort()
         if any(not slot.done() for slot in self._waiting) and self._running:
             due = min(self._running.values()) + FAIR_SECONDS
-            # At most ten times a second, however many clients wait.
+            # This runs at most ten times a second, however many clients wait.
             self._timer = self._loop.call_at(max(due, now + 0.1), self._abort_slow)
 
 
@@ -181,8 +182,8 @@ class Admission:
 
     def admit(self) -> bool:
         """Count a new connection; return False if there are too many."""
-        # Counted from `accept`, not from the end of the handshake: connections that send nothing
-        # need descriptors and memory, too.
+        # Connections count from `accept`, not from the end of the handshake, because connections
+        # that send nothing need descriptors and memory, too.
         if self.admitted >= self.limit:
             return False
         self.admitted += 1

@@ -100,7 +100,8 @@ class Connection(ServerConnection):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
-        # Each `admit` needs one `release`: otherwise the server would count itself full over time.
+        # Each `admit` needs exactly one `release`. Otherwise, the server would refuse clients after
+        # some time.
         self._admission.release()
         self._reader.clear()
         self._parts.clear()
@@ -192,7 +193,7 @@ class Connection(ServerConnection):
 
     def _take(self, data: bytes) -> None:
         if not self._paused and not self._requested:
-            # Bytes that arrived before the request was complete.
+            # Add the bytes that arrived before the request was complete.
             before = self._reader.rest
             self._reader.clear()
             data = self._take_request(before + data)
@@ -210,8 +211,8 @@ class Connection(ServerConnection):
         """Process the whole frames, up to the limits of this turn."""
         reader, left = self._reader, FRAMES_AT_A_TIME
         try:
-            # Checked for every frame: a handler may pause reading, for example for `PACED`
-            # messages.
+            # The loop checks this for every frame, because a handler may pause reading, for example
+            # for `PACED` messages.
             while not self._paused and reader.next_frame():
                 self._loop_budget.spend(1 + reader.size / 1024)
                 self._take_frame(reader)
@@ -361,7 +362,7 @@ class PendingConnection(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         if self._encrypting is None:
             self._go_on(data)
-        # Limited, because a client may send anything until the handshake is reported.
+        # The buffer is limited, because a client may send anything until the handshake is reported.
         elif len(self._early) + len(data) <= MAX_REQUEST:
             self._early += data  # It arrived before `start_tls` reported the end of the handshake.
         else:

@@ -83,7 +83,7 @@ class Peer:
 
     def send(self, message: BaseModel) -> None:
         """Send a message at once; drop it if the connection is closing."""
-        # Checked before encoding, which costs more than the check.
+        # The check comes first, because encoding costs more.
         if self.open:
             self.send_frame(frame_of(self.codec.encode(message)))
 
@@ -99,8 +99,8 @@ class Peer:
             return
         self.sent += count
         metrics = self._metrics
-        # Plain attributes instead of Prometheus counters: this line runs for every message of every
-        # recipient, and a counter takes a lock.
+        # These are plain attributes, because this runs for every message of every recipient, and a
+        # Prometheus counter takes a lock.
         metrics.sent_messages += count
         metrics.sent_bytes += len(frame)
         transport.write(frame)
@@ -133,8 +133,8 @@ class Peer:
         A client that has fallen behind may not until it has read everything; `catch_up` is called
         then.
         """
-        # No queue of deltas: when the client has read everything, one snapshot replaces what it
-        # missed.
+        # Deltas are not queued: when the client has read everything, one snapshot replaces the
+        # missed ones.
         if "snapshot" not in self._when_caught_up and self.unsent > MAX_UNSENT:
             self._await("snapshot", 0, catch_up)
         return "snapshot" not in self._when_caught_up
@@ -164,14 +164,14 @@ class Peer:
             return
         unsent = self.unsent
         for what, (size, then) in list(self._when_caught_up.items()):
-            # A snapshot waits for an empty buffer, so it is not sent on top of old data. Reading
-            # goes on earlier, at `MAX_UNSENT`.
+            # A snapshot waits for an empty buffer, so it is not sent after old data. Reading
+            # continues earlier, at `MAX_UNSENT`.
             if unsent <= size:
                 del self._when_caught_up[what]
                 if what == "snapshot":
                     self._metrics.snapshots.inc()
-                # In a turn of its own: `then` may send a long snapshot, and other peers are checked
-                # in this one.
+                # `then` gets a turn of its own, because it may send a long snapshot, and other
+                # peers are checked in this turn.
                 self.socket.loop.call_soon(then)
         if not self._when_caught_up:
             self._behind_since = None
@@ -188,7 +188,8 @@ class Peer:
     def _check_later(self) -> None:
         loop = self.socket.loop
         self._checks_at = loop.time() + CHECK_SECONDS
-        # Polled, because the transport's own callback for a drained buffer belongs to the library.
+        # The buffer is polled, because the library uses the transport's own callback for a drained
+        # buffer.
         loop.call_at(self._checks_at, self._check)
 
     def close(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:

@@ -43,8 +43,8 @@ def certificate_names(chain: bytes) -> tuple[list[str], list[str]]:
 
 
 def _alternative_names(certificate: bytes) -> Iterator[tuple[int, bytes]]:
-    # The standard library decodes only certificates of connected peers, and a dependency for one
-    # field would be too much. The name is only shown to people, so a wrong result is harmless.
+    # The standard library decodes only certificates of connected peers, and one field does not
+    # justify a dependency. The name is only shown to people, so a wrong result is harmless.
     _, mark, rest = certificate.partition(SUBJECT_ALT_NAME)
     if not mark:
         return
@@ -113,7 +113,8 @@ class ServerTLS:
         seen = self._fingerprint()
         if seen == self._seen:
             return False
-        # Also after a failure: a broken file is reported once, and tried again when it changes.
+        # This also applies to a broken file, which is reported once and tried again when it
+        # changes.
         self._seen = seen
         try:
             self._current = _load(self.cert, self.key)
@@ -169,7 +170,7 @@ def _load(cert: Path, key: Path) -> ssl.SSLContext:
     try:
         context.load_cert_chain(cert, key, password=_refuse_passphrase)
     except ssl.SSLError as error:
-        # The usual mistake, and the state of the files in the middle of a renewal.
+        # This is the usual mistake, and also the state of the files in the middle of a renewal.
         if error.reason == "KEY_VALUES_MISMATCH":
             fault = f"the key {key} does not belong to the certificate {cert}"
             raise TLSFileError(f"{fault}; renew both") from None
