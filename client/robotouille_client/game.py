@@ -37,12 +37,13 @@ class Game(GameReplica):
         Args:
             action: A ground action, its name and arguments, its sentence, its position in the
                 list of valid actions, or None to do nothing.
-            seat: The own seat that acts; the first one by default.
+            seat: The client's seat that acts; the first one by default.
             details: `think_ms`, `basis`, `reasoning`, `anticipates` and `waits`, as described in
                 `ActDetails`.
 
         Raises:
-            ProtocolError: `seat/none`: spectators cannot act; `seat/unknown`: not an own seat.
+            ProtocolError: `seat/none`: spectators cannot act; `seat/unknown`: the client does
+                not have this seat.
             ValueError: The message does not allow one of the details.
         """
         loop = asyncio.get_running_loop()
@@ -88,10 +89,10 @@ class Game(GameReplica):
         Args:
             topic: The topic of the note.
             text: Text of any length, sent in pieces. A server accepts about 200 KiB/s.
-            seat: The own seat that the note belongs to; the first one by default.
+            seat: The client's seat that the note belongs to; the first one by default.
 
         Raises:
-            ProtocolError: `seat/unknown`: not an own seat.
+            ProtocolError: `seat/unknown`: the client does not have this seat.
             ValueError: The topic does not have 1 to 64 characters.
         """
         super().note(topic, text, seat)

@@ -130,7 +130,7 @@ class ClientProtocol(Generic[G]):
         self._send_hello()
 
     def connection_failed(self, error: RobotouilleError, now: float) -> None:
-        """Schedule the next attempt after a failed connection, or close if it cannot help."""
+        """Schedule the next attempt after a failed connection, or close if retrying is useless."""
         # Before the first welcome, a wrong address is more likely than a stopped server, so the
         # user gets the error at once.
         final = isinstance(error, UntrustedRedirectError) or not isinstance(

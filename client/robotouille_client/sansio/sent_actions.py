@@ -88,7 +88,7 @@ class SentActions:
         self.resolve(seq, result)
 
     def settle_idle(self, step: int, turn: str | None) -> None:
-        """Settle the decisions to do nothing, after a step in the turn of a seat, or of all."""
+        """Settle decisions to do nothing, after a step in one seat's turn, or of all seats (None)."""
         # A delta lists actions only, so a step without an action of the seat is the answer.
         for seat, act in list(self._unanswered.items()):
             if act.action is None and turn in (None, seat):

@@ -25,7 +25,7 @@ def is_travel(action: GroundAction) -> bool:
 
 
 def is_asynchronous(action: GroundAction) -> bool:
-    """Return whether an action starts something that goes on by itself: cook, fry, fill, boil.
+    """Return whether an action starts work that continues by itself: cook, fry, fill, boil.
 
     A delay of 0 does not count, because it ends with the first update of the effect.
     """
@@ -119,8 +119,8 @@ def asynchronous_first(trajectory: Trajectory) -> bool | None:
     """Return whether the first work of the run was asynchronous (paper, finding 6).
 
     Work is an action with a special effect, or one that joins two things. It is asynchronous if it
-    then goes on by itself: cooking, frying, filling, boiling. Walking and carrying are not work. In
-    a step with several players, one of them is enough.
+    then continues by itself: cooking, frying, filling, boiling. Walking and carrying are not work.
+    In a step with several players, one of them is enough.
 
     Returns:
         None if the goal needs no asynchronous work; False if no work was done.

@@ -72,7 +72,7 @@ class ActionRequests:
     ) -> None:
         """Record an unreadable message of a player, unless the episode has ended.
 
-        It is recorded for the participant's first seat, although it may have meant any of them.
+        It is recorded for the participant's first seat, although it may have been meant for any of them.
         """
         if session.players and not self._episode.ended and not self._gate.failing:
             # The beginning shows what a model or program tried to send. The whole message may be 64
@@ -188,9 +188,9 @@ def _at(episode: Episode, player: str, position: int, basis: int | None) -> Grou
 
 def _wrong_basis(basis: int | None, step: int) -> str:
     if basis is None:
-        return f"a position needs 'basis', the step of its list; the present step is {step}"
+        return f"a position needs 'basis', the step of its list; the current step is {step}"
     when = "has passed" if basis < step else "has not begun"
-    return f"step {basis} {when}; the present step is {step}"
+    return f"step {basis} {when}; the current step is {step}"
 
 
 def in_words(request: messages.Act) -> str:

@@ -130,7 +130,7 @@ class Archive:
                     return
 
     async def _list_again(self) -> None:
-        """Wait for a listing that begins later than now. Concurrent callers share it."""
+        """Wait for a listing that begins after this call. Concurrent callers share it."""
         if self._listing is None:
             self._listing = asyncio.create_task(self._list_when_due())
         await asyncio.shield(self._listing)

@@ -1,9 +1,9 @@
 """Spectators of one room. They receive updates together, at most ten times a second.
 
 A room may have hundreds of spectators, so one action of a player can cause hundreds of messages.
-Players receive each message at once. Spectators receive what has happened since their last
-delivery, in one write each. A delivery spends the event loop's budget for each recipient, so other
-connections and the steps of other rooms get their turns in between (docs/decisions/0041).
+Players receive each message at once. Spectators receive all updates since their last delivery in
+one write. A delivery spends the event loop's budget for each recipient, so other connections and
+the steps of other rooms get their turns in between (docs/decisions/0041).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
 from robotouille_server.transport import LoopBudget, Peer, frame_of
 
 DELIVERY_SECONDS = 0.1
-"""Minimum time between two deliveries. People see no difference to fifty updates a second."""
+"""Minimum time between two deliveries. People see no difference from fifty updates a second."""
 MAX_STEPS, MAX_STEP_BYTES = 64, 16 * 1024
 """Deltas in one delivery, and their bytes, above which a snapshot replaces them."""
 WRITE_COST, KIB_COST, SNAPSHOT_COST = 0.5, 1 / 32, 4.0
@@ -88,7 +88,7 @@ class Batch:
     def frames(
         self, codec: Codec, skipped: int, *, state: bool, text: bool
     ) -> tuple[bytes, int, bool]:
-        """Return what a recipient lacks.
+        """Return the updates that a recipient lacks.
 
         Args:
             codec: The codec of the recipient.
@@ -97,7 +97,7 @@ class Batch:
             text: True if the recipient wants observations.
 
         Returns:
-            The frames, their number, and True if the recipient needs a snapshot after them.
+            The frames, their number, and True if a snapshot must follow them.
         """
         key = (codec, skipped, state, text)
         if key not in self._made:
@@ -160,7 +160,7 @@ class Audience:
         self._budget = budget
         self._observe = observe
         self._snapshot = snapshot
-        # For each spectator, the number of updates that it has received or does not need. The
+        # A place is the number of updates that a spectator has received or does not need. The
         # first `_delivered` updates are no longer in the list.
         self._places: dict[Session, int] = {}
         self._updates: list[SharedMessage] = []
@@ -180,7 +180,7 @@ class Audience:
         self._places[session] = self._total
 
     def leave(self, session: Session) -> None:
-        """Deliver what is pending to a spectator, and nothing afterwards."""
+        """Deliver the pending updates to a spectator, and none afterwards."""
         self.catch_up(session)
         self._places.pop(session, None)
         self._stale.discard(session)
@@ -193,7 +193,7 @@ class Audience:
         self._schedule()
 
     def catch_up(self, session: Session, *, steps: bool = True) -> None:
-        """Deliver what is pending to one spectator, because another message must follow it.
+        """Deliver the pending updates to one spectator, because another message must follow.
 
         Args:
             session: The spectator.
@@ -213,12 +213,12 @@ class Audience:
         self._timer = None
         self._next_at = max(due, self._timers.time()) + DELIVERY_SECONDS
         batch, until = Batch(tuple(self._updates), self._observe), self._total
-        # In reverse, because targets are taken from the end.
+        # The order is reversed, because targets are taken from the end.
         self._targets = list(reversed(self._places))
         self._budget.wait(partial(self._deliver, batch, until))
 
     def _deliver(self, batch: Batch, until: int) -> None:
-        """Deliver a batch until all have it or the budget of this turn is used up."""
+        """Deliver a batch until all spectators have it or the budget of this turn is used up."""
         targets, budget = self._targets, self._budget
         while targets and not budget.over:
             session = targets.pop()
@@ -266,7 +266,7 @@ class Audience:
         return not peer.behind or peer.keeps_up(partial(self._caught_up, session))
 
     def _caught_up(self, session: Session) -> None:
-        # With the next delivery, so that a slow reader cannot ask for more than others receive.
+        # The snapshot waits for the next delivery, so that a slow reader gets no more than others.
         if session in self._places:
             self._stale.add(session)
             self._schedule()

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # `-P` keeps modules in the server's working directory from replacing installed ones.
 COMMAND = (sys.executable, "-P", "-m", "robotouille_server.rooms.bots")
 FIRST_BACK_OFF, MAX_BACK_OFF = 0.1, 5.0
-"""Seconds before a dead process is replaced: the first time, and at most."""
+"""Seconds before a dead process is replaced: the first value and the maximum."""
 HEALTHY_SECONDS = 10.0
 """Lifetime of a process after which its death no longer increases the back-off."""
 REPLY_SECONDS = 60.0
@@ -143,7 +143,7 @@ class ProcessBotWorker:
         return self._request(task, lambda number: ask_request(number, task.digest, question))
 
     def _fallback(self) -> ThreadBotWorker | None:
-        """Return the thread that answers until a process starts; try to start one if it is time."""
+        """Return the thread that answers until a process starts; try to start one if due."""
         due = self._loop.time() >= self._retry_at
         if self._thread is not None and self._starting is None and due and not self._closed:
             self._starting = asyncio.create_task(self._start())

@@ -65,7 +65,7 @@ class LongWait:
 
     @property
     def still(self) -> tuple[str, ...]:
-        """Seats for which that step still waits; empty after it."""
+        """Seats for which the announced step still waits; empty after the step."""
         if not self.players or self._episode.step_began != self.since:
             return ()
         return self._episode.waits_for

@@ -182,7 +182,7 @@ class EpisodeDriver:
     # Publishing
 
     def flush(self, *, retry: bool = False) -> None:
-        """Write what has happened, publish it, and set the timer of the next tick."""
+        """Write and publish the new events, and set the timer of the next tick."""
         if not self._open:
             return
         begun = self.now()

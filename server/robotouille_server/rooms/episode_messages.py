@@ -33,7 +33,7 @@ class EpisodeMessages:
 
     @property
     def pause(self) -> messages.Pause | None:
-        """Reason of the present pause; None while the episode is not paused."""
+        """Reason of the current pause; None while the episode is not paused."""
         shown = self._episode.pauses.shown if self._episode.paused else None
         if shown is None:
             return None
@@ -104,8 +104,8 @@ class EpisodeMessages:
     def _shown_waits(self, event: Stepped) -> list[int]:
         """Return the seats that wait.
 
-        Seats with a disguised kind are left out: almost only bots say that they wait, so others
-        would recognise them.
+        Seats with a disguised kind are left out: almost only bots announce that they wait, so
+        participants would recognise them.
         """
         seats = self._episode.seats
         undisguised = [p for p in event.waits if seats[p].shown_kind == seats[p].kind]
@@ -147,7 +147,7 @@ class Snapshots:
         self._packed: dict[Codec, Fields] = {}
 
     def frame(self, codec: Codec, own: dict[str, Any], *, with_task: bool) -> bytes:
-        """Return a snapshot of the present state; `own` has the fields of the recipient."""
+        """Return a snapshot of the current state; `own` has the recipient's own fields."""
         # Encoded fields are joined as bytes: two hundred clients that return together share one
         # encoding of the state.
         parts = [self._of_state(codec), codec.pack_fields(own)]

@@ -43,7 +43,7 @@ class EpisodeSetup:
     def requested(
         cls, request: messages.Create, settings: ServerSettings, tasks: TaskFolder
     ) -> EpisodeSetup:
-        """Return the setup that a message requests; the settings fill in what it leaves out.
+        """Return the setup that a message requests; omitted options come from the settings.
 
         Raises:
             ProtocolError: `task/unknown`, `task/invalid`, `seat/unknown` or

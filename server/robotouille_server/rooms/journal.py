@@ -204,7 +204,7 @@ class Journal:
 
 
 class RecordedRoom(Protocol):
-    """Room as its recording is concerned; see `Room`."""
+    """Part of a room that its recording needs; see `Room`."""
 
     @property
     def journal(self) -> Journal | None: ...

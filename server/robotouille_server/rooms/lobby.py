@@ -270,8 +270,8 @@ class Lobby:
     def find_by_code(self, name: str, only: str) -> Room:
         """Return the room with a code, or with the id of the episode of a token.
 
-        Ids are no secret: they are in file names, exports and MQTT topics. For a participant, an id
-        is therefore as unknown as a wrong code.
+        Ids are not secret: they are in file names, exports and MQTT topics. Participants therefore
+        get the same error for an id as for a wrong code.
 
         Args:
             name: The code or id.

@@ -115,7 +115,7 @@ class Membership:
     def _own_seats(self, session: Session, request: messages.Join) -> tuple[str, ...]:
         """Return the requested seats if the participant of a token has them in another session.
 
-        Only with a token for this episode: other tokens may be shared by several programs.
+        The token must be for this episode, because several programs may share any other token.
         """
         limits = session.limits
         if request.role != "player" or not limits.only_episode:
@@ -157,8 +157,8 @@ class Membership:
     def _may_idle(self, session: Session, request: messages.Join) -> bool:
         """Return whether the newcomer may stand still for long, as people do before they are ready.
 
-        Never in studies (with tokens, labels or treatments): they assign seats in order, so that
-        conditions do not depend on who is quick.
+        The answer is False in studies (with tokens, labels or treatments), which assign seats in
+        order, so that conditions do not depend on who is quick.
         """
         seats = self._episode.seats.values()
         study = session.token_id or self._labels or any(s.treatment != NO_TREATMENT for s in seats)

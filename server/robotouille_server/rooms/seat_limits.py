@@ -21,7 +21,7 @@ MANY = 200
 
 
 RESERVED_NAMES = frozenset({"operator", "server", "system"})
-"""Names that would give a participant's words another weight."""
+"""Names that would give a participant's words false authority."""
 
 
 class DisplayNames:
@@ -99,8 +99,8 @@ class RoundTrips:
     def changed(self, player: str, seconds: float) -> bool:
         """Return whether a round trip must be recorded, and remember it if so.
 
-        It must if it is the first one, or differs from the recorded one by more than a quarter or
-        20 ms, and by at least 1 ms.
+        The first round trip is recorded, and each one that differs from the recorded one by more
+        than a quarter or 20 ms, and by at least 1 ms.
         """
         before = self._recorded.get(player)
         if before is not None:
@@ -166,7 +166,7 @@ class SeatTurnover:
         Args:
             episode: The episode.
             request: The message of the participant.
-            now: The present time.
+            now: The current time.
             idle: True if the newcomer may stand still for long. It then gets a seat whose player
                 is not in the way of others, if possible.
 

@@ -13,7 +13,7 @@ from robotouille_server.transport import Peer
 
 
 class JoinedRoom(Protocol):
-    """Room as its sessions use it; see `Room`.
+    """Part of a room that its sessions use; see `Room`.
 
     The protocol is here, and not in `rooms.room`, because rooms depend on sessions.
     """
@@ -79,7 +79,7 @@ NO_LIMITS = SessionLimits()
 
 
 class Session:
-    """A participant, its room and its present connection.
+    """A participant, its room and its current connection.
 
     Attributes:
         id: The id of the session.

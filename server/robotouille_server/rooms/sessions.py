@@ -107,7 +107,7 @@ class Sessions:
             self._check_strict("resume")
 
     def judge(self, grant: ResumeGrant, room: JoinedRoom | None, visitor: Visitor) -> Role:
-        """Return the role with which a session may come back, by the present rules.
+        """Return the role with which a session may come back under the current rules.
 
         Nothing is changed.
 
@@ -118,7 +118,7 @@ class Sessions:
 
         Raises:
             ProtocolError: `auth/expired` if the session, its place or the token has expired,
-                `auth/required` if the server requires a role token by now.
+                `auth/required` if the server now requires a role token.
         """
         session = self.by_id.get(grant.session)
         home, players = _place(session, grant, room)

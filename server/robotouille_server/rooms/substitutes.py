@@ -38,8 +38,8 @@ class BotClient(Protocol):
 class BotScheduler:
     """Queue of a server's substitutes for the worker, by deadline.
 
-    Bots queue, not their questions: a bot states its question when its turn comes, so no question
-    is about a past state. While the queue is empty, the worker prepares seats.
+    The queue contains bots, not questions. A bot makes its question when its turn comes, so no
+    question is about a past state. While the queue is empty, the worker prepares seats.
     """
 
     def __init__(self, make_worker: Callable[[], BotWorker]) -> None:
@@ -178,7 +178,7 @@ class SubstituteBot:
                 self._observed.clear()
 
     def consider(self) -> None:
-        """Queue for the present step if the bot controls the seat and has to decide."""
+        """Queue a question about the current step if the bot has to decide for its seat."""
         if not self._scheduled and self._must_decide():
             self._scheduled = True
             rules = self._episode.rules
@@ -202,7 +202,7 @@ class SubstituteBot:
         )
 
     def question(self) -> tuple[Task, Question] | None:
-        """Return the question about the present state; None if there is nothing to decide."""
+        """Return the question about the current state; None if there is nothing to decide."""
         if not self._must_decide():
             self._scheduled = False
             return None

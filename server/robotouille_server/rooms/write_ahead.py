@@ -1,7 +1,7 @@
 """Write-ahead rule: events are published only after they have been written to the recording.
 
-Without this rule, a restarted server could continue from a state that participants have already
-left behind. While the recording cannot be written, the episode is paused, and answers that would
+Without this rule, a restarted server could continue from an earlier state than the one that
+participants have seen. While the recording cannot be written, the episode is paused, and answers that would
 show an unwritten state are held back. Time is an argument: the caller decides when to retry.
 """
 
@@ -14,9 +14,9 @@ from robotouille.episode import Episode, Event, PauseReason, Phase
 from robotouille.errors import ProtocolError
 
 MAX_DEFERRED = 4
-"""Most answers deferred per recipient. Clients repeat requests whose answers were dropped."""
+"""Maximum number of answers deferred per recipient. Clients repeat requests whose answers were dropped."""
 MAX_UNWRITTEN = 64 * 1024
-"""Most unwritten bytes with which participants can still come back. Each return adds to them."""
+"""Unwritten bytes above which participants cannot come back. Each return adds to them."""
 
 
 class EventLog(Protocol):
@@ -90,8 +90,8 @@ class WriteAhead:
         log: The recording of the episode, if it has one.
         gate: Is closed while writing fails.
         publish: Called with each event, in order.
-        failing_changed: Called when writing starts to fail and when it works again. In between,
-            `flush` must be called with `retry` now and then.
+        failing_changed: Called when writing starts to fail and when it works again. Until then,
+            call `flush` with `retry` from time to time.
     """
 
     __slots__ = ("_episode", "_failing_changed", "_gate", "_log", "_publish", "_uncommitted")

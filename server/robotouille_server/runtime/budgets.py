@@ -88,7 +88,7 @@ class MessageBudget:
         Refused messages cost as much as others, because they are read and answered, too.
 
         Args:
-            now: The present time.
+            now: The current time.
             size: The size of the message in bytes.
             answered: The bytes of answers sent since the last charge.
             greeted: True if `hello` has been answered.

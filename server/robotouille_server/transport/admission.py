@@ -35,7 +35,7 @@ class LoopBudget:
 
     @property
     def over(self) -> bool:
-        """True if the budget of the present turn is used up."""
+        """True if the budget of the current turn is used up."""
         return self._spent >= LOOP_BUDGET
 
     @property
@@ -44,7 +44,7 @@ class LoopBudget:
         return not self._waiting and self._spent < LOOP_BUDGET
 
     def spend(self, cost: float) -> None:
-        """Charge work to the present turn."""
+        """Charge work to the current turn."""
         self._spent += cost
         self._schedule()
 

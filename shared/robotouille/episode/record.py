@@ -149,7 +149,7 @@ class EpisodeRecord:
         """Move to the phase that follows an event.
 
         Raises:
-            IllegalEventError: The event cannot happen in the present phase.
+            IllegalEventError: The event cannot happen in the current phase.
         """
         self.phase = next_phase(self.phase, event)
 

@@ -238,7 +238,7 @@ class Seat:
         )
 
     def thought(self, ran: float) -> float:
-        """Return the seconds for which the present controller could have acted and has not."""
+        """Return the seconds for which the current controller could have acted and has not."""
         # A substitute is only responsible for the time since the participant left.
         since = self.asked_at if self.present else max(self.asked_at, self.left_at)
         return max(0.0, ran - since)

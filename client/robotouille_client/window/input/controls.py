@@ -336,7 +336,7 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> ResolvedInp
 
 
 def ends_work(state: State, action: GroundAction) -> bool:
-    """Return whether an action interrupts work that goes on by itself."""
+    """Return whether an action interrupts work that continues without a player."""
     running = [_key(row) for row in work_in_progress(state) if row.running]
     if not running:
         return False

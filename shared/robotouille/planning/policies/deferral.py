@@ -115,7 +115,7 @@ def defer_blocked(plan: Plan, start: State, here: State, team: Sequence[str]) ->
     Args:
         plan: A plan that reaches the goal from `start`.
         start: The state in which the others have stepped aside.
-        here: The present state.
+        here: The current state.
 
     Returns:
         The plan itself if no other order helps or reaches the goal.

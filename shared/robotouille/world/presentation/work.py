@@ -76,7 +76,7 @@ class Preparation:
         return None
 
     def is_under_way(self, state: State, work: Work) -> bool:
-        """Return whether work has been started and goes on by itself."""
+        """Return whether work has been started and continues without a player."""
         things = set(work.binding.values())
         return any(
             row.action == work.schema.name and row.running and row.timed
