@@ -88,7 +88,7 @@ class SentActions:
         self.resolve(seq, result)
 
     def settle_idle(self, step: int, turn: str | None) -> None:
-        """Settle decisions to do nothing, after a step in one seat's turn, or of all seats (None)."""
+        """Settle decisions to do nothing after a step: those of one seat (its turn) or of all."""
         # A delta lists actions only, so a step without an action of the seat is the answer.
         for seat, act in list(self._unanswered.items()):
             if act.action is None and turn in (None, seat):

@@ -72,7 +72,7 @@ class ActionRequests:
     ) -> None:
         """Record an unreadable message of a player, unless the episode has ended.
 
-        It is recorded for the participant's first seat, although it may have been meant for any of them.
+        It is recorded for the participant's first seat, because the meant seat is unknown.
         """
         if session.players and not self._episode.ended and not self._gate.failing:
             # The beginning shows what a model or program tried to send. The whole message may be 64

@@ -1,8 +1,9 @@
 """Write-ahead rule: events are published only after they have been written to the recording.
 
 Without this rule, a restarted server could continue from an earlier state than the one that
-participants have seen. While the recording cannot be written, the episode is paused, and answers that would
-show an unwritten state are held back. Time is an argument: the caller decides when to retry.
+participants have seen. While the recording cannot be written, the episode is paused, and answers
+that would show an unwritten state are held back. Time is an argument: the caller decides when to
+retry.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from robotouille.episode import Episode, Event, PauseReason, Phase
 from robotouille.errors import ProtocolError
 
 MAX_DEFERRED = 4
-"""Maximum number of answers deferred per recipient. Clients repeat requests whose answers were dropped."""
+"""Maximum number of answers deferred per recipient. Clients repeat requests without an answer."""
 MAX_UNWRITTEN = 64 * 1024
 """Unwritten bytes above which participants cannot come back. Each return adds to them."""
 
