@@ -25,7 +25,7 @@ from robotouille_server.rooms import archive
 from robotouille_server.rooms.audience import DELIVERY_SECONDS, MAX_STEP_BYTES, MAX_STEPS
 from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES
 from robotouille_server.rooms.episode_setup import MAX_FINISHED
-from robotouille_server.rooms.journal import MAX_RECORDING_BYTES
+from robotouille_server.rooms.journal import MAX_RECORDING_BYTES, MAX_RECORDING_FRAMES
 from robotouille_server.rooms.lobby import LINGER_SECONDS
 from robotouille_server.rooms.publisher import ROSTER_SECONDS, WAITING_SECONDS
 from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
@@ -254,6 +254,10 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     "Recordings": (
         Limit("Recording being written, uncompressed", _size(MAX_RECORDING_BYTES),
               "The episode ends with `aborted`."),
+        Limit("Frames of a recording being written", f"{MAX_RECORDING_FRAMES:,}",
+              "The episode ends with `aborted`."),
+        Limit("Frames of a recording to read", f"{container.MAX_FRAMES:,}",
+              "The recording is not read."),
         Limit("Recording to read, uncompressed", _size(container.MAX_FILE),
               "The recording is not read."),
         Limit("Frame", _size(container.MAX_FRAME), "The frame is neither written nor read."),

@@ -94,8 +94,8 @@ def test_mixture_of_two_recordings_does_not_verify(one: int, other: int, at: int
 @pytest.mark.parametrize(
     "frame",
     [
-        {"kind": "notes", "notes": [], "more": b"\x00"},
-        {"kind": "notes", "notes": [], "more": float("nan")},
+        {"kind": "notes", "notes": [{"note": "started", "t": 0}], "more": b"\x00"},
+        {"kind": "notes", "notes": [{"note": "started", "t": 0}], "more": float("nan")},
         {"kind": "footer", "outcome": {"reason": "goal", "steps": 1, "seconds": 1.0, "x": b"y"}},
         {"kind": "state", "step": 0, "hash": "", "facts": [10**6], "timers": [], "busy": {}},
     ],

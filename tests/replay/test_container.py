@@ -92,7 +92,7 @@ class TestOpenFiles:
             Recording(holed)
 
     def test_no_frame_may_follow_the_footer(self) -> None:
-        more = pack_frame({"kind": "notes", "notes": []})
+        more = pack_frame({"kind": "notes", "notes": [{"note": "started", "t": 0}]})
         with pytest.raises(RecordingError, match="follows the footer"):
             Recording(game() + more)
 

@@ -8,15 +8,17 @@ import zlib
 import pytest
 
 from robotouille import RecordingError
+from robotouille.replay import container
 from robotouille.replay.container import (
     MAX_ENTRIES,
     MAX_FRAME,
     compress,
     frame_ends,
+    frames_with_ends,
     pack_frame,
     plain,
 )
-from robotouille.replay.recording import recording_of
+from robotouille.replay.recording import Recording, recording_of
 from tests.support.games import recorded_game
 from tests.support.samples import quick_sample
 
@@ -72,6 +74,26 @@ def test_verifying_holds_no_more_than_one_frame() -> None:
     most, end = peak(compress(stream))
     assert end == "True"
     assert most < 3 * len(stream) / MIB + 12
+
+
+def test_recording_with_too_many_frames_is_refused_before_it_is_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(container, "MAX_FRAMES", 1000)
+    quota = pack_frame({"kind": "notes", "notes": [{"note": "quota", "t": 0, "player": "robot1"}]})
+    stream = BEGINNING + quota * 1000 + GAME[len(BEGINNING) :]
+    for content in (compress(stream), stream):
+        with pytest.raises(RecordingError, match="more than 1,000 frames"):
+            recording_of(content, "bomb")
+    with pytest.raises(RecordingError, match="more than 1,000 frames"):
+        Recording(stream)
+    with pytest.raises(RecordingError, match="more than 1,000 frames"):
+        list(frames_with_ends(stream))
+
+
+def test_empty_notes_are_refused() -> None:
+    with pytest.raises(RecordingError, match="notes: List should have at least 1 item"):
+        Recording(BEGINNING + pack_frame({"kind": "notes", "notes": []}))
 
 
 def test_decompression_bomb_is_noticed_at_once() -> None:

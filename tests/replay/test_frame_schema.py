@@ -17,7 +17,7 @@ BEGINNING = GAME[: list(frame_ends(GAME))[-2]]
 @pytest.mark.parametrize(
     "field",
     [
-        {"kind": "notes", "notes": [], "more": 1},
+        {"kind": "notes", "notes": [{"note": "started", "t": 0}], "more": 1},
         {"kind": "notes", "notes": [{"note": "started", "t": 0, "more": 1}]},
         {"kind": "step", "step": 6, "t": 1, "moves": [], "more": 1},
     ],

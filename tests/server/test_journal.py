@@ -48,11 +48,14 @@ async def test_seat_beyond_its_quota_is_notified_and_plays_on(
     assert len(recording.stream) < 40_000
 
 
+@pytest.mark.parametrize(
+    ("limit", "most"), [("MAX_RECORDING_BYTES", 30_000), ("MAX_RECORDING_FRAMES", 60)]
+)
 @virtual
 async def test_episode_ends_at_the_maximum_size(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int
 ) -> None:
-    monkeypatch.setattr(journal, "MAX_RECORDING_BYTES", 30_000)
+    monkeypatch.setattr(journal, limit, most)
     async with serving(tmp_path) as server, raw(server) as ada:
         order = {"type": "create", "task": "synchronous/01", "clock": "realtime"}
         created = await ada.ask({**order, "step_rate": 60}, "created")
@@ -69,13 +72,15 @@ async def test_episode_ends_at_the_maximum_size(
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "aborted"
     assert recording.outcome["detail"] == "the recording has reached its maximum size"
-    assert 30_000 < len(recording.stream) < 35_000
+    assert most < (recording.count if limit.endswith("FRAMES") else len(recording.stream))
+    assert len(recording.stream) < 35_000
 
 
 def test_writers_limit_is_below_the_readers_limit() -> None:
-    from robotouille.replay.container import MAX_FILE
+    from robotouille.replay.container import MAX_FILE, MAX_FRAMES
 
     most_seats = 16
     words = most_seats * quota.MAX_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES
     assert words < journal.MAX_RECORDING_BYTES
     assert journal.MAX_RECORDING_BYTES + 2**25 < MAX_FILE
+    assert journal.MAX_RECORDING_FRAMES + 2**15 < MAX_FRAMES

@@ -16,6 +16,8 @@ from robotouille_server.runtime.logs import get_logger
 
 MAX_RECORDING_BYTES = 192 * 1024 * 1024
 """Size at which an episode is ended, so that readers can always read its recording."""
+MAX_RECORDING_FRAMES = 1_200_000
+"""Number of frames at which an episode is ended, for the same reason."""
 
 
 def name_in(head: dict[str, Any]) -> str:
@@ -70,7 +72,7 @@ class Journal:
     @property
     def full(self) -> bool:
         """True if the recording has reached its maximum size."""
-        return self.size > MAX_RECORDING_BYTES
+        return self.size > MAX_RECORDING_BYTES or self.recorder.frames > MAX_RECORDING_FRAMES
 
     @property
     def problem(self) -> str:

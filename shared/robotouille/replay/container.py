@@ -32,12 +32,15 @@ else:
 FORMAT_VERSION = 3
 MAGIC = b"RBTL" + bytes([FORMAT_VERSION])
 """First bytes of an uncompressed recording."""
-# These limits are part of the format (docs/recording_format.md). The server ends an episode at 192
-# MiB, well before a reader would refuse its recording.
+# These limits are part of the format (docs/recording_format.md). The server ends an episode well
+# before a reader would refuse its recording.
 MAX_FRAME = 4 * 1024 * 1024
 """Bytes of a frame's payload."""
 MAX_FILE = 256 * 1024 * 1024
 """Bytes of an uncompressed recording."""
+MAX_FRAMES = 1_250_000
+"""Frames of a recording: the longest game has a million steps. A few kilobytes of compressed
+recording can contain ten million frames, which take minutes to read."""
 BLOCK = 4 * 1024
 """Bytes in a compressed block. A damaged block is lost as a whole, so blocks are small."""
 PIECE, PLAIN_PIECE = 16 * 1024, 1024 * 1024
@@ -154,6 +157,18 @@ def check_magic(stream: bytes) -> None:
         raise RecordingError(_other_version(stream[4]))
 
 
+def _check_number(stream: bytes) -> None:
+    """Raise RecordingError if a stream has too many frames. Only lengths are read."""
+    if len(stream) <= MAX_FRAMES * (_HEAD + 1):
+        return
+    position, number = len(MAGIC), 0
+    while position + _HEAD <= len(stream):
+        position += _HEAD + _LENGTH_AND_SUM.unpack_from(stream, position)[0]
+        number += 1
+        if number > MAX_FRAMES:
+            raise RecordingError(f"damaged: more than {MAX_FRAMES:,} frames")
+
+
 def _other_content(content: bytes) -> str:
     kind = content_kind(content[:1024])
     return f"not a recording but {kind}; the server writes recordings as .rbt files"
@@ -242,6 +257,7 @@ def plain(content: bytes, limit: int = MAX_FILE) -> tuple[bytes, str]:
         check_magic(stream)
     except RecordingError as error:
         raise RecordingError(fault or str(error)) from None
+    _check_number(stream)
     return stream, fault
 
 
@@ -317,6 +333,7 @@ def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
         RecordingError: A frame is damaged. The message has the position of its first byte.
     """
     check_magic(stream)
+    _check_number(stream)
     position = len(MAGIC)
     while position < len(stream):
         end, fault = _end_of_frame(stream, position)

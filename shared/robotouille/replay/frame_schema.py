@@ -352,7 +352,7 @@ Note = Annotated[
 
 class NotesFrame(Frame):
     kind: Literal["notes"]
-    notes: list[Note]
+    notes: Annotated[list[Note], Field(min_length=1)]
 
 
 _frames: TypeAdapter[Any] = TypeAdapter(

@@ -101,11 +101,13 @@ class Recorder:
             are reproducible.
         clock: Returns the seconds on a clock that is never set, as the caller of the episode reads
             them. None records none.
+        frames: Number of frames in the file so far.
     """
 
     world: World
     wall: Callable[[], float] | None = None
     clock: Callable[[], float] | None = None
+    frames: int = 0
     writer: StateWriter = field(init=False)
 
     def __post_init__(self) -> None:
@@ -121,6 +123,7 @@ class Recorder:
             RecordingError: A frame would exceed the limits of readers.
         """
         initial = self.world.initial
+        self.frames = 2
         # The tables keep a recording readable when this version no longer simulates it
         # (docs/decisions/0008).
         head = {**head, "tables": self.writer.tables(initial)}
@@ -148,11 +151,12 @@ class Recorder:
                 notes.append(note_of(event, self._times()))
                 continue
             if notes:
-                frames.append(_notes_frames(notes))
+                frames += _notes_frames(notes)
                 notes = []
             frames.append(frame)
-        if notes:
-            frames.append(_notes_frames(notes))
+        frames += _notes_frames(notes)
+        # A keyframe is a part of its step's bytes. There are few of them.
+        self.frames += len(frames)
         return b"".join(frames)
 
     def _times(self) -> dict[str, int]:
@@ -191,9 +195,9 @@ def _move(move: PlayedMove) -> dict[str, Any]:
     return row
 
 
-def _notes_frames(notes: list[dict[str, Any]]) -> bytes:
+def _notes_frames(notes: list[dict[str, Any]]) -> list[bytes]:
     pieces = (notes[at : at + MAX_NOTES] for at in range(0, len(notes), MAX_NOTES))
-    return b"".join(pack_frame({"kind": "notes", "notes": piece}) for piece in pieces)
+    return [pack_frame({"kind": "notes", "notes": piece}) for piece in pieces]
 
 
 def step_frames(

@@ -74,6 +74,7 @@ class Recording:
     Attributes:
         header: The first frame.
         length: Number of steps.
+        count: Number of frames.
         whole: Length of the stream up to the last whole frame.
         outcome: The outcome; None if the episode's end is not recorded.
         damage: Description of the damage, if `damaged` permits it.
@@ -130,7 +131,7 @@ class Recording:
         check_magic(stream)
         self.header: dict[str, Any] = {}
         self.whole = 0
-        self.length = 0
+        self.length = self.count = 0
         self.outcome: dict[str, Any] | None = None
         self.damage = ""
 
@@ -148,7 +149,7 @@ class Recording:
                 self.length += 1
             elif frame["kind"] == "footer":
                 self.outcome = frame["outcome"]
-            self.whole = end
+            self.whole, self.count = end, number + 1
             yield self.length
         if not self.header:
             raise RecordingError(f"{self.source}: the header is missing")
