@@ -79,10 +79,13 @@ def several(*names: str) -> DomainFile:
 
 
 def test_each_action_without_a_key_gets_a_free_one() -> None:
-    """The key is the first free letter of the name, else of the alphabet, else a digit."""
+    """The key is the first free letter of the name, else of the alphabet, else a digit.
+
+    The window uses some letters itself, such as A.
+    """
     domain = several("cut", "cute", "tc", "t")
     inputs = InputFile.model_validate(keys(key("cut", "C")))
-    assert made_up_keys(inputs, domain) == {"cute": "u", "tc": "a", "t": "b"}
+    assert made_up_keys(inputs, domain) == {"cute": "u", "tc": "b", "t": "f"}
     assert made_up_keys(inputs, domain) == made_up_keys(inputs, domain)
 
 
@@ -96,7 +99,7 @@ def test_walks_default_to_a_click(tmp_path: Path) -> None:
     (click,) = bindings.mouse_click_actions
     assert (click.name, click.input_instructions.click_on) == ("move", "s2")
     found = {b.name: b.input_instructions for b in bindings.keyboard_actions}
-    assert (found["cook"].key, found["wait"].key, found["wait"].at) == ("k", "e", None)
+    assert (found["cook"].key, found["wait"].key, found["wait"].at) == ("k", "q", None)
     assert (found["cut"].key, found["cut"].at) == ("c", "s1")
     assert len({how.key for how in found.values()}) == len(found)
 

@@ -11,14 +11,14 @@ from tests.support.scripted import BOILING, after
 
 from robotouille import Timing, World, load_task
 from robotouille.domain.files import read_model
-from robotouille.domain.input_bindings import bindings_of
+from robotouille.domain.input_bindings import WINDOW_KEYS, bindings_of, made_up_keys
 from robotouille.domain.rendering import language_of
 from robotouille.domain.schema import InputFile
 from robotouille.installation import data_folder
 from robotouille.planning.plan import read_plan
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import scene
-from robotouille_client.window.input.commands import KeyMap
+from robotouille_client.window.input.commands import DEFAULT_KEYS, KeyMap
 from robotouille_client.window.input.controls import Controls, use
 from robotouille_client.window.input.input_controller import InputController
 
@@ -306,3 +306,12 @@ def test_an_unmet_condition_names_the_missing_work() -> None:
     patty = world.action("fry", "robot1", "patty1", "fryer1")
     (unmet,) = (u for u in world.unmet(world.initial, patty) if u.predicate == "isfryable")
     assert wording.reason(unmet, world.initial) == "the patty cannot be fried as it is"
+
+
+def test_actions_without_a_key_get_none_of_the_windows_own() -> None:
+    """A key of an action wins over the window's, so that A would no longer walk to the left."""
+    own = {key for keys in DEFAULT_KEYS.values() for key in keys}
+    assert {key for key in own if len(key) == 1} == WINDOW_KEYS
+    kitchen = World("synchronous/01").task.domain
+    given = made_up_keys(InputFile(), kitchen)
+    assert len(given) > 10 and not own & set(given.values())

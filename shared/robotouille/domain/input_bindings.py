@@ -22,8 +22,11 @@ INPUT_FILES = FileKind(
     merge=each(mouse_click_actions=by("name"), keyboard_actions=by("name")),
 )
 
-WINDOW_KEYS = frozenset({"h", "t", "return", "escape", "f12", "space"})
-"""Keys that are not assigned to actions: the window uses them itself."""
+WINDOW_KEYS = frozenset("wasdehtm")
+"""Letters that are not assigned to actions: they walk, use, explain, chat and mute in the window.
+
+An action with such a key would take it away from the window.
+"""
 
 LETTERS = ascii_lowercase + digits
 SHARED_KEY = "e"
