@@ -188,7 +188,7 @@ class _Impatient(H11Protocol):
         """Close the longest silent connection, or this one, if there are too many."""
         if len(connections) > limit:
             silent = [c for c in connections if c._waits_for() is not None and c is not self]
-            # First those that have never sent a request.
+            # Connections that have never sent a request come first.
             oldest = min(silent, key=lambda c: (c.cycle is not None, c._since), default=self)
             oldest.transport.abort()
 
@@ -232,6 +232,6 @@ class HttpService(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Leave all games and stop."""
-        # First the games: this answers the calls that wait for them.
+        # The games are closed first, which answers the calls that wait for them.
         await self._games.close_all()
         await super().shutdown(sockets)

@@ -53,7 +53,7 @@ class GrowingArrays:
         """Add a row."""
         for name, (kind, shape) in self._fields.items():
             row = np.broadcast_to(np.asarray(values[name], kind), shape)
-            # Written at once: a study's vectors and masks do not fit into memory.
+            # Rows are written at once, because a study's vectors and masks do not fit into memory.
             self._files[name].write(row.tobytes())
         self.rows += 1
 

@@ -123,7 +123,8 @@ class PublishedParser:
 
     def plan(self, text: str) -> tuple[str, ...]:
         """Return each line after the first `Plan:`, including empty ones."""
-        # As published: an empty line is a plan step of its own, and makes the plan invalid.
+        # As in the published code, an empty line is a plan step of its own, and makes the plan
+        # invalid.
         found = self._PLAN.search(text)
         return tuple(line.strip() for line in found[1].split("\n")) if found else ()
 

@@ -203,7 +203,7 @@ class NetworkAgent:
     async def _wait(self, *asking: asyncio.Future[None]) -> None:
         """Wait for an event of the game, the team's answers, or the result of an action."""
         if self._event is None:
-            # Kept across calls: cancelling it could lose an event.
+            # The task is kept across calls, because cancelling it could lose an event.
             self._event = asyncio.ensure_future(self._game.next_event())
         acting = [seat.acting for seat in self._seats.values() if seat.acting is not None]
         awaited: list[asyncio.Future[Any]] = [self._event, *acting, *asking]

@@ -143,7 +143,7 @@ async def all_of(asking: Iterable[Awaitable[None]]) -> None:
 
     After an error the others still finish, because their answers are paid for and must be counted.
     """
-    # Not a TaskGroup: it would cancel the other calls after the first error.
+    # A TaskGroup would cancel the other calls after the first error.
     ended = await asyncio.gather(*asking, return_exceptions=True)
     for error in ended:
         if error is not None:

@@ -134,7 +134,7 @@ class ReAct:
         answer = parser.step(completion.text)
         reasoning, said = self._kept(answer.reasoning), self._kept(answer.action)
         if reasoning is None or said is None:
-            # As published: a malformed answer stays in the history, whatever the variant.
+            # As in the published code, a malformed answer stays in the history in all variants.
             self._history.append((prompt, self._kept(completion.text) or ""))
             verdict = (
                 ExchangeVerdict.NO_REASONING if reasoning is None else ExchangeVerdict.NO_ACTION
@@ -273,7 +273,7 @@ class Reflexion:
         return replace(proposal, exchanges=(*reflected, *proposal.exchanges))
 
     def _reflect(self) -> Generator[ModelRequest, Completion, Exchange]:
-        # As published: only the last turn keeps its observation.
+        # As in the published code, only the last turn keeps its observation.
         turns = [(_reduced(prompt), answer) for prompt, answer in self._said[:-1]]
         messages = [
             *self._reflection.messages(),
@@ -282,7 +282,7 @@ class Reflexion:
         ]
         request = ModelRequest(tuple(messages), purpose="reflect")
         completion = yield request
-        # As published: text between the first and a second heading.
+        # As in the published code, this is the text between the first and a second heading.
         parts = completion.text.split(HEADING)
         learned = self._kept(parts[1] if len(parts) > 1 else completion.text)
         self._inner.footer = f"\n\n{HEADING}{learned}"

@@ -43,7 +43,7 @@ class UnreadChat:
     """Chat messages of others since a model was last asked."""
 
     def __init__(self) -> None:
-        # Bounded: other participants must not be able to fill the model's context.
+        # The chat is bounded, so that other participants cannot fill the model's context.
         self._lines: deque[str] = deque(maxlen=MAX_LINES)
         self._heard = 0
 

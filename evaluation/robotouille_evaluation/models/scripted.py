@@ -160,7 +160,7 @@ class SeededAnswers:
             for part in (message.role, message.content):
                 digest.update(part.encode(errors="replace") + b"\0")
         key = digest.digest()
-        # Counted, so that a repeated request does not get the same bad answer for ever.
+        # Requests are counted, so that a repeated one does not get the same bad answer for ever.
         self._asked[key] += 1
         return f"{self._seed}:{digest.hexdigest()}:{self._asked[key]}"
 

@@ -42,7 +42,8 @@ def place_noisily(kitchen: SourceProblem, rng: random.Random) -> Draft:
     extra_stations, extra_items = draw_extras(kitchen, rng)
     stations, items, players = (kitchen.own(name) for name in ("stations", "items", "players"))
     groups = [_group(station, items, players) for station in stations]
-    # As published: objects and players without a group are lost, and groups order the players.
+    # As in the published code, objects and players without a group are lost, and groups order the
+    # players.
     standing = list(dict.fromkeys(group.player for group in groups if group.player is not None))
     if not standing:
         raise PlacementError("No player stands beside a station", hopeless=True)
@@ -193,7 +194,7 @@ def place_freely(kitchen: SourceProblem, rng: random.Random) -> Draft:
         thing.cell = (rng.randrange(0, floor.width), rng.randrange(0, floor.height))
     for player in players:
         player.cell = (rng.randrange(0, floor.width), rng.randrange(0, floor.height))
-        # Only keeps the sequence of draws: `place_player` sets the direction.
+        # This draw only keeps the sequence of draws: `place_player` sets the direction.
         rng.choice(DIRECTIONS)
     # The order of these draws is part of the result; see the module docstring.
     draft = Draft(floor)

@@ -97,7 +97,7 @@ class PlainRunner:
             p: before.world.parse(before, p, c.action) for p, c in choices.items() if c.action
         }
         step = before.step(list(actions.values()))
-        # As in an episode: a reached goal cannot be reversed.
+        # As in an episode, a reached goal cannot be reversed.
         reversed_ = () if step.goal_reached else self._reversal(step.state)
         self.state = step.state.without(reversed_) if reversed_ else step.state
         attempts = {attempt.action: attempt for attempt in step.attempts}

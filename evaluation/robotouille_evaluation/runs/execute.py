@@ -104,7 +104,7 @@ async def play_job(
         except RobotouilleError as fault:
             result, error = episode.failed(), str(fault)
         except ContextOverflow:
-            # Not a model error: the strategy could not shorten its request any further.
+            # This is not a model error: the strategy could not shorten its request any further.
             result, error = episode.failed(), "the conversation is too long for the model"
     recordings = [runner.recording(error or "the agent is done") for runner in episode.runners]
     measures, repetitions = EpisodeMeasures(), 0

@@ -121,7 +121,7 @@ class TextEpisode:
         return 0 if ended is EndReason.GOAL and at_limit else self._steps
 
     def _play_trial(self) -> Generator[ModelRequest, Completion, EndReason]:
-        # As published: 31.5 steps allow 32 steps, but 31 in a trial before a retry.
+        # As in the published code, 31.5 steps allow 32 steps, but 31 in a trial before a retry.
         rounded = math.floor if self._strategy.retries_left else math.ceil
         limit = rounded(self._budget)
         runner = self._begin(limit)

@@ -171,8 +171,8 @@ class Tokens:
             options={
                 "enforce_minimum_key_length": True,
                 "strict_aud": True,
-                # Checked in `_verified` with the server's clock, which tests replace. The library
-                # would read the system's clock.
+                # `_verified` checks these times with the server's clock, which tests replace. The
+                # library would read the system's clock.
                 "verify_exp": False,
                 "verify_iat": False,
                 "verify_nbf": False,

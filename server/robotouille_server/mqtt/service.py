@@ -125,7 +125,8 @@ class BrokerService:
 
     async def run(self) -> None:
         """Run until the service is stopped."""
-        # Outside of the connection's tasks, so that a lost connection does not interrupt a command.
+        # This is not one of the connection's tasks, so that a lost connection does not interrupt a
+        # command.
         executing = asyncio.create_task(self._execute_commands(), name="broker commands")
         pauses = reconnect_pauses(self._rng)
         self._metrics.mqtt_connected = False
@@ -169,7 +170,7 @@ class BrokerService:
                 task.cancel()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(STOP_SECONDS):
-                # First, because a command waits until the queue is short.
+                # This comes first, because a command waits until the queue is short.
                 await self._send_messages(client)
                 await self._received.join()
                 await self._send_messages(client)

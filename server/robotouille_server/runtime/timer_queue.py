@@ -160,7 +160,8 @@ class TimerQueue:
         self.time()
         try:
             for _ in range(AT_ONCE):
-                # The same sum as in `_arm`: a difference would be rounded differently.
+                # This is the same sum as in `_arm`, because a difference would be rounded
+                # differently.
                 if not self._heap or self._heap[0][0] + self.lost > self._seen:
                     return
                 due, _number, handle = heappop(self._heap)

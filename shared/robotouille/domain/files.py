@@ -72,7 +72,7 @@ def open_regular(path: Path) -> IO[bytes]:
     Raises:
         OSError: The path leads to a pipe, a device or a folder, or the file cannot be opened.
     """
-    # `O_NONBLOCK`: opening a named pipe would otherwise wait for a program that writes to it.
+    # Without `O_NONBLOCK`, opening a named pipe would wait for a program that writes to it.
     file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT))  # noqa: SIM115
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()

@@ -105,7 +105,7 @@ class Strokes:
             *STYLE_WIDTH.findall(attributes.get("style", "")),
         ):
             self._widest = max(self._widest, _length(text))
-        # Written with `not`, so that NaN is rejected too.
+        # The condition uses `not`, so that it also rejects NaN.
         if not self._widest * self._largest <= MAX_WIDTH * self._side:
             raise PictureError(f"may have strokes more than {MAX_WIDTH:g} times its own width")
 

@@ -79,8 +79,8 @@ class LockstepClock:
         self._players = tuple(players)
         self._budget = rules.move_budget
         self._deadline: float | None = None
-        # Set if a request has used up `MAX_STEPS_AT_ONCE`: the time at which the rest became due.
-        # The next tick goes on from there without waiting for the deadline.
+        # If a request has used up `MAX_STEPS_AT_ONCE`, this is the time at which the other steps
+        # became due. The next tick continues from there without waiting for the deadline.
         self._backlog: float | None = None
 
     def start(self, now: float) -> None:
@@ -148,8 +148,8 @@ class DeclaredClock(LockstepClock):
         self._step_rate = rules.step_rate
 
     def delay(self, think_ms: int) -> int:
-        # Rounded up: in real time, an action that arrives during a step's period also waits for the
-        # end of that period.
+        # The result is rounded up, because in real time an action that arrives during a step's
+        # period also waits for the end of that period.
         return ceil(think_ms / 1000 * self._step_rate)
 
 
@@ -159,7 +159,7 @@ class RealTimeClock:
     scheduled = True
 
     def __init__(self, rules: Rules) -> None:
-        # Never changed after the start: the rules are in the header of the recording.
+        # The period never changes, because the header of the recording contains the rules.
         self._period = rules.period
         self._next_step = 0.0
 

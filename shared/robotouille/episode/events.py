@@ -83,7 +83,7 @@ class Outcome:
         return {
             "reason": self.reason.value,
             "steps": self.steps,
-            # Rounded like all times in a recording, which are whole milliseconds.
+            # The time is rounded like all times in a recording, which are whole milliseconds.
             "seconds": round(self.seconds, 3),
             "detail": self.detail,
             "seats": [tally.to_json() for tally in self.seats],

@@ -213,8 +213,8 @@ class Stopwatch:
     def go_on(self, time: float) -> None:
         """Run again."""
         if self._stopped is not None:
-            # Never negative: recovery reads these times from a file, which may have them in any
-            # order.
+            # The result must not be negative: recovery reads these times from a file, which may
+            # have them in any order.
             self._lost += max(0.0, time - self._stopped)
             self._stopped = None
 

@@ -115,8 +115,8 @@ class EpisodeRecord:
 
     def elapsed(self, now: float) -> float:
         """Return the seconds since the game started, pauses included; 0 before the start."""
-        # Never negative: after a restart, `started` is computed from a recorded time, which is
-        # rounded.
+        # The time must not be negative: after a restart, `started` is computed from a rounded
+        # recorded time.
         return 0.0 if self.started is None else max(0.0, now - self.started)
 
     def ran(self, now: float) -> float:
@@ -141,7 +141,8 @@ class EpisodeRecord:
     @property
     def on_turn(self) -> str | None:
         """The only player who may act now; None without turns, or if no game is in progress."""
-        # Also during a pause: an action may be submitted then and waits for its step.
+        # This also holds during a pause, because an action may be submitted then and waits for its
+        # step.
         turn = self.clock.on_turn(self.step)
         return turn if turn is not None and self.in_progress else None
 
@@ -212,7 +213,7 @@ class EpisodeRecord:
             ProtocolError: `seat/unknown`.
         """
         wanted = {players} if isinstance(players, str) else set(players)
-        # Sorted, so that the error does not depend on the order of a set.
+        # Sorting keeps the error from depending on the order of a set.
         for player in sorted(wanted.difference(self.seats)):
             self.seat(player)
         return [seat for seat in self.seats.values() if seat.player in wanted]
@@ -258,8 +259,8 @@ class EpisodeRecord:
     def _controller(self, seat: Seat) -> Controller:
         if seat.present:
             return Controller(seat.kind)
-        # Not before the start: a participant may still take or regain the seat, and no step needs
-        # it yet.
+        # There are no substitutes before the start: a participant may still take or regain the
+        # seat, and no step needs it yet.
         if self.in_progress and self.rules.absence is Absence.BOT:
             return Controller.SUBSTITUTE
         # Reports keep a seat that its participant still holds apart from one that is free.

@@ -65,8 +65,8 @@ class Chat(StrEnum):
     OFF = "off"
 
 
-# Not a part of `Rules`: every participant receives the rules, and must not learn of a treatment
-# (docs/decisions/0033).
+# Treatments are not a part of `Rules`, because every participant receives the rules, and must not
+# learn of a treatment (docs/decisions/0033).
 class SeatTreatment(BaseModel):
     """A study's treatment of one seat."""
 

@@ -197,7 +197,7 @@ def _unpack_msgpack(payload: bytes, limit: int) -> Any:
 
 
 def _check_items(value: Any) -> None:
-    # Checked before validation, which would build an error for every invalid value.
+    # This is checked before validation, which would build an error for every invalid value.
     waiting, found = [value], 0
     while waiting:
         inner = waiting.pop()

@@ -83,7 +83,7 @@ class FrameReader:
                 return False
             length = int.from_bytes(data[at + 2 : at + 2 + more])
             start += more
-        # Checked before the payload arrives, so a forged length costs no memory.
+        # The length is checked before the payload arrives, so a forged length costs no memory.
         if length > self._max_size:
             raise FrameError(f"a frame of {length} bytes; the limit is {self._max_size}")
         size = start + length

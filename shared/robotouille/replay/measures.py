@@ -230,7 +230,7 @@ def rejection_kind(note: Mapping[str, Any]) -> RejectionKind:
     """Return the kind of a `rejected` note."""
     reasons = unmet_from(note["reasons"], note.get("why", ()))
     code, heard = note.get("code", ACTION_INVALID), note.get("heard", True)
-    # Computed by the same function as during play, because recordings do not store the kind.
+    # The function used during play computes the kind, because recordings do not store it.
     return RejectionKind.of(code, reasons, heard=heard)
 
 

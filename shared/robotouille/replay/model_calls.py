@@ -120,8 +120,8 @@ class _Seat:
         self.known, before = known, 0 if number == 1 else self.number
         messages = tuple(known.get(int(i), LOST) for i in sent)
         size = sum(len(message["content"]) for message in messages)
-        # Checked before texts are joined: the messages of a forged call are references to one text,
-        # and only a copy would need the memory.
+        # The size is checked before texts are joined: the messages of a forged call are references
+        # to one text, and only a copy would need the memory.
         if size > min(MAX_CALL, self.left):
             return None
         self.left -= size

@@ -181,7 +181,8 @@ class Recorder:
 
 
 def _move(move: PlayedMove) -> dict[str, Any]:
-    # Written by hand, unlike notes: a step is recorded for every player up to sixty times a second.
+    # Unlike notes, steps have hand-written code, because they are recorded up to sixty times a
+    # second.
     row: dict[str, Any] = {
         "player": move.player,
         "action": [move.action.name, *move.action.arguments],

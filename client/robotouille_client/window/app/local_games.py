@@ -87,7 +87,8 @@ class TutorialSource(GameSource):
         state, lesson = self._source.view().state, self.lesson
         valid = action.player is not None and action in state.actions(action.player)
         kind = kind_of(state, action) if valid else None
-        # Remembered because putting the thing back would otherwise complete the next lesson.
+        # This is remembered, because putting the thing back would otherwise complete the next
+        # lesson.
         if kind == "take":
             self._taken_from = state
         if lesson is not None and kind == lesson.kind and not self._undoes(state, action):
@@ -264,7 +265,8 @@ class LocalGames:
         try:
             answer = await show()
         finally:
-            # Also after the window was closed: a finished game stays in the list of replays.
+            # This also happens when the window is closed: a finished game stays in the list of
+            # replays.
             path = game.finish(ended=source.finished)
             self._note_best(game)
         if path is None:

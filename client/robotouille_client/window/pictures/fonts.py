@@ -43,7 +43,7 @@ _REGIONAL_A = 0x1F1E6
 # Marks on one letter. No script needs more, and a tower of marks would cover other lines.
 MAX_MARKS = 4
 
-# Bounds the search: a machine may have thousands of fonts, and a letter that none of them has.
+# This bounds the search: a machine may have thousands of fonts, none of which has a letter.
 MAX_OPENED = 80
 MAX_LENGTH = 600
 _TRIED_AT = 16

@@ -162,7 +162,7 @@ class Sprites:
 
     def _keep(self, name: str, size: int, picture: pygame.Surface | None) -> pygame.Surface | None:
         if picture is None:
-            # Remembered, because looking for a file in every frame would be slow.
+            # The result is remembered, because looking for a file in every frame would be slow.
             self._missing.add(name)
             return None
         return self._kept.keep((name, size), picture)
@@ -178,7 +178,7 @@ class Sprites:
         return size > self._sharp[path] * _AT_ONCE**0.5
 
     def _draw_later(self, path: Path, size: int) -> None:
-        # Not queued: what is still visible is requested again by the next frame.
+        # Requests are not queued, because the next frame repeats those that are still needed.
         if self._drawing is None:
             self._drawing = (path.name, size, drawing_thread.submit(_load, path, size))
 

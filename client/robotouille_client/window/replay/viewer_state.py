@@ -82,7 +82,7 @@ class Playhead:
 
     def seek(self, position: float, *, playing: bool | None = None) -> None:
         """Go to a position, then play or stop; None keeps on doing either."""
-        # Stored as a position and a time, so that the speed of frames does not matter.
+        # A position and a time are stored, so that the frame rate does not matter.
         goes_on = self._since is not None if playing is None else playing
         self._from = min(max(float(self.first), float(position)), float(self.length))
         at_end = self._from >= self.length

@@ -101,7 +101,7 @@ class Blockages:
         """
         now = self._now()
         self._waits = {wait: until for wait, until in self._waits.items() if until > now}
-        # Called in every frame. Most frames have nobody waiting, so skip computing the scene.
+        # This runs in every frame. In most frames no player waits, so skip computing the scene.
         if not (self._waits or self._requests):
             return ()
         placed = scene(state)

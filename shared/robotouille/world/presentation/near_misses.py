@@ -18,7 +18,7 @@ from robotouille.world.scene import Placed
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
-# Bounds the time that a key press takes in a large kitchen.
+# This bounds the time that a key press takes in a large kitchen.
 _MAX_ATTEMPTS = 2000
 # An action that lacks more than this is too far off to be hinted at.
 _MAX_UNMET = 2
