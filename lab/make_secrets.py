@@ -22,6 +22,7 @@ PASSWORDS = (
     "mqtt_lab",
     "mqtt_health",
     "postgres",
+    "postgres_owner",
     "postgres_reader",
     "grafana_admin",
 )
@@ -64,8 +65,11 @@ DERIVED: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping[str, str]], str]]
     "mosquitto_lab": (("mqtt_lab",), lambda known: _options("lab", known)),
     "mosquitto_health": (("mqtt_health",), lambda known: _options("health", known)),
     "pgpass": (
-        ("postgres",),
-        lambda known: f"postgres:5432:robotouille:robotouille:{known['postgres']}\n",
+        ("postgres_owner", "postgres_reader"),
+        lambda known: (
+            f"postgres:5432:robotouille:robotouille:{known['postgres_owner']}\n"
+            f"postgres:5432:robotouille:reader:{known['postgres_reader']}\n"
+        ),
     ),
 }
 """Files made from passwords, with the names of these passwords and a function for the content."""

@@ -171,6 +171,30 @@ def test_ended_episode_appears_in_the_catalogue(running: Lab, front: str) -> Non
     assert eventually(lambda: running.ask(query).stdout) == "a'b\n"
 
 
+ON_THE_SERVER = (
+    "SELECT lo_import('/etc/passwd')",
+    "SELECT pg_reload_conf()",
+    "SELECT pg_read_file('/etc/passwd')",
+    "SELECT pg_ls_dir('/')",
+    "COPY (SELECT 1) TO PROGRAM 'true'",
+    "CREATE ROLE x",
+)
+FILLING = ("SELECT lo_create(1)", "CREATE TEMPORARY TABLE x ()")
+
+
+@pytest.mark.parametrize(
+    ("user", "changes"),
+    [("robotouille", ON_THE_SERVER), ("reader", (*ON_THE_SERVER, *FILLING))],
+)
+def test_roles_cannot_use_the_database_server(
+    running: Lab, user: str, changes: tuple[str, ...]
+) -> None:
+    assert running.ask("SHOW is_superuser", user).stdout == "off\n"
+    for change in changes:
+        refusal = running.ask(f"SET TRANSACTION READ WRITE; {change}", user).stderr
+        assert "permission denied" in refusal or "must be" in refusal, change
+
+
 def test_catalogue_user_cannot_write(running: Lab) -> None:
     for target in TARGETS:
         if "rawSql" in target:

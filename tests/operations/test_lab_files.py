@@ -120,7 +120,7 @@ def test_named_secrets_are_mounted() -> None:
     """Checks the environment, the configuration files and the scripts."""
     files = {
         "mosquitto": ["mosquitto.conf"],
-        "postgres": ["reader.sh"],
+        "postgres": ["roles.sh"],
         "grafana": ["grafana/provisioning/datasources/lab.yml"],
     }
     for name, service in SERVICES.items():

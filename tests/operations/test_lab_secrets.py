@@ -97,13 +97,13 @@ def test_empty_secret_is_reported(tmp_path: Path) -> None:
 
 def test_missing_password_with_existing_users_is_reported(tmp_path: Path) -> None:
     list(lab.make(tmp_path, USER))
-    (tmp_path / SECRETS / "postgres").unlink()
+    (tmp_path / SECRETS / "postgres_owner").unlink()
     with pytest.raises(
-        lab.LabError, match="pgpass was made from postgres, which is missing; delete"
+        lab.LabError, match="pgpass was made from postgres_owner, which is missing; delete"
     ):
         list(lab.make(tmp_path, USER))
     (tmp_path / SECRETS / "pgpass").unlink()
-    assert list(lab.make(tmp_path, USER)) == ["lab/secrets/postgres", "lab/secrets/pgpass"]
+    assert list(lab.make(tmp_path, USER)) == ["lab/secrets/postgres_owner", "lab/secrets/pgpass"]
 
 
 @pytest.mark.process

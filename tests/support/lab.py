@@ -77,6 +77,7 @@ class Lab:
                 ("127.0.0.1", 8765), ("127.0.0.1", 2020), ("127.0.0.1", 9090), ("0.0.0.0", 9090),
             )},
             "robotouille@postgres": f"robotouille@127.0.0.1:{here[5432]}",
+            "reader@postgres": f"reader@127.0.0.1:{here[5432]}",
             "server@mosquitto": f"server@127.0.0.1:{here[1883]}",
             "listener 1883 0.0.0.0": f"listener {here[1883]} 127.0.0.1",
             "listener 9001 0.0.0.0": f"listener {here[9001]} 127.0.0.1",
@@ -241,7 +242,7 @@ class Lab:
         made = ["--pgdata", data, "--username", given["POSTGRES_USER"], "--pwfile", password]
         words = [postgresql_program("initdb"), *made, *given["POSTGRES_INITDB_ARGS"].split(), "-N"]
         options = " ".join(self._address())
-        script = root / "docker-entrypoint-initdb.d/reader.sh"
+        script = root / "docker-entrypoint-initdb.d/roles.sh"
         local = {**given, "PGHOST": str(self.folder), "PGPORT": str(self.port[5432])}
         control = [postgresql_program("pg_ctl"), "--pgdata", data]
         log = ["--log", data + "/first.log"]
@@ -259,7 +260,7 @@ class Lab:
 
     def ask(self, query: str, user: str = "reader") -> subprocess.CompletedProcess[str]:
         """Query the catalogue with the user's password."""
-        file = {"reader": "postgres_reader", "robotouille": "postgres"}[user]
+        file = {"reader": "postgres_reader", "robotouille": "postgres_owner"}[user]
         password = (self.folder / "lab/secrets" / file).read_text()
         words = ["psql", "-h", "127.0.0.1", "-p", str(self.port[5432]), "-U", user, "-At"]
         return subprocess.run(
