@@ -127,22 +127,31 @@ def read_only_engine(url: URL) -> Engine:
             "options": "-c default_transaction_read_only=on",
         }
         return sa.create_engine(url, poolclass=NullPool, connect_args=options)
+    uri = read_only_uri(url)
+
+    def connect() -> sqlite3.Connection:
+        # A URI and not SQLAlchemy's URL, because only a URI can open a file read-only.
+        return sqlite3.connect(uri, uri=True, timeout=LOCK_SECONDS)
+
+    return sa.create_engine("sqlite://", creator=connect, poolclass=NullPool)
+
+
+def read_only_uri(url: URL) -> str:
+    """Return the URI that opens an SQLite catalogue read-only.
+
+    Raises:
+        CatalogueError: There is no such file.
+    """
     path = Path(url.database or "")
     if not path.is_file():
         raise CatalogueError(
             f"{path}: no catalogue; create it with `robotouille data index FOLDER`, or set --folder"
             " or --database"
         )
-
     mode = "mode=ro"
     if not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists():
         mode = "immutable=1"  # SQLite cannot create its WAL files next to it.
-
-    def connect() -> sqlite3.Connection:
-        # A URI and not SQLAlchemy's URL, because only a URI can open a file read-only.
-        return sqlite3.connect(f"{path.as_uri()}?{mode}", uri=True, timeout=LOCK_SECONDS)
-
-    return sa.create_engine("sqlite://", creator=connect, poolclass=NullPool)
+    return f"{path.as_uri()}?{mode}"
 
 
 def insert(connection: Connection, table: sa.Table, rows: Sequence[tuple[Any, ...]]) -> None:

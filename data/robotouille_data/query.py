@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import re
 import sqlite3
-import time
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+import threading
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
@@ -19,13 +19,17 @@ from sqlalchemy import Table
 from sqlalchemy.engine import URL, Connection
 
 from robotouille_data.database import (
+    LOCK_SECONDS,
     CatalogueError,
+    UnavailableError,
     check_version,
     database_errors,
     driver_errors,
     read_only_engine,
+    read_only_uri,
 )
 from robotouille_data.schema import EPISODES, LABELS, METADATA, VIEWS
+from robotouille_data.sqlite_process import sqlite_answer
 
 TABLES = {**METADATA.tables, **VIEWS.tables}
 UNKNOWN_TABLE = re.compile(r'no such table: (\S+)|relation "([^"]+)" does not exist')
@@ -111,18 +115,16 @@ SECONDS = 60.0
 """Default time limit of a query."""
 AT_ONCE = 1000
 """Rows fetched at once."""
-INSTRUCTIONS = 10_000
-"""Instructions of SQLite's virtual machine between two checks of the time limit."""
+AGAIN_SECONDS = 1.0
+"""Seconds between two attempts to cancel a statement."""
+MAX_TIMEOUT = 2**31 - 1
+"""Longest `statement_timeout` of PostgreSQL, in milliseconds."""
 QUOTED = re.compile(
     r"""'(?:[^']|'')*'|`(?:[^`]|``)*`|\[[^\]]*\]|--[^\n]*|/\*.*?(?:\*/|\Z)|"((?:[^"]|"")*)\"""",
     re.DOTALL,
 )
 """String literals, quoted names and comments. The group matches text in double quotes."""
 WRITES = "statements that write, attach or change a setting are refused"
-# The list has the allowed actions, because later versions of SQLite may add others.
-ALLOWED = frozenset({
-    sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE
-})  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +153,8 @@ def asking(url: URL, query: str, seconds: float = SECONDS) -> Iterator[QueryAnsw
     with database_errors(url), engine.connect() as connection:
         check_version(connection)
         if url.drivername == "sqlite":
-            yield _ask_sqlite(connection, query, seconds)
+            with _asking_sqlite(url, query, seconds) as answer:
+                yield answer
         else:
             with _asking_postgresql(connection, query, seconds) as answer:
                 yield answer
@@ -177,28 +180,26 @@ def reading(url: URL) -> Iterator[Connection]:
         yield connection
 
 
-def _ask_sqlite(connection: Connection, query: str, seconds: float) -> QueryAnswer:
-    driver: Any = connection.connection.driver_connection
-    # Three barriers: the file is opened read-only, writes are disabled, and the authorizer allows
-    # only reading. Without it, `ATTACH` could open other files.
-    driver.execute("PRAGMA query_only=ON")
-    driver.set_authorizer(_authorize)
-    deadline = time.monotonic() + seconds
-    # SQLite has no time limit of its own. PostgreSQL's is set in `_asking_postgresql`.
-    driver.set_progress_handler(lambda: time.monotonic() > deadline, INSTRUCTIONS)
+@contextmanager
+def _asking_sqlite(url: URL, query: str, seconds: float) -> Iterator[QueryAnswer]:
     try:
-        cursor = driver.execute(_with_backticks(query))
+        with sqlite_answer(
+            read_only_uri(url),
+            _with_backticks(query),
+            seconds=seconds,
+            lock_seconds=LOCK_SECONDS,
+        ) as (columns, rows):
+            if not columns:
+                raise CatalogueError("not a query: the statement returns no columns")
+            yield QueryAnswer(_unlike(columns), rows)
+    except (sqlite3.Warning, sqlite3.ProgrammingError) as error:  # The text has several statements.
+        raise CatalogueError(f"expected one query: {error}") from None
     except sqlite3.DatabaseError as error:
         if words := explain_unknown(str(error), query):
             raise CatalogueError(words) from None
         if "not authorized" in str(error) or "prohibited" in str(error):
             raise CatalogueError(f"queries are read-only: {WRITES}") from None
         raise
-    except (sqlite3.Warning, sqlite3.ProgrammingError) as error:  # The text has several statements.
-        raise CatalogueError(f"expected one query: {error}") from None
-    if cursor.description is None:
-        raise CatalogueError("not a query: the statement returns no columns")
-    return QueryAnswer(_unlike([column[0] for column in cursor.description]), cursor)
 
 
 def _with_backticks(query: str) -> str:
@@ -217,20 +218,28 @@ def _with_backticks(query: str) -> str:
     return QUOTED.sub(in_backticks, query)
 
 
-def _authorize(action: int, *_: str | None) -> int:
-    return sqlite3.SQLITE_OK if action in ALLOWED else sqlite3.SQLITE_DENY
-
-
 @contextmanager
 def _asking_postgresql(connection: Connection, query: str, seconds: float) -> Iterator[QueryAnswer]:
     """Run a query with a cursor, which accepts only queries.
 
     A prepared statement is a single statement, so nothing can follow the query.
     """
-    connection.exec_driver_sql(f"SET LOCAL statement_timeout = {max(1, int(seconds * 1000))}")
+    if connection.scalar(sa.text("SHOW is_superuser")) == "on":
+        raise CatalogueError(
+            "queries of a superuser could change files and settings of the database server; "
+            "connect as a role that only reads (docs/data.md)"
+        )
+    # The query may change this limit with `set_config`, so `_cancelling` enforces it, too. The
+    # limit ends a query whose client has died.
+    most = min(int((seconds + AGAIN_SECONDS) * 1000), MAX_TIMEOUT)
+    connection.exec_driver_sql(f"SET LOCAL statement_timeout = {most}")
     connection.exec_driver_sql("SET TRANSACTION READ ONLY")
     driver: Any = connection.connection.driver_connection
-    with driver_errors(connection), driver.cursor() as cursor:
+    with (
+        driver_errors(connection),
+        _cancelling(driver, seconds) as check,
+        driver.cursor() as cursor,
+    ):
         try:
             cursor.execute(f"DECLARE answer NO SCROLL CURSOR FOR {query}".encode(), prepare=True)
         except connection.dialect.loaded_dbapi.Error as error:
@@ -239,12 +248,47 @@ def _asking_postgresql(connection: Connection, query: str, seconds: float) -> It
             raise
         cursor.execute(f"FETCH {AT_ONCE} FROM answer")
         columns = _unlike([column.name for column in cursor.description])
-        yield QueryAnswer(columns, _fetched(cursor))
+        yield QueryAnswer(columns, _fetched(cursor, check))
 
 
-def _fetched(cursor: Any) -> Iterator[tuple[Any, ...]]:
+@contextmanager
+def _cancelling(driver: Any, seconds: float) -> Iterator[Callable[[], None]]:
+    """Cancel all statements of a connection that run after a time.
+
+    Yields a function that raises UnavailableError if the time is over. A cancellation between two
+    statements has no effect, so call it before each statement.
+    """
+    late, ended = threading.Event(), threading.Event()
+
+    def cancel() -> None:
+        wait = min(seconds, threading.TIMEOUT_MAX)
+        while not ended.wait(wait):
+            late.set()
+            with suppress(Exception):  # The connection may be lost, which its user notices.
+                driver.cancel()
+            wait = AGAIN_SECONDS
+
+    def check() -> None:
+        if late.is_set():
+            message = f"interrupted: the query takes longer than {seconds:g} s"
+            raise UnavailableError(message)
+
+    thread = threading.Thread(target=cancel, daemon=True)
+    thread.start()
+    try:
+        yield check
+    except Exception:
+        check()
+        raise
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _fetched(cursor: Any, check: Callable[[], None]) -> Iterator[tuple[Any, ...]]:
     while rows := cursor.fetchall():
         yield from rows
+        check()
         cursor.execute(f"FETCH {AT_ONCE} FROM answer")
 
 

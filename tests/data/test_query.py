@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import sys
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -99,12 +100,73 @@ def test_double_quotes_delimit_names_and_never_strings(filled: str) -> None:
         assert [tuple(row) for row in answer.rows] == [("c7", "x \"y\" 'z'")]
 
 
-def test_query_has_a_time_limit(filled: str) -> None:
-    endless = (
-        "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x % 9 + 1 FROM n) SELECT sum(x) FROM n"
-    )
-    with pytest.raises(UnavailableError, match=r"interrupted|timeout"):
-        ask(filled, endless, seconds=0.2)
+ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x % 9 + 1 FROM n) SELECT sum(x) FROM n"
+# Each call compares millions of bytes at millions of places, in one instruction of SQLite.
+LONG_CALL = (
+    "SELECT instr(a, substr(a, 1, 9000000) || 'b') FROM (SELECT hex(zeroblob(9000000)) AS a)"
+)
+# The second thousand of rows is fetched by a statement that begins without the server's limit.
+WITHOUT_LIMIT = """
+    SELECT set_config('statement_timeout', '0', false) FROM generate_series(1, 2000) n
+    WHERE n <= 1000 OR pg_sleep(1000) IS NOT NULL
+"""
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("database", "query"),
+    [
+        ("sqlite", ENDLESS),
+        ("sqlite", LONG_CALL),
+        ("postgresql", ENDLESS),
+        ("postgresql", WITHOUT_LIMIT),
+    ],
+    indirect=["database"],
+)
+def test_query_has_a_time_limit(filled: str, query: str) -> None:
+    with pytest.raises(UnavailableError, match=r"interrupted: the query takes longer than 0\.5 s"):
+        ask(filled, query, seconds=0.5)
+
+
+@pytest.mark.process
+class TestSqliteProcess:
+    """Queries of SQLite in a process of their own, as users run them."""
+
+    @pytest.fixture
+    def database(self, tmp_path: Path) -> str:
+        return str(tmp_path / "catalogue.sqlite")
+
+    def test_process_returns_all_rows(self, filled: str) -> None:
+        assert ask(filled, f"{ALL};") == ROWS
+        values = "SELECT 9223372036854775807, -0.5, NULL, 'é', x'00ff', 9e999"
+        assert ask(filled, values) == [(2**63 - 1, -0.5, None, "é", b"\x00\xff", float("inf"))]
+
+    def test_reader_may_stop_early(self, filled: str) -> None:
+        with asking(database_url(filled, Path()), ALL) as answer:
+            assert tuple(next(answer.rows)) == ROWS[0]
+
+    @pytest.mark.parametrize("query", ["DELETE FROM labels", "SELECT 1; SELECT 2", "SELECT x", ""])
+    def test_errors_are_those_of_the_query(self, filled: str, query: str) -> None:
+        with pytest.raises(CatalogueError) as error:
+            ask(filled, query)
+        assert not isinstance(error.value, UnavailableError)
+
+    def test_large_values_are_refused(self, filled: str) -> None:
+        with pytest.raises(CatalogueError, match="too big"):
+            ask(filled, "SELECT length(hex(zeroblob(1000000000)))")
+
+    @pytest.mark.skipif(sys.platform != "linux", reason="no limit of memory")
+    def test_memory_is_limited(self, filled: str) -> None:
+        wide = ", ".join(["zeroblob(60000000)"] * 30)
+        with pytest.raises(UnavailableError, match="memory"):
+            ask(filled, f"SELECT {wide}")
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("database", ["postgresql"], indirect=True)
+def test_superuser_cannot_query(filled: str) -> None:
+    with pytest.raises(CatalogueError, match="superuser"):
+        ask(filled.replace("//owner@", "//postgres@"), "SELECT 1")
 
 
 def test_repeated_column_names_get_numbers(filled: str) -> None:
