@@ -100,7 +100,7 @@ def test_walks_default_to_a_click(tmp_path: Path) -> None:
     assert (click.name, click.input_instructions.click_on) == ("move", "s2")
     found = {b.name: b.input_instructions for b in bindings.keyboard_actions}
     assert (found["cook"].key, found["wait"].key, found["wait"].at) == ("k", "q", None)
-    assert (found["cut"].key, found["cut"].at) == ("c", "s1")
+    assert (found["cut"].key, found["cut"].at) == ("b", "s1")
     assert len({how.key for how in found.values()}) == len(found)
 
 
