@@ -28,7 +28,7 @@ from unittest.mock import patch
 
 import plan_lengths
 import typer
-from limit_table import limit_tables
+from limit_table import limit_tables, message_costs
 from message_examples import EXAMPLES
 from mqtt_asyncapi import mqtt_asyncapi
 from pydantic import BaseModel, SecretStr
@@ -448,7 +448,11 @@ def page(path: Path, parts: dict[str, Callable[[], str]]) -> str:
 
 def outputs() -> Iterator[tuple[Path, str]]:
     """Yield every generated file with its content."""
-    parts = {"errors": error_table, "messages": message_reference}
+    parts = {
+        "message costs": lambda: f"Some messages count as several: {message_costs()}.",
+        "errors": error_table,
+        "messages": message_reference,
+    }
     yield DOCS / "protocol.md", page(DOCS / "protocol.md", parts)
     parts = {"settings": settings_table, "limits": limit_tables, "metrics": metrics_table}
     yield DOCS / "settings.md", page(DOCS / "settings.md", parts)

@@ -44,7 +44,7 @@ from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import MAX_FILES
 from robotouille_server.transport import admission, connection, peer
 
-__all__ = ["LIMITS", "Limit", "limit_tables", "shown_value"]
+__all__ = ["LIMITS", "Limit", "limit_tables", "message_costs", "shown_value"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,17 @@ class Limit:
     def setting(self) -> str:
         """Name of the setting that changes the limit, or an empty string."""
         return self.value[1:].partition("}")[0] if self.value.startswith("{") else ""
+
+
+def message_costs() -> str:
+    """Return the messages that count as several, such as `create` 10, with the highest first."""
+    costs = sorted(set(COSTS.values()), reverse=True)
+    named = {cost: [_type(model) for model, own in COSTS.items() if own == cost] for cost in costs}
+    return ", ".join(f"{' and '.join(names)} {cost:g}" for cost, names in named.items())
+
+
+def _type(model: type[messages.Message]) -> str:
+    return f"`{model.model_fields['type'].default}`"
 
 
 def _size(count: int) -> str:
@@ -117,8 +128,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               f"{CUT} Each 8 KiB count as one more message.", "rate/limited"),
         Limit("`create` and `close` per second and connection", "{messages_per_second}",
               "The message is read later."),
-        Limit("Cost of `join` and `resync`", f"{COSTS[messages.Join]:g} messages", ""),
-        Limit("Cost of `list`", f"{COSTS[messages.ListEpisodes]:g} messages", ""),
+        Limit("Cost of a message, if not 1", message_costs(), ""),
         Limit("Cost of each KiB of a message, snapshot or list", "1 message", ""),
         Limit("Control frames and fragments per second and connection",
               f"{connection.FRAMES_A_SECOND:g}, bursts of {connection.FRAMES_BURST:g}",
