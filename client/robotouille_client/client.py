@@ -312,7 +312,7 @@ class Client:
         if not isinstance(answer, expected):
             found = type(answer).__name__
             raise ProtocolError(
-                ErrorCode.MESSAGE_UNEXPECTED, f"{found} in answer to {request.type}"
+                ErrorCode.MESSAGE_UNEXPECTED, f"unexpected answer {found} to {request.type}"
             )
         return answer
 

@@ -76,7 +76,7 @@ async def test_answer_of_the_wrong_type_is_an_error() -> None:
         listening(answering(list=left)) as url,
         connect(url, name="ada", encoding="json") as ada,
     ):
-        with pytest.raises(ProtocolError, match="Left in answer to list"):
+        with pytest.raises(ProtocolError, match="unexpected answer Left to list"):
             await ada.episodes()
 
 

@@ -65,7 +65,7 @@ def test_invalid_action_reports_unmet_conditions(sentence: str) -> None:
 
 def test_action_of_another_player_is_not_valid() -> None:
     world = kitchen(players=TWO_PLAYERS)
-    with pytest.raises(UnknownNameError, match="now: it moves robot1"):
+    with pytest.raises(UnknownNameError, match="now: it is an action of robot1"):
         world.parse(world.initial, "robot2", MOVE)
     assert world.parse(world.initial, "robot2", MOVE, valid=False).player == "robot1"
 

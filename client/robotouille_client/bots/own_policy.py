@@ -111,7 +111,7 @@ class _OwnPolicy:
                 unmet = [each.words for each in state.world.unmet(state, action)]
                 if not unmet and action.player == self._player:
                     return action
-                why = "; ".join(unmet) or f"it moves {action.player}"
+                why = "; ".join(unmet) or f"it is an action of {action.player}"
         quoted = repr(found)
         cut = quoted if len(quoted) <= MAX_QUOTED else f"{quoted[:MAX_QUOTED]}…"
         raise OwnPolicyError(

@@ -359,7 +359,7 @@ class ClientProtocol(Generic[G]):
             case messages.Bye():
                 self.connection_failed(ProtocolError(answer.code, answer.reason), now)
             case _:
-                reason = f"{type(answer).__name__} in answer to hello"
+                reason = f"unexpected answer {type(answer).__name__} to hello"
                 self.connection_failed(RetryLaterError(reason), now)
 
     def _greeted_elsewhere(self, moved: messages.Moved, now: float) -> None:

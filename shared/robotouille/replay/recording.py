@@ -312,7 +312,7 @@ class Recording:
 
     def _first_difference(self, comparison: Comparison) -> str:
         if self.task.digest != self.header["digest"]:
-            return f"the task's hash is {self.task.digest}, recorded {self.header['digest']}"
+            return f"the task's hash is {self.task.digest}, but {self.header['digest']} is recorded"
         reader, expected, state = None, 0, self.world.initial
         for frame, state, written in self.resimulated_frames():
             comparison.add(written)
@@ -333,7 +333,7 @@ class Recording:
         if outcome is None:
             return ""
         if outcome["steps"] != steps:
-            return f"the outcome has {outcome['steps']} steps, the recording {steps}"
+            return f"the outcome has {outcome['steps']} steps, but the recording has {steps}"
         if (outcome["reason"] == "goal") != state.goal_reached:
             reached = "is" if state.goal_reached else "is not"
             return f"the outcome is {outcome['reason']!r}, but the goal {reached} reached"
@@ -421,7 +421,7 @@ def _difference(frame: dict[str, Any], state: State, recorded: State) -> str:
             return f"{name} is {now} now, was {then} when recorded"
         return f"timers are {state.timer_rows()} now, were {recorded.timer_rows()} when recorded"
     if "hash" in frame and frame["hash"] != state.digest:
-        return f"the state's hash is {state.digest}, recorded {frame['hash']}"
+        return f"the state's hash is {state.digest}, but {frame['hash']} is recorded"
     return ""
 
 

@@ -413,7 +413,7 @@ class World(GroundTask):
         if not valid:
             return action
         unmet = [each.words for each in self.unmet(state, action)]
-        raise no_valid_action(sentence, actions, unmet or [f"it moves {action.player}"])
+        raise no_valid_action(sentence, actions, unmet or [f"it is an action of {action.player}"])
 
     # Bytes
 
@@ -439,7 +439,7 @@ class World(GroundTask):
         self._make_room_for(state.facts, MAX_CREATED)
         if state.facts.bit_length() > len(self.table.atoms):
             raise WrongWorldError(
-                f"facts of another world, or more than {MAX_CREATED} created objects of a kind"
+                f"facts of another world, or of over {MAX_CREATED} created objects of a kind"
             )
         return self.restore(*state)
 
@@ -652,7 +652,7 @@ class World(GroundTask):
         self._make_room_for(facts)
         # A negative integer would have infinitely many bits set.
         if facts < 0 or facts.bit_length() > len(self.table.atoms):
-            raise WrongWorldError("facts of another world")
+            raise WrongWorldError("the facts are of another world")
         # Facts about objects that do not exist would stay true for ever.
         self._check_existence(facts)
         return State(self, facts, self.timers.restored(rows, busy))
