@@ -3,36 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from robotouille_data.sqlite_process import answer_frames
 from tests.support.postgresql import USER, PostgreSQL, missing, postgresql
+from tests.support.sqlite_answers import answers_without_processes
+
+__all__ = ["answers_without_processes"]
 
 OWNER = "owner"
 """Role that owns the catalogue and is no superuser."""
-
-
-@pytest.fixture(autouse=True)
-def _answers_without_processes(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Let quick tests answer SQLite queries in this process, without the limits."""
-    if request.node.get_closest_marker("process") is not None:
-        return
-    query = pytest.importorskip("robotouille_data.query", reason="needs the extra `data`")
-
-    @contextmanager
-    def answer(
-        uri: str, query: str, *, seconds: float, lock_seconds: float
-    ) -> Iterator[tuple[list[str], Iterator[Any]]]:
-        with closing(answer_frames(uri, query, lock_seconds)) as frames:
-            yield list(next(frames)), frames
-
-    monkeypatch.setattr(query, "sqlite_answer", answer)
 
 
 @pytest.fixture(scope="session")

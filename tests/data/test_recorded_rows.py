@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from typing import Any
@@ -10,17 +11,18 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
-from robotouille.episode import ActionRequest, Clock
+from robotouille.episode import ActionRequest, Chat, Clock, Episode, PauseReason, Rules
 from robotouille.errors import RecordingError
 from robotouille.replay import Recording
 from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
 from robotouille.replay.measures import activities
+from robotouille.replay.recorder import Recorder, header
 from robotouille_data import recording_rows as reading
 from robotouille_data.recording_rows import content_digest, episode_id, recorded_rows
 from robotouille_evaluation.metrics.measuring import blocking, contributions
 from robotouille_evaluation.metrics.outcomes import repeated_transitions
 from robotouille_evaluation.metrics.trajectory import Trajectory
-from tests.support.games import record
+from tests.support.games import TWO, record
 from tests.support.random_play import random_stream
 
 SEEDS = range(6)
@@ -89,10 +91,39 @@ def test_rows_contain_the_recorded_moves_events_and_seats(seed: int) -> None:
         assert {name: seat[name] for name in tally} == tally
 
 
+def test_episode_has_its_times_without_pauses_and_its_rules() -> None:
+    phrases = ("Hello", "Thank you")
+    rules = Rules(
+        clock=Clock.REALTIME, step_rate=5, max_steps=4, countdown=0,
+        grace=12.5, chat=Chat.PHRASES, phrases=phrases,
+    )  # fmt: skip
+    now = 50.0
+    episode = Episode(TWO, rules)
+    recorder = Recorder(TWO, wall=lambda: 1_800_000_000 + now, clock=lambda: now)
+    stream = recorder.begin(header(TWO.task, rules, episode="e", created="20270115T080000Z"))
+    for player in TWO.players:
+        episode.join(player, player, "bot", now)
+    stream += recorder.record(episode.events())
+    for now, what in ((50.25, "tick"), (50.3, "pause"), (54.3, "resume"), (54.6, "tick"),
+                      (54.7, "tick"), (55.0, "tick")):  # fmt: skip
+        arguments = () if what == "tick" else (PauseReason.OPERATOR,)
+        getattr(episode, what)(*arguments, now)
+        stream += recorder.record(episode.events())
+    rows = rows_of(stream)
+    (found,) = rows["episodes"]
+    assert found["started"] == "2027-01-15T08:00:50.000Z"
+    assert found["ended"] == "2027-01-15T08:00:55.000Z"
+    assert found["seconds"] == pytest.approx(found["active_seconds"] + 4)
+    assert (found["grace"], found["chat"]) == (12.5, "phrases")
+    assert json.loads(found["phrases"]) == list(phrases)
+    steps = [(row["t"], row["late_ms"]) for row in rows["steps"] if row["seat"] == 0]
+    assert steps == [(frame["t"], frame.get("late", 0)) for frame in Recording(stream).steps]
+    assert steps[0] == (200, 50)
+
+
 def test_optimal_episode_has_optimality_rate_1() -> None:
     from robotouille import World, load_task
     from robotouille.certification.certificate import load_certificate
-    from robotouille.episode import Episode, Rules
     from robotouille.planning.plan import read_plan
 
     world = World(load_task("training/01_synchronous"))

@@ -23,6 +23,9 @@ from robotouille_data.recorded_seats import ACTIVITIES
 from robotouille_data.schema import EPISODE_SEATS, METADATA, VIEWS
 from tests.support.pages import blocks, read
 from tests.support.random_play import random_stream, write_recordings
+from tests.support.sqlite_answers import answers_without_processes
+
+__all__ = ["answers_without_processes"]
 
 PAGE = read("data.md")
 QUERIES = re.findall(r"```sql\n(.*?)```", PAGE, re.DOTALL)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -144,7 +145,7 @@ def contents(folder: Path) -> str:
     return "\n".join(found)
 
 
-def exported(planted: Path, folder: Path, formats: tuple[str, ...], **options: bool) -> str:
+def exported(planted: Path, folder: Path, formats: tuple[str, ...], **options: Any) -> str:
     request = ExportRequest(tuple(map(ExportFormat, formats)), **options)
     result = export(database_url(None, planted), folder, request)
     assert not result.faults
