@@ -12,10 +12,11 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from robotouille.episode.lifecycle import Stopwatch
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
 from robotouille.replay.container import MAX_FILE, frames_with_ends, is_closed, plain
-from robotouille.replay.file_names import iso_time
+from robotouille.replay.file_names import iso_time, iso_time_of
 from robotouille.replay.frame_schema import check_frame
 from robotouille_data.recorded_seats import (
     ACTIVITIES,
@@ -65,6 +66,9 @@ class RowBuilder:
         self._busy: dict[str, int] = {}
         self._step = self._time = self._number = self._blocking = 0
         self._outcome: Mapping[str, Any] | None = None
+        self._running = Stopwatch()
+        # In milliseconds since 1970; 0 if unknown.
+        self._started = self._ended = 0
 
     # Frames are read without simulating the game: the recorded changes are enough for all rows.
     def add(self, frame: dict[str, Any]) -> None:
@@ -81,6 +85,7 @@ class RowBuilder:
                 self._repeats.begin(frame)
             case "footer":
                 self._outcome = frame["outcome"]
+                self._ended = frame.get("utc_ms", 0)
 
     def _take(self, frame: dict[str, Any]) -> None:
         number, time = frame["step"], _bounded(frame["t"])
@@ -90,6 +95,7 @@ class RowBuilder:
         moves = self._moves(frame)
         turn = self._step % len(self._seats) if self._by_turns else None
         busy, waits = self._busy, frame.get("waits", ())
+        late = _bounded(frame.get("late", 0))
         for player, seat in self._seats.items():
             move = moves.get(player)
             applied = None if move is None else move[2]
@@ -99,7 +105,7 @@ class RowBuilder:
             did = seat.activity(applied, busy.get(player, 0) > 0, others_turn)
             action = (None, None, None, None, None) if move is None else move
             self.steps.append(
-                (self._id, number, seat.number, time, did, seat.controller._value_, *action)
+                (self._id, number, seat.number, time, late, did, seat.controller._value_, *action)
             )
             seat.refused = False
             # A rejected move already counts as blocking in `_moves`; do not count its step twice.
@@ -155,7 +161,12 @@ class RowBuilder:
                 seat.refuse(note, self._occupied)
             case "said" if seat:
                 seat.said += 1
+            case "paused":
+                self._running.stop(note["t"] / 1000)
+            case "resumed" | "restarted":
+                self._running.go_on(note["t"] / 1000)
             case "started":
+                self._started = note.get("utc_ms", 0)
                 # Requests before the start belong to no step: the first step must not count them.
                 for each in self._seats.values():
                     each.refused = False
@@ -177,11 +188,15 @@ class RowBuilder:
         if end is not None and end["steps"] != self._step:
             raise RecordingError(f"{self._step} steps recorded, but the footer has {end['steps']}")
         real_time = rules["clock"] == Clock.REALTIME
+        seconds = self._time / 1000 if end is None else _finite(end["seconds"])
+        grace = rules.get("grace")
         return (
             self._id,
             _clean(header["episode"]),
             "unfinished" if end is None else "ended",
             _clean(iso_time(header["created"])),
+            iso_time_of(self._started) if self._started else None,
+            iso_time_of(self._ended) if self._ended else None,
             _clean(header["software"]),
             _clean(header["task"]["name"]),
             _clean(header["digest"]),
@@ -191,11 +206,15 @@ class RowBuilder:
             _finite(rules["step_rate"]) if real_time and "step_rate" in rules else None,
             _bounded(rules["max_steps"], INT32),
             _clean(str(rules.get("absence", ""))),
+            None if grace is None else _finite(grace),
+            _clean(str(rules.get("chat", "free"))),
+            _json(list(rules.get("phrases", ()))),
             len(self._seats),
             None if end is None else _clean(end["reason"]),
             None if end is None else _clean(end.get("detail", "")),
             self._step,
-            self._time / 1000 if end is None else _finite(end["seconds"]),
+            seconds,
+            _finite(self._running.read(seconds)),
             _clean(header.get("code", "")),
             _clean(header.get("owner", "")),
         )
@@ -338,7 +357,7 @@ def recorded_rows(
             raise RecordingError("no header")
         sought = steps_to_go and rows.success is False
         summary = _summary(rows, steps_left(content) if sought else UNKNOWN)
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise RecordingError(f"inconsistent frames: {error!r}") from None
     yield summary
 

@@ -28,8 +28,8 @@ class Content(Flag):
 COLUMNS: Mapping[str, Mapping[str, Content]] = {
     "episodes": {
         **dict.fromkeys(
-            ("episode", "state", "created", "software", "task", "digest", "timing", "clock",
-             "absence", "reason"),
+            ("episode", "state", "created", "started", "ended", "software", "task", "digest",
+             "timing", "clock", "absence", "chat", "phrases", "reason"),
             Content.NOTHING,
         ),
         "detail": Content.BOTH,
