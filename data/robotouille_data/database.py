@@ -107,8 +107,8 @@ def writing_engine(url: URL) -> Engine:
             engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE")
         )
         return engine
-    # No pool: indexing opens a connection for each group of files, and a pooled connection would
-    # not survive a restart of the database.
+    # There is no pool: indexing opens a connection for each group of files, and a pooled connection
+    # would not survive a restart of the database.
     engine = sa.create_engine(
         url, poolclass=NullPool, connect_args={"connect_timeout": CONNECT_SECONDS}
     )

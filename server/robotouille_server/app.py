@@ -104,7 +104,7 @@ class Server:
             raise RobotouilleError(f"the recordings folder {folder}: {error.strerror}") from None
         self.listener.load_tls()
         self._used_tokens.forget_expired()
-        # Before clients can connect, so that they find their rooms.
+        # This happens before clients can connect, so that they find their rooms.
         self.lobby.recover()
         await self.listener.listen()
         self.lobby.start_patience()
@@ -187,16 +187,16 @@ class Server:
                 self.lobby.suspend(room.id)
                 continue
             try:
-                # One room after the other: an error in one episode must not keep the others from
-                # ending properly.
+                # Each room ends on its own, because an error in one episode must not keep the
+                # others from ending properly.
                 room.abort(reason)
             except Exception:
                 get_logger().exception("the episode failed", episode=room.id)
         for session in list(self.sessions.by_id.values()):
             if session.peer is not None:
                 notice.send(session.peer)
-        # Before the connections are closed: sessions must not be treated as absent while the server
-        # stops.
+        # This happens before the connections are closed, because sessions must not count as absent
+        # while the server stops.
         self.sessions.stop()
         await self.listener.close(reason)
         await self.lobby.closed()

@@ -72,7 +72,7 @@ class HttpPages:
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request; return None to go on with the WebSocket handshake."""
         path = request.path.partition("?")[0]
-        # Before the check for a full server: a full server is healthy, and a restart would end its
+        # This comes before the check for a full server, which is healthy: a restart would end its
         # episodes.
         if path == "/healthz":
             return connection.respond(HTTPStatus.OK, "ok\n")
@@ -132,7 +132,7 @@ class Connections:
 
     async def serve(self, socket: ServerConnection) -> None:
         """Serve a connection after its handshake until it is closed."""
-        # For the type checker: `accept` makes no other connections.
+        # This is for the type checker: `accept` makes no other connections.
         if not isinstance(socket, Connection) or socket.request is None:
             raise TypeError("not a connection of this server")
         services, limiter = self._services, self._services.connection_limiter

@@ -181,7 +181,8 @@ class LoadTest:
         self.process = ServerProcess(pid) if pid is not None else None
 
     async def _try(self) -> None:
-        # One connection first: a wrong address must not show as thousands of failures.
+        # One connection is tried first, so that a wrong address does not show as thousands of
+        # failures.
         one = Participant(Environment(self._uri, token=self._token), "load-test")
         try:
             welcome = await one.introduce()

@@ -171,7 +171,7 @@ def run(
         control=options.control,
     )
     jobs = tuple(plan_jobs(pack, agents, chosen, job_options))
-    # After the jobs are checked: a refused run must not leave a folder behind.
+    # This comes after the check of the jobs, because a refused run must not leave a folder behind.
     if options.pack is None or options.variant == "delay-free":
         write_pack(pack, folder)
     run_folder = _create(out, pack, folder, jobs, options.steps_to_go)

@@ -136,7 +136,7 @@ class CallJournal:
 
     def keep(self, request: ModelRequest, completion: Completion | None) -> None:
         """Record an answer, or None for a too long request, and return when it is on the disk."""
-        # Without validation, which costs time for values that were made here.
+        # The values are not validated, because they were made here and validation costs time.
         call = _Call.model_construct(
             request=digest(request), overflow=completion is None, completion=completion
         )

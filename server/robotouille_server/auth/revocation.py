@@ -67,7 +67,7 @@ class Revocations:
     def ids(self) -> frozenset[str]:
         """Revoked ids. The set is a new object whenever the file has changed."""
         seen = fingerprint(self.path)
-        # One `stat` per check instead of a watcher; the file changes rarely.
+        # Each check costs one `stat`. The file changes rarely, so a watcher is not worth it.
         if seen != self._seen:
             self._seen = seen
             self._reload()

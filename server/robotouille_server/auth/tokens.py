@@ -308,7 +308,7 @@ class Tokens:
         return claims
 
     def _decoded(self, token: str, audience: str, field: str) -> dict[str, Any]:
-        # Before any parsing, so a long text costs nothing.
+        # This check comes before any parsing, so that a long text costs nothing.
         if len(token) > MAX_TOKEN_LENGTH:
             raise _invalid(f"it is longer than {MAX_TOKEN_LENGTH} characters", field)
         try:

@@ -122,7 +122,7 @@ class Transcript:
             if frame["kind"] == "step":
                 self._step = frame["step"]
             steps.append(self._step)
-        # From the end: only the last lines are kept, and each costs the event loop time.
+        # The loop starts at the end, because only the last lines are kept, and each costs time.
         recent: deque[LogLine] = deque()
         for step, frame in zip(reversed(steps), reversed(new.frames), strict=True):
             if len(recent) >= MAX_LINES:

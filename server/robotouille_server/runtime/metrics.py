@@ -148,7 +148,7 @@ class Metrics(Collector):
             "Log lines suppressed because similar lines are too frequent",
             value=self.log_suppressed,
         )
-        # No value without `--mqtt`: the alert on a lost broker must not fire then.
+        # Without `--mqtt` there is no value, so that the alert on a lost broker does not fire.
         yield _known(
             "robotouille_mqtt_connected",
             "1 while the server is connected to the MQTT broker",

@@ -687,8 +687,8 @@ class Episode:
                 self._end(Reason.ABANDONED, now, self._presence.missing())
                 return
             self.resume(why, now)
-        # One call for each participant: with the absence rule `end`, the first departure ends the
-        # game, and the outcome names only that participant.
+        # Each participant leaves by one call: with the absence rule `end`, the first departure ends
+        # the game, and the outcome names only that participant.
         for players in by_holder(self._presence.overdue(now)):
             self.leave(players, now, Departure.LOST)
 

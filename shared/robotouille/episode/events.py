@@ -164,8 +164,8 @@ class RejectionKind(StrEnum):
     @classmethod
     def of(cls, code: str, unmet: Iterable[Unmet], *, heard: bool = True) -> RejectionKind:
         """Return the kind of a rejection; `heard` is False for a request not evaluated."""
-        # Before `heard`: a message that cannot be read was not evaluated either, but it is a
-        # mistake of the participant and counts as one.
+        # This comes before `heard`: an unreadable message was not evaluated either, but it counts
+        # as a mistake of the participant.
         if code == ACTION_UNKNOWN or code.startswith(UNREADABLE):
             return cls.MALFORMED
         if not heard:

@@ -272,7 +272,8 @@ class EpisodeRecord:
             case Moderation.BANNED:
                 self.banned |= {session, participant} - {""}
             case Moderation.MUTED:
-                # By participant if possible, so that a new session does not end the mute.
+                # The key is the participant if possible, so that a new session does not end the
+                # mute.
                 self.muted.add(participant or session)
             case Moderation.UNMUTED:
                 self.muted.discard(participant or session)

@@ -255,7 +255,7 @@ def eliminate_actions(plan: Plan, start: State) -> Plan:
     """Return the plan without actions that are not needed to reach the goal in time."""
     steps = list(plan.steps)
     states = _run(steps, start)
-    # From the end, so that an action is removed after the later ones that needed it.
+    # The loop starts at the end, so that an action is removed after the later ones that needed it.
     for number in reversed(range(len(steps))):
         for action in reversed(steps[number]):
             shorter = tuple(a for a in steps[number] if a is not action)

@@ -164,7 +164,8 @@ def validated(plain: dict[str, Any], adapter: TypeAdapter[T]) -> T:
     try:
         return adapter.validate_python(plain)
     except ValidationError as error:
-        # No local variable: an error in a frame of its own traceback is a reference cycle.
+        # No local variable holds the error, because an error in a frame of its own traceback is a
+        # reference cycle.
         raise _refused(error, plain) from None
 
 

@@ -376,7 +376,7 @@ def _end_of_frame(stream: bytes, position: int) -> tuple[int, str]:
     if start > len(stream):
         return position, "it ends within a frame"
     length, checksum = _LENGTH_AND_SUM.unpack_from(stream, position)
-    # Before the length is used, as it may be wrong and name gigabytes.
+    # This check comes before the length is used, because a wrong length may mean gigabytes.
     if _SUM.unpack_from(stream, position + 8)[0] != zlib.crc32(stream[position : position + 8]):
         return position, "the checksum of a frame's length does not match"
     if not 0 < length <= MAX_FRAME:

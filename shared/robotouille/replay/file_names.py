@@ -11,7 +11,7 @@ CLOSED = ".rbt"
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _BASIC_TIME = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")
-# No path separators: the operator page takes these names from requests.
+# The pattern has no path separators, because the operator page takes these names from requests.
 _SAFE_NAME = re.compile(r"[A-Za-z0-9_.-]+\.rbt(\.part)?")
 
 

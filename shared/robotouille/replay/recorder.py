@@ -217,7 +217,8 @@ def step_frames(
     frame = {"kind": "step", "step": step, **rows}
     if unmet := unmet_rows(attempts):
         frame["unmet"] = unmet
-    # After the given fields: the order of the keys is part of the bytes that verification compares.
+    # These come after the given fields, because the order of the keys is part of the bytes that
+    # verification compares.
     frame |= writer.changes(*states)
     if step % HASH_EVERY == 0:
         frame["hash"] = writer.digest(states[1])

@@ -124,7 +124,7 @@ def _length(pause: Stillness) -> str:
 
 
 def _interlude_words(pause: Stillness) -> str:
-    # For viewers: whole seconds, and no reason for the player's own pause.
+    # Viewers see whole seconds, and no reason for the player's own pause.
     seconds = None if pause.seconds is None else max(1, round(pause.seconds))
     words = f"Paused {_length(replace(pause, seconds=seconds))}"
     return words if pause.holds == ("player",) else f"{words}: {_reasons(pause.holds)}"

@@ -439,7 +439,7 @@ class World(GroundTask):
         self._make_room_for(state.facts, MAX_CREATED)
         if state.facts.bit_length() > len(self.table.atoms):
             raise WrongWorldError(
-                f"facts of another world, or of over {MAX_CREATED} created objects of a kind"
+                f"facts of another world, or more than {MAX_CREATED} created objects of a kind"
             )
         return self.restore(*state)
 

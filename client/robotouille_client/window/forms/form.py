@@ -223,7 +223,8 @@ class Form:
             return
         # A row that is cut off would scroll when focused, and so move away from the mouse.
         found = self._list.row_at(pos, whole=True)
-        # Without `_give_focus`, because a field must not select its text when the mouse passes.
+        # This does not use `_give_focus`, because a field must not select its text when the mouse
+        # passes.
         if found is not None and self.rows[found[1]].focusable:
             self._focus = found[1]
 

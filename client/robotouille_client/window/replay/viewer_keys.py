@@ -137,7 +137,7 @@ class ViewerKeys:
         key, shift, due = self._held
         now = self._now()
         if now >= due:
-            # After a slow frame, missed repetitions are not made up for.
+            # After a slow frame, missed repetitions of the key are skipped.
             self._held = (key, shift, max(due + REPEAT_EVERY, now))
             self._go(key, shift=shift)
 

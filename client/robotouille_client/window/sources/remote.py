@@ -232,7 +232,8 @@ class RemoteSource(GameSource):
 
     def _take_step(self, event: StateChanged) -> None:
         """Queue a new step or snapshot to be shown."""
-        # Without a clock there is nothing to smooth. A rate the screen cannot show counts as none.
+        # Without a clock there is nothing to smooth. The same applies to a rate that the screen
+        # cannot show.
         period = self._period()
         self._shown = ShownStep(event.step, event.state, event.previous)
         if period is None:
