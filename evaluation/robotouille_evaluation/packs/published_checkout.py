@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,9 @@ TRAINING = ("synchronous_train", "asynchronous_train")
 SEEDS = tuple(range(42, 421, 42))
 """Seeds of the paper's instances, which include the seeds of every experiment."""
 
+MAX_FILES = 500
+"""Maximum number of files of a kind in a folder."""
+
 Progress = Callable[[int, int], None]
 """Called with the number of generated instances and of all."""
 
@@ -69,8 +73,16 @@ class _Reading:
     faults: list[str] = field(default_factory=list)
 
     def files(self, folder: str, pattern: str) -> list[Path]:
-        """Return the files of a folder. Missing folders and links out of the checkout are noted."""
-        found = sorted(path for path in (self.root / folder).rglob(pattern) if is_file(path))
+        """Return the files of a folder. Missing folders and links out of the checkout are noted.
+
+        Raises:
+            FileError: The folder has more than `MAX_FILES` such files.
+        """
+        files = (path for path in (self.root / folder).rglob(pattern) if is_file(path))
+        found = sorted(islice(files, MAX_FILES + 1))
+        if len(found) > MAX_FILES:
+            fault = Fault("", f"has more than {MAX_FILES:,} files {pattern}")
+            raise FileError(str(self.root / folder), [fault])
         if not found:
             self.missing.append(folder)
         return [path for path in found if self._is_inside(path)]
@@ -94,7 +106,8 @@ def read_checkout(
     """Read a checkout and generate free and noisy instances of each task for each seed.
 
     Raises:
-        FileError: The folder is not a checkout, or one of an unknown version.
+        FileError: The folder is not a checkout, is one of an unknown version, or has too many
+            files.
         MissingExtraError: PyYAML is not installed.
     """
     raw_domain = _domain(root)

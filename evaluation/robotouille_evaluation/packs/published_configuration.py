@@ -179,6 +179,15 @@ MAX_CHARACTERS = 1_000_000
 MAX_DEPTH = 50
 """Deepest nesting of lists and mappings."""
 
+MAX_EVENTS = 10_000
+"""Maximum number of values, lists and mappings in a YAML file. PyYAML parses some thousand a
+second."""
+
+SEXAGESIMAL = re.compile(r"[-+]?[\d_.]*:[\d_.:]*")
+MAX_NUMBER = 100
+"""Maximum number of characters of a number such as `1:30:00`, whose digits PyYAML sums up one by
+one."""
+
 MAX_INTEGER = 2**63 - 1
 MAX_QUOTED = 100
 """Maximum number of characters of a value in an error."""
@@ -188,8 +197,8 @@ def read_yaml(path: Path, root: Path) -> dict[str, Any]:
     """Return the mapping in a YAML file below `root`, which may contain plain values only.
 
     Raises:
-        FileError: The file cannot be read, leads outside, is not a mapping, or has aliases. A few
-            lines of aliases can expand to more than memory can hold.
+        FileError: The file cannot be read, leads outside, is not a mapping, is too long, or has
+            aliases. A few lines of aliases can expand to more than memory can hold.
         MissingExtraError: PyYAML is not installed.
     """
     return _parsed(path, read_text(path, root))
@@ -204,7 +213,14 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
         raise MissingExtraError("reading a published checkout", "bench") from None
     try:
         depth = 0
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        for number, event in enumerate(yaml.parse(text, Loader=yaml.SafeLoader)):
+            if number > MAX_EVENTS:
+                _fail(path, f"contains more than {MAX_EVENTS:,} values")
+            if isinstance(event, yaml.ScalarEvent) and _is_endless(event.value):
+                _fail(
+                    path,
+                    f"{_place(event.start_mark)}a number has more than {MAX_NUMBER} characters",
+                )
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if isinstance(event, yaml.AliasEvent):
@@ -220,6 +236,10 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         _fail(path, f"expected settings by name, found {type(value).__name__}")
     return value
+
+
+def _is_endless(text: str) -> bool:
+    return len(text) > MAX_NUMBER and SEXAGESIMAL.fullmatch(text) is not None
 
 
 def read_experiment(conf: Path, path: Path) -> Experiment | None:

@@ -78,6 +78,9 @@ def chain(times: int, length: int) -> str:
         (f"a: {'[' * 60}{']' * 60}\n", "nested more than 50 levels"),
         (f"a: {'[' * 5000}\n", "nested more than 50 levels"),
         (f"a: 0x{'f' * 9000}\n", ""),
+        (f"b: 1\na: {':'.join('1' * 100_000)}\n", "line 2: a number has more than 100 char"),
+        ("".join(f"{n}: 1\n" for n in range(100_000)), "more than 10,000 values"),
+        (f"a: [{'1,' * 400_000}]\n", "more than 10,000 values"),
         (EXPERIMENT + f"  huge: 0x{'f' * 9000}\n", "more than 64 bits"),
         (EXPERIMENT + f"  0x{'f' * 900}: 1\n", "more than 64 bits"),
         (chain(10, 15), "longer than 1,000,000 characters"),
@@ -89,6 +92,15 @@ def test_growing_settings_are_refused(tmp_path: Path, text: str, words: str) -> 
     found = faults(tmp_path, {PLAIN: text})
     assert words in found
     assert len(found) < 1000
+
+
+def test_number_of_files_is_limited(tmp_path: Path) -> None:
+    root = write_checkout(tmp_path)
+    folder = root / "environments/env_generator/examples/synchronous"
+    for number in range(501):
+        (folder / f"{number}_copy.json").touch()
+    with pytest.raises(FileError, match=r"synchronous: has more than 500 files \*\.json"):
+        read_checkout(root)
 
 
 PUBLISHED = (
