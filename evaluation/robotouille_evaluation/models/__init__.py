@@ -18,7 +18,7 @@ from robotouille_evaluation.models.model import (
     Usage,
 )
 from robotouille_evaluation.models.openai_compatible import Endpoint, OpenAICompatibleModel
-from robotouille_evaluation.models.responses import Prices
+from robotouille_evaluation.models.prices import Prices
 from robotouille_evaluation.models.scripted import (
     AnswerForm,
     AnswerKind,

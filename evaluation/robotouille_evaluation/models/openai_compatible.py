@@ -20,13 +20,12 @@ from robotouille_evaluation.models.model import (
     ModelRequest,
     Usage,
 )
+from robotouille_evaluation.models.prices import Prices, listed_cost
 from robotouille_evaluation.models.responses import (
     ModelAnswer,
-    Prices,
     encodable,
     error_of_status,
     excerpt,
-    listed_cost,
     read_completion,
     read_json,
 )

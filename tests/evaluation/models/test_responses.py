@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from robotouille.errors import WrongArgumentError
 from robotouille_evaluation.models import ModelError, Prices
+from robotouille_evaluation.models.prices import listed_cost
 from robotouille_evaluation.models.responses import (
     MAX_ANSWER_BYTES,
     error_of_status,
-    listed_cost,
     read_completion,
     read_json,
     secrets_in,

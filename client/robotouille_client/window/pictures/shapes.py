@@ -16,6 +16,7 @@ from robotouille_client.window.pictures.theme import (
     CARD,
     INK,
     PAPER,
+    RIM,
     SEATS,
     TEXT,
     Colour,
@@ -80,7 +81,6 @@ _shared = PictureCache()
 RING_STEPS = 48
 DIAL_STEPS = 360
 _FINE = 4
-_RIM: Colour = (104, 92, 92)
 
 
 @kept
@@ -161,7 +161,7 @@ def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Su
     large = pygame.Surface((size * _FINE, size * _FINE), pygame.SRCALPHA)
     middle, radius = (size * _FINE // 2, size * _FINE // 2), size * _FINE // 2
     pygame.draw.circle(large, INK, middle, radius)
-    pygame.draw.circle(large, _RIM, middle, round(radius * 0.93))
+    pygame.draw.circle(large, RIM, middle, round(radius * 0.93))
     _sector(large, steps / RING_STEPS, colour, 0.93)
     pygame.draw.circle(large, PAPER, middle, round(radius * 0.64))
     surface = pygame.transform.smoothscale(large, (size, size))

@@ -24,6 +24,7 @@ TICKED: Colour = (222, 240, 212)
 REASON: Colour = (152, 52, 46)
 REASON_EDGE: Colour = (206, 74, 62)
 ABSENT: Colour = (96, 90, 100)
+RIM: Colour = (104, 92, 92)
 
 # Seat colours. They differ in lightness, which deuteranopia and protanopia leave intact.
 SEATS: tuple[Colour, ...] = (
