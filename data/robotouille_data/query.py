@@ -229,8 +229,8 @@ def _asking_postgresql(connection: Connection, query: str, seconds: float) -> It
             "queries of a superuser could change files and settings of the database server; "
             "connect as a role that only reads (docs/data.md)"
         )
-    # The query may change this limit with `set_config`, so `_cancelling` enforces it, too. The
-    # limit ends a query whose client has died.
+    # The query may change this limit with `set_config`, so `_cancelling` enforces it, too. This
+    # limit is for queries whose client has died.
     most = min(int((seconds + AGAIN_SECONDS) * 1000), MAX_TIMEOUT)
     connection.exec_driver_sql(f"SET LOCAL statement_timeout = {most}")
     connection.exec_driver_sql("SET TRANSACTION READ ONLY")
@@ -253,9 +253,9 @@ def _asking_postgresql(connection: Connection, query: str, seconds: float) -> It
 
 @contextmanager
 def _cancelling(driver: Any, seconds: float) -> Iterator[Callable[[], None]]:
-    """Cancel all statements of a connection that run after a time.
+    """Cancel the statements of a connection that still run after a time limit.
 
-    Yields a function that raises UnavailableError if the time is over. A cancellation between two
+    Yields a function that raises UnavailableError after the limit. A cancellation between two
     statements has no effect, so call it before each statement.
     """
     late, ended = threading.Event(), threading.Event()
@@ -364,7 +364,7 @@ def select_episodes(
         for name, value in (labels or {}).items():
             check_label(connection, name, value)
         reasons = ", ".join(f"{count} by {name}" for name, count in left_out.items() if count)
-        raise CatalogueError(f"no episode is left{f': left out {reasons}' if reasons else ''}")
+        raise CatalogueError(f"no episode is left{f'; removed {reasons}' if reasons else ''}")
     return Selection(tuple(sorted(found)), left_out)
 
 

@@ -59,7 +59,7 @@ class McpSession:
 
 @dataclass(slots=True)
 class _Answer:
-    """What the response of a request tells about its session."""
+    """Response to a request, with the session that it names."""
 
     send: Send
     status: int = 500
