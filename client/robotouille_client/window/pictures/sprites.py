@@ -175,7 +175,7 @@ class Sprites:
                 self._sharp[path] = sharp_side(path.read_bytes())
             except OSError:
                 return False
-        return size > self._sharp[path] * _AT_ONCE**0.5
+        return size * size > self._sharp[path] * self._sharp[path] * _AT_ONCE
 
     def _draw_later(self, path: Path, size: int) -> None:
         # Requests are not queued, because the next frame repeats those that are still needed.
