@@ -53,9 +53,10 @@ RECEIVED = (
         server="robotouille 0.1.0",
         session="aba0e01e30731b84",
         resume=RESUME,
-        role="player",
+        role="host",
         grace=30.0,
         readiness=True,
+        workers=[m.WorkerAddress(port=8766), m.WorkerAddress(port=8767)],
     ),
     m.Episodes(
         ref=1,

@@ -23,6 +23,7 @@ from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
+from robotouille_client.sansio.addresses import moved_url
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.client_state import ClientState, Request, RequestDone
 from robotouille_client.sockets import connection_error, open_socket, server_uri
@@ -94,6 +95,15 @@ class Client:
     def role(self) -> str:
         """The role that the server granted: operator, host, player or spectator."""
         return self.protocol.role
+
+    @property
+    def worker_urls(self) -> list[str]:
+        """The addresses of the server's processes; for hosts and operators, if there are several.
+
+        Raises:
+            UntrustedRedirectError: An address is on another host, or drops TLS.
+        """
+        return [moved_url(self.url, worker) for worker in self.protocol.workers]
 
     @property
     def game(self) -> Game | None:

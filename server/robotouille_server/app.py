@@ -74,6 +74,7 @@ class Server:
             code_guesses=CodeGuessLimiter(),
             loop_budget=loop_budget,
             shutdown=self.shutdown,
+            worker=self.worker,
         )
         pages = HttpPages(settings, self._full, self._metrics_page)
         self.connections = Connections(self.services, self.admission, pages, self._disconnected)

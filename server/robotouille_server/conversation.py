@@ -7,7 +7,7 @@ import asyncio
 from robotouille.errors import ProtocolError
 from robotouille.installation import RELEASE
 from robotouille.protocol import messages
-from robotouille_server.auth import CountedConnection, TooManyConnectionsError, counted_as
+from robotouille_server.auth import CountedConnection, Role, TooManyConnectionsError, counted_as
 from robotouille_server.requests import Requests, Services, unheard
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.budgets import COSTS, PACED, FloodError, MessageBudget
@@ -227,6 +227,7 @@ class Conversation:
             role=session.role.value,
             grace=room.episode.rules.grace if room is not None else services.settings.grace,
             readiness=True,
+            workers=services.worker.addresses() if session.role.includes(Role.HOST) else [],
         )
         self.peer.send(welcome)
         if resumed:

@@ -29,7 +29,7 @@ from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskAssets
-from robotouille_server.runtime.workers import ElsewhereError
+from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot
 from robotouille_server.transport import LoopBudget, Peer
 
 DAY_SECONDS = 86_400.0
@@ -72,6 +72,7 @@ class Services:
     code_guesses: CodeGuessLimiter
     loop_budget: LoopBudget
     shutdown: Shutdown
+    worker: WorkerSlot
 
     def seat_tokens(
         self, room: Room, participants: Mapping[str, str], owner: str

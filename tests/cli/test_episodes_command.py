@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from robotouille_client.cli.episodes import (
 )
 from robotouille_client.cli.main import app
 from tests.support.server_process import server_process
+from tests.support.worker_processes import workers
 
 TABLE = """task,clock,seats,label.condition,label.pair,shown_as.robot2,delay_ms.robot1,chat,phrases
 multi_agent/01,realtime,2,bot,p1,human,250,phrases,Yes|No
@@ -105,6 +107,27 @@ def test_listed_names_are_no_formulas() -> None:
     )  # fmt: skip
     row = listed_row(info, datetime.now(UTC))
     assert (row["detail"], row["label.group"]) == ("'=cmd() left", "'@a")
+
+
+@pytest.mark.process
+def test_commands_reach_all_workers(tmp_path: Path) -> None:
+    rows = "".join(f"multi_agent/01,{'ab'[number % 4 > 1]}\n" for number in range(8))
+    path, opened = table(tmp_path, f"task,label.group\n{rows}"), tmp_path / "opened.csv"
+    with workers(tmp_path / "recordings", 2) as (_, port):
+
+        def run(*words: str) -> str:
+            done = CliRunner().invoke(app, ["episodes", *words, "--url", f"ws://127.0.0.1:{port}"])
+            assert done.exit_code == 0, done.output
+            return done.stderr.strip()
+
+        assert run("open", str(path), "--out", str(opened)) == "8 opened"
+        codes = closed_codes(opened)
+        assert Counter(code[0] for code in codes) == {"A": 4, "B": 4}
+        assert run("list", "--label", "group=a") == "4 episodes"
+        assert run("close", "--label", "group=a") == "4 closed"
+        assert run("close", codes[2], codes[3]) == "2 closed"
+        assert run("close", "--from", str(opened)) == "2 closed"
+        assert run("list", "--closed") == "8 episodes"
 
 
 @pytest.mark.process

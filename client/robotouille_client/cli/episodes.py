@@ -8,7 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import IO, Annotated, Any, TypeVar
@@ -268,7 +268,7 @@ def open_(
     rows, requests = read_requests(table, open_for=seconds(open_for), tokens=tokens)
     opened: list[dict[str, Any]] = []
 
-    async def open_all(client: Client) -> None:
+    async def open_all(clients: Sequence[Client]) -> None:
         def record(at: int, created: messages.Created) -> None:
             signed = {f"token.{player}": each for player, each in created.tokens.items()}
             names = {"code": created.code, "episode": created.episode}
@@ -276,7 +276,7 @@ def open_(
 
         async def create(line: int, request: messages.Create) -> messages.Created:
             try:
-                return await _create(client, request)
+                return await _create(clients[line % len(clients)], request)
             except ProtocolError as error:
                 raise TableError(f"{table}: line {line}: {explain(error)}") from None
 
@@ -284,7 +284,7 @@ def open_(
         await _each(lines, lambda row: create(*row), record, "opened")
 
     try:
-        _with_client(url, token, open_all)
+        _with_clients(url, token, open_all)
     except RobotouilleError as error:
         if opened:
             tell(f"{len(opened)} of {len(rows)} episodes are open and were written", err=True)
@@ -308,7 +308,11 @@ def list_(
 ) -> None:
     """List the episodes of a server as CSV."""
     labels = _labels(label)
-    found = _with_client(url, token, lambda client: client.episodes(labels, closed=closed))
+
+    async def list_all(clients: Sequence[Client]) -> list[messages.EpisodeInfo]:
+        return [one for _, one in await _listed(clients, labels, closed=closed)]
+
+    found = _with_clients(url, token, list_all)
     if found:
         now = datetime.now(UTC)
         write_table([listed_row(one, now) for one in found], out, secret=False)
@@ -339,19 +343,29 @@ def close(
     if not (named or labels or listed):
         fail("name the episodes: codes, --from FILE or --label NAME=VALUE", 2)
 
-    async def close_all(client: Client) -> int:
-        wanted = list(named)
+    async def close_all(clients: Sequence[Client]) -> int:
+        # A process redirects clients that name an episode of another one, which is slow for many.
+        known = await _listed(clients, {}) if named and len(clients) > 1 else []
+        homes = {name: client for client, one in known for name in (one.code, one.episode)}
+        wanted = [(homes.get(code, clients[0]), code) for code in named]
         if labels or listed:
-            for one in await client.episodes(labels):
+            for client, one in await _listed(clients, labels):
                 chosen = not listed or one.code in listed or one.episode in listed
                 if chosen and (one.phase == "waiting" or (playing and one.phase != "ended")):
-                    wanted.append(one.episode)
+                    wanted.append((client, one.episode))
         await _each(
-            wanted, lambda code: client.close_episode(code, reason), lambda *_: None, "closed"
+            wanted, lambda each: each[0].close_episode(each[1], reason), lambda *_: None, "closed"
         )
         return len(wanted)
 
-    tell(f"{_with_client(url, token, close_all)} closed", err=True)
+    tell(f"{_with_clients(url, token, close_all)} closed", err=True)
+
+
+async def _listed(
+    clients: Sequence[Client], labels: Mapping[str, str], *, closed: bool = False
+) -> list[tuple[Client, messages.EpisodeInfo]]:
+    """Return the episodes of all clients' processes, each with its client."""
+    return [(each, one) for each in clients for one in await each.episodes(labels, closed=closed)]
 
 
 async def _create(client: Client, request: messages.Create) -> messages.Created:
@@ -389,9 +403,19 @@ def _labels(pairs: list[str] | None) -> Mapping[str, str]:
     return dict(name_and_value(pair, "--label") for pair in pairs or ())
 
 
-def _with_client(url: str, token: str | None, work: Callable[[Client], Awaitable[T]]) -> T:
+def _with_clients(
+    url: str, token: str | None, work: Callable[[Sequence[Client]], Awaitable[T]]
+) -> T:
+    """Run `work` with a client for each process of the server."""
+
     async def main() -> T:
-        async with connect(url, name=NAME, kind="bot", token=token, reconnect=False) as client:
-            return await work(client)
+        async with AsyncExitStack() as stack:
+
+            async def client(url: str) -> Client:
+                connected = connect(url, name=NAME, kind="bot", token=token, reconnect=False)
+                return await stack.enter_async_context(connected)
+
+            first = await client(url)
+            return await work([await client(each) for each in first.worker_urls] or [first])
 
     return asyncio.run(main())

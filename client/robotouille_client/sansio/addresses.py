@@ -14,8 +14,8 @@ from robotouille_client.errors import UntrustedRedirectError
 FIRST_DELAY, MAX_DELAY = 0.1, 5.0
 
 
-def moved_url(url: str, moved: messages.Moved) -> str:
-    """Return the address of the server process named by a `moved` message.
+def moved_url(url: str, moved: messages.Moved | messages.WorkerAddress) -> str:
+    """Return the address of the server process that a message names.
 
     Raises:
         UntrustedRedirectError: The address is on another host, or drops TLS.

@@ -71,6 +71,7 @@ class ClientProtocol(Generic[G]):
         welcomed: True if a server has ever welcomed the client.
         resumed: True if the last welcome continued the session of the connection before.
         readiness: True if the server supports `ready`.
+        workers: Addresses of the server's processes, for hosts and operators, if there are several.
         farewell: The reason why the client is CLOSED; empty if its owner closed it.
     """
 
@@ -94,6 +95,7 @@ class ClientProtocol(Generic[G]):
         self.resume = resume
         self.role = ""
         self.readiness = False
+        self.workers: tuple[messages.WorkerAddress, ...] = ()
         self.game: G | None = None
         self.membership: messages.Join | None = None
         self.connect_at = 0.0
@@ -395,7 +397,7 @@ class ClientProtocol(Generic[G]):
             if pending.sent and not isinstance(pending.request, messages.Create):
                 self._first.append(pending.request)
         self.resume, self.role = welcome.resume, welcome.role
-        self.readiness = welcome.readiness
+        self.readiness, self.workers = welcome.readiness, tuple(welcome.workers)
         self.resumed = welcome.resumed
         self._online_since, self.welcomed, self._moves = now, True, 0
         # The connection works again, so the next loss starts with a short delay.

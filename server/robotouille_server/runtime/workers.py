@@ -93,8 +93,16 @@ class WorkerSlot:
         else:
             return
         if home != self.index:
-            url = self.url.replace("{worker}", str(home))
-            raise ElsewhereError(name, self.first_port + home, url)
+            raise ElsewhereError(name, *self._address(home))
+
+    def addresses(self) -> list[messages.WorkerAddress]:
+        """Return the addresses of all workers; empty if there is only one."""
+        workers = range(self.count) if self.count > 1 else ()
+        found = map(self._address, workers)
+        return [messages.WorkerAddress(port=port, url=url) for port, url in found]
+
+    def _address(self, worker: int) -> tuple[int, str]:
+        return self.first_port + worker, self.url.replace("{worker}", str(worker))
 
     def _of_id(self, episode: str) -> int:
         try:

@@ -267,6 +267,13 @@ class OutcomeRow(TypedDict, total=False):
     seats: Annotated[list[TallyRow], Field(description="Counts for each seat, in seat order.")]
 
 
+class WorkerAddress(FromServer):
+    """The address of one of a server's processes."""
+
+    port: int = Field(description="The process's port on the same host.")
+    url: str = Field(default="", description="The address to connect to instead of `port`, if set.")
+
+
 class EpisodeInfo(FromServer):
     """An episode in the answer to `list`."""
 

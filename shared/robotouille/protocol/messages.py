@@ -62,6 +62,7 @@ from robotouille.protocol.message_parts import (
     Token,
     View,
     Why,
+    WorkerAddress,
 )
 from robotouille.world.text import MAX_SENTENCE
 
@@ -116,6 +117,7 @@ __all__ = [
     "View",
     "Welcome",
     "Why",
+    "WorkerAddress",
     "client_messages",
     "server_messages",
 ]
@@ -432,6 +434,11 @@ class Welcome(FromServer):
     grace: float = Field(description="Seconds for which the seat of a lost connection is kept.")
     readiness: bool = Field(
         default=False, description="True if the server supports `ready`, also in `join`."
+    )
+    workers: list[WorkerAddress] = Field(
+        default=[],
+        description="For hosts and operators of a server with several processes: all of them. "
+        "Each opens, lists and closes only its own episodes.",
     )
 
 
