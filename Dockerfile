@@ -1,7 +1,7 @@
 FROM python:3.13.7-slim-bookworm AS build
 WORKDIR /src
 # By name: recordings and keys that lie beside them are not to get into an image.
-COPY pyproject.toml README.md LICENSE ./
+COPY pyproject.toml requirements-image.lock README.md LICENSE ./
 COPY shared shared
 COPY server server
 COPY client client
@@ -11,7 +11,10 @@ COPY assets assets
 COPY domains domains
 COPY problems problems
 COPY renderings renderings
-RUN python -m venv /opt/robotouille && /opt/robotouille/bin/pip install --no-cache-dir '.[operator,data,mqtt]'
+# The lock file has the extras operator, data and mqtt, and the build backend.
+RUN python -m venv /opt/robotouille \
+    && /opt/robotouille/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements-image.lock \
+    && /opt/robotouille/bin/pip install --no-cache-dir --no-deps --no-build-isolation .
 
 FROM python:3.13.7-slim-bookworm
 RUN groupadd --gid 10001 robotouille \

@@ -13,7 +13,12 @@ SEEDS ?= 0:2000
 HOSTILE ?= 1000000
 AGREEMENT ?= 10000000
 
-.PHONY: help install demo test test-all nightly check docs bench format clean
+UV := 0.13.9
+COMPILE := $(BIN)/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes \
+	--no-annotate --no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' \
+	pyproject.toml --group build
+
+.PHONY: help install demo test test-all nightly check docs bench format lock clean
 
 help:  ## List the targets
 	@sed -nE 's/^([a-z-]+):.*## (.*)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -24,7 +29,12 @@ $(STAMP): pyproject.toml
 		{ echo "Python 3.11 or newer is required; choose one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
+ifdef LOCKED
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+else
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --group dev
+endif
 	@touch $@
 
 install: $(STAMP)  ## Install everything into .venv; every other target does this too
@@ -67,6 +77,11 @@ bench: $(STAMP)  ## Measure the hot paths and the server on this machine
 format: $(STAMP)  ## Fix what ruff can fix
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+lock: $(STAMP)  ## Renew the locked versions of CI and the image from pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv==$(UV)
+	$(COMPILE) --extra all --group dev --group docs --output-file requirements.lock
+	$(COMPILE) --extra operator --extra data --extra mqtt --output-file requirements-image.lock
 
 clean:  ## Remove everything that was built or installed
 	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -7,9 +7,13 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 from robotouille_server import ServerSettings
 from tests.support.compose import compose
@@ -50,14 +54,20 @@ def test_image_contains_only_build_inputs() -> None:
     wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
     folders = {path.split("/")[0] for path in (*wheel["packages"], *wheel["force-include"])}
     project = PROJECT["project"]
-    files = {"pyproject.toml", project["readme"], *project["license-files"]}
+    files = {
+        "pyproject.toml",
+        "requirements-image.lock",
+        project["readme"],
+        *project["license-files"],
+    }
     assert copied == folders | files
     assert all((ROOT / name).exists() for name in copied)
 
 
 def test_image_contains_programs_of_the_lab() -> None:
-    (extras,) = re.findall(r"pip install --no-cache-dir '\.\[(.*)\]'", DOCKER)
-    assert set(extras.split(",")) == {"operator", "data", "mqtt"}
+    locked = pins("requirements-image.lock")
+    for extra in ("operator", "data", "mqtt"):
+        assert not missing(PROJECT["project"]["optional-dependencies"][extra], locked)
 
 
 def test_container_is_not_root_and_base_image_is_pinned() -> None:
@@ -75,3 +85,57 @@ def test_settings_of_the_image_exist() -> None:
     assert settings.keys == settings.state_folder / "keys.json"
     (ports,) = re.findall(r"^EXPOSE (.*)$", DOCKER, re.MULTILINE)
     assert ports.split() == [str(settings.port), str(settings.port + 1)]
+
+
+# Lock files
+
+
+def pins(lock: str) -> dict[str, list[Version]]:
+    """Return the versions of each package in a lock file; markers may select one of several."""
+    found: dict[str, list[Version]] = {}
+    for line in (ROOT / lock).read_text(encoding="utf-8").splitlines():
+        if not line.startswith(("#", " ")):
+            name, version = line.removesuffix("\\").split(";")[0].strip().split("==")
+            found.setdefault(canonicalize_name(name), []).append(Version(version))
+    return found
+
+
+def missing(
+    requirements: Iterable[str | dict[str, str]], locked: dict[str, list[Version]]
+) -> list[str]:
+    """Return the requirements that a lock file does not meet."""
+    named = [Requirement(each) for each in requirements if isinstance(each, str)]
+    return [
+        str(each)
+        for each in named
+        if each.name != "robotouille"
+        and not any(
+            version in each.specifier for version in locked.get(canonicalize_name(each.name), ())
+        )
+    ]
+
+
+def test_lock_files_meet_the_requirements() -> None:
+    """Run `make lock` after a change to `pyproject.toml`."""
+    project, groups = PROJECT["project"], PROJECT["dependency-groups"]
+    extras = project["optional-dependencies"]
+    (everything,) = extras["all"]
+    for lock, needed in {
+        "requirements.lock": [
+            *(extras[name] for name in Requirement(everything).extras),
+            *(groups[name] for name in ("build", "dev", "docs")),
+        ],
+        "requirements-image.lock": [groups["build"]],
+    }.items():
+        locked = pins(lock)
+        assert not [
+            each for part in (project["dependencies"], *needed) for each in missing(part, locked)
+        ]
+
+
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-image.lock"])
+def test_lock_files_pin_hashes_and_no_addresses(lock: str) -> None:
+    text = (ROOT / lock).read_text(encoding="utf-8")
+    assert "://" not in text and "--index" not in text and "--find" not in text
+    entries = re.split(r"\n(?! )", text.strip())
+    assert all("==" in each and "--hash=sha256:" in each for each in entries if each[0] != "#")
