@@ -13,7 +13,7 @@ from tests.support.sqlite_answers import answers_without_processes
 __all__ = ["answers_without_processes"]
 
 OWNER = "owner"
-"""Role that owns the catalogue and is no superuser."""
+"""Role that owns the catalogue without being a superuser."""
 
 
 @pytest.fixture(scope="session")
