@@ -657,7 +657,7 @@ class Episode:
         """Let time pass: take due steps, end expired pauses and free the seats of lost players."""
         record = self.record
         if self.pauses.until or not self._presence.complete:
-            self._tick_absence(now)
+            self._end_expired_pauses(now)
         if record.starts_at is not None and now >= record.starts_at:
             self._start(now)
         scheduled = record.clock.scheduled
@@ -679,7 +679,7 @@ class Episode:
         for _ in self._submissions.release(now):
             self._take_decided_steps(now)
 
-    def _tick_absence(self, now: float) -> None:
+    def _end_expired_pauses(self, now: float) -> None:
         for why in self.pauses.expired(now):
             # Only these two reasons end the game when they expire. After any other reason, the
             # absence rule applies to participants who are not back.

@@ -85,7 +85,7 @@ class Overlays:
             # Badges at one place stand side by side.
             x = spot[0] - taken[spot] * side * 0.95
             taken[spot] += 1
-            yield self._badge(target, row, share, (round(x), round(spot[1])), side)
+            yield self._progress_ring(target, row, share, (round(x), round(spot[1])), side)
 
     def _spot(
         self, layout: Layout, row: Progress, stage: SceneSprites, poses: dict[str, Pose]
@@ -101,7 +101,7 @@ class Overlays:
         x, y = layout.corner(placed.tile)
         return x + 0.8 * layout.tile, y + 0.12 * layout.tile
 
-    def _badge(
+    def _progress_ring(
         self,
         target: pygame.Surface,
         row: Progress,
