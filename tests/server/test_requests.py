@@ -310,7 +310,7 @@ async def test_repeated_action_is_answered_by_a_snapshot_and_applied_once(tmp_pa
 @pytest.mark.parametrize(
     ("basis", "told"),
     [
-        (None, "a position needs 'basis', the step of its list; the current step is 1"),
+        (None, "an index needs 'basis', the step of the list; the current step is 1"),
         (0, "step 0 has passed; the current step is 1"),
         (99, "step 99 has not begun; the current step is 1"),
     ],

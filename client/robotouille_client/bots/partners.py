@@ -1,4 +1,4 @@
-"""Bots that play next to a person in a local game, in this process or in one of their own.
+"""Bots that play next to a person in a local game, in this process or a separate one.
 
 A search in a thread would hold the interpreter's lock and delay frames. The window therefore uses
 a process, which answers requests:
@@ -54,19 +54,19 @@ class Decision(NamedTuple):
 
 
 class Partners(Protocol):
-    """The bots of all seats that no person has.
+    """The bots of all seats that no person plays.
 
     Decisions may take time, so they are requested with `ask` and collected with `answers`.
     """
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        """Tell the bots who controls each player, and the clock."""
+        """Inform the bots of the clock and of who controls each player."""
 
     def observe(self, did: Did) -> None:
-        """Tell the bots the actions of a step; called once for each step, before `ask`."""
+        """Report the actions of a step. Called once for each step, before `ask`."""
 
     def hear(self, player: str, text: str) -> None:
-        """Tell the bots a chat message of a player."""
+        """Pass on a chat message of a player."""
 
     def ask(self, player: str, state: State) -> None:
         """Request a decision of a player's bot, which must have answered the last request."""
@@ -283,7 +283,7 @@ class PartnerProcess:
         return self._process.stdin
 
     def _send(self, *request: Any) -> None:
-        # A process that has died is noticed by `answers`.
+        # `answers` handles a process that has died.
         if self._lives and not self._closed:
             with contextlib.suppress(BrokenPipeError):
                 self._input.write(packed(*request))
@@ -304,8 +304,8 @@ def replies(
 
     Args:
         requests: The requests of the window.
-        is_last: Returns whether no other request waits. Chat messages are held back until then,
-            so that they are about the state that the player sees.
+        is_last: Returns True if no other request waits. Chat messages are held back until then,
+            so that they match the state that the player sees.
     """
     _, task, kind, seed, players, words = next(requests)
     world = World(Task.from_json(json.loads(task)))

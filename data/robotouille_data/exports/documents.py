@@ -135,8 +135,8 @@ def read_json(folder: Path, name: str) -> dict[str, Any]:
     return found
 
 
-# Names of tasks, labels and versions come from recordings, so the card quotes them as code. Markup
-# in them has no effect then.
+# Names of tasks, labels and versions come from recordings, so the card quotes them as code, in
+# which markup has no effect.
 PLAIN = re.compile(r"[A-Za-z0-9.+-]{1,64}")
 """Versions that are shown without quotes. A recording can contain any text as its version."""
 LICENSES = (
@@ -155,7 +155,7 @@ DTYPES = {
     "text": "string",
 }
 LOADED = (*TABLES, ExportFormat.CHAT)
-"""Formats that `datasets` loads. The card names the files of the first one in the export."""
+"""Formats that `datasets` loads. The card lists files of the first one that the export has."""
 LOADING = {
     "parquet": 'polars.read_parquet("{path}")',
     "csv": 'polars.read_csv("{path}")',
@@ -188,8 +188,8 @@ def check_license(identifier: str) -> None:
     named = next((each for each in LICENSES if near and each.lower() == near[0]), "")
     hint = f"; did you mean {named}?" if named else "."
     raise CatalogueError(
-        f"unknown SPDX identifier {shown!r}{hint} Known are {', '.join(LICENSES)}; write another "
-        "licence as LicenseRef-NAME"
+        f"unknown SPDX identifier {shown!r}{hint} Known identifiers: {', '.join(LICENSES)}; write "
+        "another licence as LicenseRef-NAME"
     )
 
 
@@ -391,7 +391,7 @@ def _people(manifest: Mapping[str, Any]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return text from outside as code that breaks no line, table or quotation."""
+    """Return outside text as inline code that cannot break a line, table or quotation."""
     words = " ".join(text.split()).replace("`", "'").replace("|", "/")
     return f"`{printable(words)}`"
 

@@ -45,7 +45,7 @@ class Participation:
 def participations(connection: Connection, ids: Sequence[int]) -> Iterator[Participation]:
     """Yield everyone who had a seat in the episodes, including those who were replaced later.
 
-    A participant who returned is repeated.
+    A participant who left and returned appears more than once.
     """
     columns = EVENTS.c.episode_id, EVENTS.c.name, EVENTS.c.details
     query = sa.select(*columns).where(EVENTS.c.kind == "roster", EVENTS.c.name != "")
@@ -92,8 +92,9 @@ def groups(connection: Connection, ids: Sequence[int], label: str) -> list[tuple
 def _shared_people(connection: Connection, ids: Sequence[int]) -> defaultdict[Hashable, list[int]]:
     """Return the episodes of each human participant.
 
-    A player or spectator without a pseudonym could be anyone with a similar name, so their
-    episodes are linked to all episodes of that name. People who only watched are not participants.
+    A player or spectator without a pseudonym could be anyone with a similar name. Their episodes
+    are therefore linked to all episodes with that name. People who only watched are not
+    participants.
     """
     links: defaultdict[Hashable, list[int]] = defaultdict(list)
     known: dict[str, list[int]] = defaultdict(list)

@@ -1,4 +1,4 @@
-"""Metrics of asynchronous work: whether it comes first, and how much time is waited or idled."""
+"""Metrics of asynchronous work: whether it comes first, and the players' time without actions."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def is_work(action: GroundAction) -> bool:
 def work_stations(world: World) -> frozenset[str]:
     """Return the stations at which something can be prepared.
 
-    An action with a special effect requires their kind with a static predicate, such as `isboard`.
+    These are the stations that an action with a special effect requires. Its preconditions name
+    their kind with a static predicate, such as `isboard`.
     """
     kinds = set()
     for schema in world.schemas:
@@ -75,7 +76,7 @@ def work_stations(world: World) -> frozenset[str]:
 
 
 def needs_asynchronous_work(world: World) -> bool:
-    """Return whether the goal needs more results of delays than exist at first.
+    """Return whether the goal needs delayed results, such as cooked food, that do not exist yet.
 
     Delays of 0 steps do not count.
     """
@@ -92,7 +93,7 @@ def needs_asynchronous_work(world: World) -> bool:
 
 
 def _results_of_delays(world: World) -> frozenset[str]:
-    """Return the predicates and kinds of objects that only delays of more than 0 steps produce."""
+    """Return the predicates and kinds of objects that delays of more than 0 steps produce."""
     found: set[str] = set()
 
     def walk(effects: Iterable[EffectDef], delayed: bool) -> None:
@@ -120,7 +121,7 @@ def asynchronous_first(trajectory: Trajectory) -> bool | None:
 
     Work is an action with a special effect, or one that joins two things. It is asynchronous if it
     then continues by itself: cooking, frying, filling, boiling. Walking and carrying are not work.
-    In a step with several players, one of them is enough.
+    In a step with several players, asynchronous work of one player is enough.
 
     Returns:
         None if the goal needs no asynchronous work; False if no work was done.
@@ -151,8 +152,8 @@ def success_by_asynchronous_first(
 class TimeShares:
     """Shares of the players' steps without an action, from 0 to 1.
 
-    `waiting` is for something in progress, `idle` without anything in progress, `busy` with an
-    action that takes several steps.
+    `waiting`: something is in progress. `idle`: nothing is in progress. `busy`: the player is in
+    the middle of an action that takes several steps.
     """
 
     waiting: float
@@ -161,10 +162,10 @@ class TimeShares:
 
 
 def time_shares(trajectory: Trajectory) -> TimeShares | None:
-    """Return the shares of the players' time that passed without an action; None without steps.
+    """Return the shares of the players' steps without an action; None for a run without steps.
 
-    A player's step counts as waiting or idle if no action was applied, or one that does nothing. It
-    is waiting if something is in progress before or after the step, else idle. Gantt charts of
+    If the player is not busy and applies no action, or only one that does nothing, the step is
+    waiting if something is in progress before or after it, and idle otherwise. Gantt charts of
     schedules distinguish slack from blocked time in the same way.
     """
     waiting = idle = busy = 0

@@ -35,8 +35,8 @@ class RunPlan(BaseModel):
     name: str
     pack: PackId
     pack_folder: str
-    """Folder of the pack. In the file it is relative to a run that contains it, so that the run can
-    be moved."""
+    """Folder of the pack. If the run contains the pack, the file has a relative path, so that the
+    run can be moved."""
     jobs: tuple[EpisodeJob, ...] = ()
     software: str
     steps_to_go: bool = False
@@ -56,7 +56,7 @@ class RunFolder:
         folder.require_new()
         try:
             path.mkdir(parents=True, exist_ok=True)
-            # Renamed when complete: a folder with a plan always has a whole one.
+            # The file is renamed when complete, so a plan is never truncated.
             draft = folder._plan_file.with_suffix(".new")
             written = plan.model_copy(update={"pack_folder": _relative(plan.pack_folder, path)})
             draft.write_text(written.model_dump_json(indent=1), encoding="utf-8")
@@ -82,7 +82,7 @@ class RunFolder:
         return self.path / "rows.jsonl"
 
     def plan(self) -> RunPlan:
-        """Return the plan, with an absolute folder of the pack."""
+        """Return the plan, with an absolute path of the pack."""
         name = str(self._plan_file)
         try:
             text = self._plan_file.read_text(encoding="utf-8")
@@ -172,7 +172,8 @@ class RunFolder:
 def _end_line(file: FileIO) -> None:
     """Make the next row begin on a line of its own.
 
-    A kill can leave a last line without a line end: a truncated row is removed, a whole one ended.
+    A killed process can leave a last line without a line end. A truncated row is removed; a
+    complete one gets its line end.
     """
     size = file.seek(0, os.SEEK_END)
     if size == 0:
@@ -181,7 +182,7 @@ def _end_line(file: FileIO) -> None:
     if file.read(1) == b"\n":
         return
     file.seek(0)
-    # Rows are short; only after a kill is the whole file read.
+    # Reading the whole file is rare: it happens only after a kill.
     content = file.readall()
     last = content.rfind(b"\n") + 1
     try:

@@ -1,7 +1,7 @@
-"""Episodes in simulated real time: steps pass while models think, and a run repeats exactly.
+"""Episodes in simulated real time: steps pass while models think, and runs are reproducible.
 
-The cost of a thought is computed from its answers (`Charge`). An answer takes effect when that much
-of the game's time has passed. Nothing waits, and no clock is read.
+The cost of a thought is computed from its answers (`Charge`). An answer takes effect when the
+simulated time has advanced by this cost. Nothing waits, and no clock is read.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class RealTimeEpisode:
         try:
             ended = await self._play(math.ceil(budget))
         finally:
-            # Pending answers were paid for, also if a model has failed.
+            # Pending answers have been paid for, even if a model has failed.
             for player, pending in self._pending.items():
                 self._count(player, pending)
         return TeamResult.of(ended, self._runner.steps, self._exchanges)
@@ -136,7 +136,7 @@ class RealTimeEpisode:
         self._note(player)
         proposal = await answer_all(seat.strategy.propose(shown), self._complete[player])
         thought = self._charge.milliseconds(proposal.exchanges) / 1000
-        # Rounding: 0.3 * 10 is a bit more than 3 in floating point, and would cost a fourth step.
+        # 0.14 * 50 is a bit more than 7 in floating point. Without rounding, it would cost 8 steps.
         due = now.step + math.ceil(round(thought * self._step_rate, 9))
         self._pending[player] = _PendingAnswer(proposal, now.step, due)
 

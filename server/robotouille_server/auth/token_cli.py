@@ -193,7 +193,7 @@ def _given(token: str) -> str:
 
 
 def _identified(text: str, keys: Path, wall: Callable[[], float]) -> tuple[str, float]:
-    """Return the id of a token, given itself or its id, and the latest time at which it ends."""
+    """Return the id and latest expiry time of a token. `text` is the token or its id."""
     if text.count(".") == 2:
         grant = Tokens(_keyring(keys), wall).check_role(text)
         return grant.token_id, grant.expires

@@ -17,7 +17,7 @@ RECORDED = ("action/stale", "episode/waiting", "rate/limited")
 """Codes of refusals that are recorded, because they are part of how people play. Their text counts
 towards the quota of the seat."""
 MAX_UNREADABLE = 300
-"""Characters of an unreadable message that are recorded."""
+"""Maximum number of characters recorded of an unreadable message."""
 
 
 class ActionRequests:
@@ -72,7 +72,7 @@ class ActionRequests:
     ) -> None:
         """Record an unreadable message of a player, unless the episode has ended.
 
-        It is recorded for the participant's first seat, because the meant seat is unknown.
+        It is recorded for the participant's first seat, because its own seat is unknown.
         """
         if session.players and not self._episode.ended and not self._gate.failing:
             # The beginning shows what a model or program tried to send. The whole message may be 64
@@ -86,8 +86,8 @@ class ActionRequests:
     def _submit(self, session: Session, request: messages.Act, now: float) -> None:
         player = session.own_seat(request.seat)
         if self._gate.failing:
-            # The client repeats a dropped request. Until writing works, the unwritten events must
-            # not grow.
+            # Events must not pile up while the recording cannot be written. The client repeats the
+            # dropped request.
             return
         # A client that lost its connection cannot know whether its action arrived, so it repeats
         # the last one with the same number. Executing it twice would change the game.
@@ -160,8 +160,8 @@ def requested_action(
     """Return the requested action, valid or not, or its text; None for nothing.
 
     Raises:
-        ProtocolError: `action/unknown` if the action does not exist, `action/stale` for a position
-            in the list of another step.
+        ProtocolError: `action/unknown` if the action does not exist, `action/stale` for an index
+            into the list of another step.
     """
     requested = request.action
     if requested is None or isinstance(requested, str):
@@ -174,21 +174,21 @@ def requested_action(
         raise ProtocolError("action/unknown", str(error.args[0]), "action") from None
 
 
-def _at(episode: Episode, player: str, position: int, basis: int | None) -> GroundAction:
-    # Positions are valid in one state only. Resolving a position in a later list would execute an
-    # action that nobody chose.
+def _at(episode: Episode, player: str, index: int, basis: int | None) -> GroundAction:
+    # An index is valid in one state only. In a later list it would name an action that nobody
+    # chose.
     if basis != episode.step:
         raise ProtocolError("action/stale", _wrong_basis(basis, episode.step), "basis")
     actions = episode.state.actions(player)
-    if position >= len(actions):
-        message = f"there are {len(actions)} valid actions; no action has position {position}"
+    if index >= len(actions):
+        message = f"there are {len(actions)} valid actions; no action has index {index}"
         raise ProtocolError("action/unknown", message, "action")
-    return actions[position]
+    return actions[index]
 
 
 def _wrong_basis(basis: int | None, step: int) -> str:
     if basis is None:
-        return f"a position needs 'basis', the step of its list; the current step is {step}"
+        return f"an index needs 'basis', the step of the list; the current step is {step}"
     when = "has passed" if basis < step else "has not begun"
     return f"step {basis} {when}; the current step is {step}"
 

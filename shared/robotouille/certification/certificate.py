@@ -59,7 +59,7 @@ class Solver(Protocol):
 
 
 class Deadline:
-    """A `Limits.stop` that is true after some seconds; `struck` once it has stopped a search."""
+    """A `Limits.stop` that is true after some seconds; `struck` records whether it was true."""
 
     def __init__(self, seconds: float = math.inf) -> None:
         self.seconds = seconds
@@ -107,7 +107,7 @@ class ExpansionBudget(Schema):
         return cls(expansions=limits.expansions, states=limits.states, seconds=seconds)
 
     def covered_by(self, spent: ExpansionBudget) -> bool:
-        """Return whether a search under this budget could not improve on a past one."""
+        """Return whether a past search with the budget `spent` makes this one needless."""
         unlimited = spent.expansions is None
         enough = unlimited or (self.expansions or math.inf) <= (spent.expansions or 0)
         same = enough and self.states == spent.states
@@ -215,7 +215,7 @@ def _lines(plan: Plan, world: World) -> tuple[str, ...]:
 
 
 def check(certificate: Certificate, task: Task, start: State | None = None) -> list[str]:
-    """Return the faults of a certificate of a task, each with its field; none if it is valid.
+    """Return the faults of a task's certificate, each with its field; an empty list if valid.
 
     Args:
         start: The expected first state of the plan; None for the initial state.

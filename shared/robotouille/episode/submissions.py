@@ -25,7 +25,7 @@ from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of
 from robotouille.world.world import State
 
 SUBSTITUTED = ActionRequest(seq=0)
-"""Request behind a substitute's decision. Number 0: the participant never made it."""
+"""Request behind a substitute's decision. Number 0 shows that the participant did not make it."""
 
 
 class RejectionReasons(NamedTuple):
@@ -84,7 +84,7 @@ class Submissions:
             basis=self._known(request).basis,
             heard=False,
         )
-        # `_receive` charges the reasoning of other requests, but this one did not pass through it.
+        # Other requests pay for their reasoning in `_receive`, which this one skips.
         size = size_of_rejection((sentence, *texts_of(unmet))) + len(request.reasoning.encode())
         self._report(seat, event, size)
 
@@ -100,7 +100,7 @@ class Submissions:
     # Held requests
 
     def due(self) -> float | None:
-        """Return the time at which the next held request counts."""
+        """Return the time at which the next held request is due."""
         return self._held[0][0] if self._held else None
 
     def release(self, now: float) -> Iterator[None]:
@@ -266,7 +266,7 @@ def joint_action(
             idle.append((seat.player, request.seq))
         if request.waits:
             waits.append(seat.player)
-    # In lockstep the fastest seat must not win every conflict, so the order is that of the seats.
+    # In lockstep moves stay in seat order: the fastest seat must not win every conflict.
     if by_arrival and len(ready) > 1:
         ready.sort(key=lambda pair: pair[0])
     moves = [move for _, move in ready]
@@ -278,7 +278,7 @@ def joint_action(
 def _arranged(
     state: State, moves: list[PlayedMove], anticipating: Collection[str]
 ) -> list[PlayedMove]:
-    """Return the moves with the anticipating ones last. Of those, the ones that apply are first."""
+    """Return the moves with the anticipating ones last, starting with those that apply."""
     arranged = [move for move in moves if move.player not in anticipating]
     late = [move for move in moves if move.player in anticipating]
     while late:

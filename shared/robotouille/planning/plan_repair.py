@@ -1,4 +1,4 @@
-"""Plan repair: execution of a known plan from another state, without a search.
+"""Plan repair: adapts a known plan to another state, without a search.
 
     trace = PlanRepair(world).repair(errands(trace), state)
 
@@ -28,7 +28,7 @@ MAX_DETOURS = 16
 """Maximum number of inserted actions."""
 
 MAX_STEPS = 20
-"""Maximum number of steps per errand and per detour, multiplied by the delay factor."""
+"""Maximum number of steps per errand and per detour. The delay factor multiplies it."""
 
 
 class PlanRepair:
@@ -41,10 +41,10 @@ class PlanRepair:
     def repair(self, plan: ErrandList, state: State) -> PlanTrace | None:
         """Return a trace from a state to the goal that follows a plan's errands, or None.
 
-        None is no proof that the goal is unreachable.
+        None does not prove that the goal is unreachable.
         """
-        # The repair continues the plan at the step that has most facts in common with the state. If
-        # that fails, it follows the plan from the beginning.
+        # First continue the plan at the step whose state has most facts in common with this one. If
+        # that fails, follow the plan from the beginning.
         nearest = plan.nearest(state.facts)
         for step in dict.fromkeys((nearest, 0)):
             course = self._since(plan, step, state)
@@ -68,7 +68,7 @@ class PlanRepair:
         return bool(aims) and state.facts & aims == aims
 
     def _own(self, errand: Errand) -> Errand:
-        """Return the errand as one of this world. It may come from a world with another timing."""
+        """Return the errand with this world's action. Plans may come from another timing."""
         action = errand.action
         if action.source is self._world:
             return errand
@@ -77,7 +77,7 @@ class PlanRepair:
 
 
 def _without_detours(errands: Sequence[Errand]) -> list[Errand]:
-    """Return the errands without those that a player undoes at once."""
+    """Drop pairs of errands in which a player does something and next undoes it."""
     kept: list[Errand] = []
     for errand in errands:
         touching = [e for e in kept if not e.objects.isdisjoint(errand.objects)]
@@ -201,7 +201,7 @@ class _Repair:
         return walk if facts & walk.tested == walk.required else None
 
     def _walk_ahead(self, number: int, facts: int) -> GroundAction | None:
-        """Return the walk to an errand not due yet, if no other player has to be there first."""
+        """Return the walk to a later errand, unless another player needs its station first."""
         action = self._pending[number].action
         there = self._floor.station_of(action)
         if any(there in self._objects[earlier] for earlier in self._earlier(number)):
@@ -223,7 +223,7 @@ class _Repair:
     # Deviations from the plan
 
     def _put_in(self, number: int, facts: int) -> bool:
-        """Insert an action that makes an errand possible. Return False without one."""
+        """Insert an action that makes an errand possible. Return False if there is none."""
         errand = self._pending[number]
         variants = self._floor.variants(errand.action)
         lacking = min((self._floor.lacks(a, facts) for a in variants), key=int.bit_count)

@@ -31,7 +31,7 @@ from robotouille_client.window.replay.history import (
 from robotouille_client.window.sources.texts import outcome_words, speaker
 from robotouille_client.window.view import SeatView
 
-# States kept. In a longer game, the beginning is dropped.
+# Maximum number of states kept. In longer games, the oldest are dropped.
 MAX_STATES = 20_000
 _FORGOTTEN_AT_ONCE = 1000
 
@@ -39,7 +39,7 @@ _FORGOTTEN_AT_ONCE = 1000
 class LiveHistory(History):
     """History of a game from the step at which its participant or spectator joined.
 
-    It knows only what the server sends to them: of others' rejected requests, just the number.
+    It contains only what the server sent. The rejected requests of others are only counted.
 
     Args:
         now: Clock in seconds.
@@ -65,7 +65,7 @@ class LiveHistory(History):
         self.first = game.step
         while self.length < game.step:
             self._add_step(0, {})
-        # Steps before the spectator came count for the step number, but have no states.
+        # Steps before this client joined are counted, but their states are unknown.
         self._states = [game.state]
         self._seats = [()]
 
