@@ -398,6 +398,18 @@ def catalogue_tables() -> str:
     return "\n\n".join(parts)
 
 
+def exported_fields() -> str:
+    """Return a table of the fields of `robotouille replay export`."""
+    from robotouille.replay.controllers import EXPORTED
+
+    rows = (
+        (f"`{kind}`", name if name == "…" else f"`{name}`", words)
+        for kind, fields in EXPORTED.items()
+        for name, words in fields.items()
+    )
+    return table("`kind`, field, content", rows)
+
+
 def catalogue_table(name: str, columns: Iterable[Any], note: str = "") -> str:
     rows = [
         f"| `{column.name}` | {type(column.type).__name__.lower()}"
@@ -465,6 +477,8 @@ def outputs() -> Iterator[tuple[Path, str]]:
         "generated instances": plan_lengths.generated_table,
     }
     yield DOCS / "plan_lengths.md", page(DOCS / "plan_lengths.md", parts)
+    parts = {"exported fields": exported_fields}
+    yield DOCS / "recordings.md", page(DOCS / "recordings.md", parts)
     tables = {"catalogue tables": catalogue_tables}
     yield DOCS / "data.md", page(DOCS / "data.md", tables)
     yield DOCS / "asyncapi.json", as_json(asyncapi())

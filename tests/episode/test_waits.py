@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 
 from robotouille.episode import ActionRequest, Clock, Episode, Rules
+from robotouille.replay.controllers import json_lines
 from robotouille.replay.measures import activities
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
@@ -40,4 +42,7 @@ def test_wait_is_recorded() -> None:
     assert [frame.get("waits") for frame in recording.steps] == [["robot1"], ["robot2"], None]
     told = [tuple(seats.did.values()) for _, seats in activities(recording)]
     assert told == [("waiting", "idle"), ("idle", "waiting"), ("acted", "idle")]
+    lines = [json.loads(line) for line in json_lines(recording)]
+    exported = [line["waits"] for line in lines if line["kind"] == "step"]
+    assert exported == [["robot1"], ["robot2"], []]
     assert recording.verify().ok

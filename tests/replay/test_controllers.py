@@ -6,10 +6,11 @@ import json
 
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
-from robotouille.replay.controllers import Span, controllers, json_lines, spans
+from robotouille.replay.controllers import EXPORTED, Span, controllers, json_lines, spans
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
 from tests.support.games import record
+from tests.support.random_play import random_stream
 
 TASK = World("multi_agent/01")
 STEP = 0.5
@@ -116,4 +117,11 @@ def test_export_has_the_controllers_of_each_step() -> None:
     assert (texts[0]["kind"], texts[-1]["kind"]) == ("header", "outcome")
     steps = [line for line in texts if line["kind"] == "step"]
     assert set(steps[1]["observations"]) == {"robot1", "robot2"}
-    assert {"moves", "added", "removed", "hash", "rejected"} <= steps[1].keys()
+    assert {*steps[1], "undone"} == {"kind", *EXPORTED["step"]}
+
+
+def test_every_exported_field_is_documented() -> None:
+    for seed in range(4):
+        for line in map(json.loads, json_lines(Recording(random_stream(seed)), texts=True)):
+            documented = EXPORTED[line["kind"]]
+            assert "…" in documented or set(line) <= {"kind", *documented}

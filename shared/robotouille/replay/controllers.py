@@ -96,11 +96,41 @@ def seating_after(note: Mapping[str, Any]) -> Seating:
     return Seating(name, note["kind"], controller_of(note).value)
 
 
+EXPORTED: Mapping[str, Mapping[str, str]] = {
+    "header": {
+        "…": "all fields of the [header](recording_format.md#header) except `tables`",
+        "participants": "`name` and `kind` of each seat's last participant, by player",
+    },
+    "note": {
+        "note": "the [note](recording_format.md#notes), with all its fields",
+        "rejection": "of a `rejected` note: its [kind](recording_format.md#rejections)",
+    },
+    "step": {
+        "step": "number of the step, from 1",
+        "ms": "milliseconds from the start until the step was due (`t` in the recording)",
+        "late": "milliseconds from then until the step was taken",
+        "moves": "the [moves](recording_format.md#step) in order; `action` is the action's name, "
+                 "`args` are its arguments, and `text` is its sentence",
+        "rejected": "`unmet` of the recording: unmet preconditions by position in `moves`",
+        "waits": "players who declared that they wait",
+        "added": "facts that became true: predicate, then objects",
+        "removed": "facts that became false",
+        "undone": "facts that chance reverted; absent without chance",
+        "hash": "[digest](episodes.md#state-digest) of the state after the step",
+        "controllers": "who moved each seat, by player",
+        "activities": "[activity](recording_format.md#activities) of each seat, by player",
+        "busy": "steps for which players were still busy when the step began, by player",
+        "observations": "with `--texts`: the text view of the state after the step, by player",
+    },
+    "outcome": {"…": "all fields of the [outcome](protocol.md), such as `reason` and `seats`"},
+}  # fmt: skip
+"""Fields of each kind of exported line, after `kind`, for docs/recordings.md."""
+
+
 def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
     """Yield the header, steps, notes and outcome of a recording as lines of JSON.
 
-    Steps contain `controllers`, `activities` and `busy` (remaining steps) by player. Notes of
-    rejected requests contain their `RejectionKind` as `rejection`.
+    `EXPORTED` describes their fields.
 
     Args:
         texts: True to add the observation text of each seat to each step.
@@ -139,11 +169,13 @@ def _step(
         "kind": "step",
         "step": frame["step"],
         "ms": frame["t"],
+        "late": frame.get("late", 0),
         "moves": [
             {**move, "action": action.name, "args": action.arguments, "text": action.sentence}
             for move, action in zip(frame["moves"], recording.actions(frame), strict=True)
         ],
         "rejected": frame.get("unmet", {}),
+        "waits": frame.get("waits", []),
         "added": [list(atom) for atom in added],
         "removed": [list(atom) for atom in removed],
         "hash": state.digest,
