@@ -75,25 +75,38 @@ def fill(url: Any, episodes: int) -> None:
 
 def _episode(number: int) -> tuple[Any, ...]:
     task = ("multi_agent/01_lettuce_burger", "0" * 32, "people", 0)
-    rules = ("realtime", 5.0, STEPS, "bot", len(SEATS))
-    course = ("goal", "", STEPS, STEPS / 5, "ABCDE-FGHIJ", "")
-    return number, f"e{number}", "ended", "2026-01-01T00:00:00Z", "0", *task, *rules, *course
+    rules = ("realtime", 5.0, STEPS, "bot", 30.0, "free", "[]", len(SEATS))
+    course = ("goal", "", STEPS, STEPS / 5, STEPS / 5, "ABCDE-FGHIJ", "")
+    times = ("2026-01-01T00:00:00Z", "2026-01-01T00:00:05Z", "2026-01-01T00:01:00Z")
+    return number, f"e{number}", "ended", *times, "0", *task, *rules, *course
 
 
 def _seat(number: int, seat: int) -> tuple[Any, ...]:
     who = (f"robot{seat + 1}", f"name{number % 100}", "human", f"p{number % 100}")
-    return number, seat, *who, 100, 60, 10, 10, 10, 10, 1, 2, 3, 6, 2, 30_000, 1.5, 0.5, "", 0
+    steps = (100, 60, 10, 10, 10, 10, 0, None, None)
+    return number, seat, *who, *steps, 1, 2, 3, 6, 2, 30_000, 1.5, 0.5, "", 0
 
 
 def _steps(number: int) -> Iterator[tuple[Any, ...]]:
     for step in range(1, STEPS + 1):
         for seat in SEATS:
-            begin = (number, step, seat, step * 200)
+            begin = (number, step, seat, step * 200, 0)
             if (number + step + seat) % 2:
-                yield *begin, "busy", "human", None, None, None, None, None
+                yield *begin, "busy", False, None, "human", None, None, None, None, None
             else:
                 arguments = f"robot{seat + 1} table{step % 9} table{number % 9}"
-                yield *begin, "acted", "human", "move", arguments, True, 7 * step % 997, 0
+                yield (
+                    *begin,
+                    "acted",
+                    False,
+                    None,
+                    "human",
+                    "move",
+                    arguments,
+                    True,
+                    7 * step % 997,
+                    0,
+                )
 
 
 def _events(number: int) -> Iterator[tuple[Any, ...]]:

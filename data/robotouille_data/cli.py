@@ -139,6 +139,10 @@ def index(
         bool,
         typer.Option("--steps-to-go", help="Compute the distance to the goal at the end; slow."),
     ] = False,
+    useful: Annotated[
+        bool,
+        typer.Option("--useful", help="Decide whether inactive seats could act usefully; slow."),
+    ] = False,
 ) -> None:
     """Update a catalogue from folders of recordings.
 
@@ -148,12 +152,13 @@ def index(
     with _errors_on_one_line():
         from robotouille_data.database import database_url
         from robotouille_data.indexing import index as index_folders
+        from robotouille_data.recording_rows import Searches
 
         url = database_url(database, folders[0])
         with progress_bar("recordings") as progress:
             found = index_folders(
                 url, folders, jobs=jobs, unfinished=unfinished, reindex=reindex,
-                steps_to_go=steps_to_go, progress=progress,
+                searches=Searches(steps_to_go, useful), progress=progress,
             )  # fmt: skip
     _print_faults(found.faults)
     tell(f"indexed {found.indexed}, unchanged {found.unchanged}, removed {found.removed}")

@@ -23,12 +23,14 @@ from robotouille.processes import spawn_context
 from robotouille.replay.file_names import CLOSED, OPEN
 from robotouille_data.database import UnavailableError, database_errors, migrate, writing_engine
 from robotouille_data.recording_rows import (
+    NO_SEARCHES,
+    Searches,
     content_digest,
     episode_id,
     read_content,
     recorded_rows,
 )
-from robotouille_data.store import ReadFile, Stamp, forget, known_files, lacking_steps_to_go, store
+from robotouille_data.store import ReadFile, Stamp, forget, known_files, lacking_measures, store
 
 FILES_AT_ONCE = 50
 """Files in one transaction. A lost database connection repeats at most this many."""
@@ -65,7 +67,7 @@ def index(
     jobs: int = 1,
     unfinished: bool = False,
     reindex: bool = False,
-    steps_to_go: bool = False,
+    searches: Searches = NO_SEARCHES,
     progress: Progress = lambda done, total: None,
 ) -> IndexResult:
     """Index new and changed recordings below some folders, and remove deleted ones.
@@ -76,8 +78,8 @@ def index(
         unfinished: Index recordings without an end, too. Those that are already in the catalogue
             are always updated.
         reindex: Read unchanged recordings again.
-        steps_to_go: Compute the steps to go of failed episodes, which takes a search. Unchanged
-            recordings without a value are read again.
+        searches: The measures to compute that take a search. Unchanged recordings without a value
+            are read again.
         progress: Called after each group of files.
 
     Raises:
@@ -93,19 +95,19 @@ def index(
                 result.faults[path] = "the name is not UTF-8, so a database cannot store it"
             else:
                 found[path] = stamp
-    known, lacking = _prepare(url, roots, found, result)
+    known, lacking = _prepare(url, roots, found, result, searches)
     # An unfinished recording that is already known must be updated, or its rows would go stale.
     if not unfinished:
         left_out = {p for p in found if p.endswith(OPEN) and p not in known}
         found = {path: stamp for path, stamp in found.items() if path not in left_out}
         result.unfinished = len(left_out)
-    if steps_to_go:
+    if any(searches):
         known = {path: stamp for path, stamp in known.items() if path not in lacking}
     changed = [(p, s) for p, s in sorted(found.items()) if reindex or known.get(p) != s]
     result.unchanged = len(found) - len(changed)
     done = 0
     progress(done, len(changed))
-    for count, faults in _read_all(url, changed, jobs, steps_to_go):
+    for count, faults in _read_all(url, changed, jobs, searches):
         result.indexed += count - len(faults)
         result.faults |= faults
         done += count
@@ -153,12 +155,16 @@ def _is_text(path: str) -> bool:
 
 
 def _prepare(
-    url: URL, roots: Sequence[str], found: Mapping[str, Stamp], result: IndexResult
+    url: URL,
+    roots: Sequence[str],
+    found: Mapping[str, Stamp],
+    result: IndexResult,
+    searches: Searches,
 ) -> tuple[dict[str, Stamp], set[str]]:
     """Migrate the catalogue and remove deleted recordings.
 
     Returns:
-        The known files, and the files whose steps to go are missing.
+        The known files, and the files without a measure of `searches`.
     """
     engine, known = writing_engine(url), dict[str, Stamp]()
     with database_errors(url), engine.begin() as connection:
@@ -167,13 +173,13 @@ def _prepare(
             known |= known_files(connection, root)
         gone = known.keys() - found.keys()
         forget(connection, gone)
-        lacking = lacking_steps_to_go(connection)
+        lacking = lacking_measures(connection, searches)
     result.removed = len(gone)
     return known, lacking
 
 
 def _read_all(
-    url: URL, files: Sequence[File], jobs: int, steps_to_go: bool
+    url: URL, files: Sequence[File], jobs: int, searches: Searches
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield the number of files and the faults of each group."""
     pieces = list(_pieces(files))
@@ -181,12 +187,12 @@ def _read_all(
     text = url.render_as_string(hide_password=False)
     if min(jobs, len(pieces)) < 2:
         for piece in pieces:
-            yield len(piece), _index_files(text, piece, steps_to_go)
+            yield len(piece), _index_files(text, piece, searches)
         return
     with ProcessPoolExecutor(jobs, spawn_context(), _begin_reading) as pool:
         try:
             futures = {
-                pool.submit(_index_files, text, piece, steps_to_go): len(piece) for piece in pieces
+                pool.submit(_index_files, text, piece, searches): len(piece) for piece in pieces
             }
             for future in as_completed(futures):
                 yield futures[future], future.result()
@@ -229,10 +235,10 @@ def _engine(url: str) -> Engine:
     return writing_engine(make_url(url))
 
 
-def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str, str]:
+def _index_files(url: str, files: Sequence[File], searches: Searches) -> dict[str, str]:
     """Read files and write their rows. Return the faults of files without rows."""
     faults: dict[str, str] = {}
-    read = [each for file in files if (each := _read(*file, faults, steps_to_go))]
+    read = [each for file in files if (each := _read(*file, faults, searches))]
     engine = _engine(url)
     with database_errors(engine.url):
         try:
@@ -242,13 +248,15 @@ def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str
             # A long recording may be damaged further on, after its first rows were inserted. The
             # transaction is rolled back, and storing one file at a time finds the damaged one.
             for each in read:
-                _store_alone(engine, each, faults, steps_to_go)
+                _store_alone(engine, each, faults, searches)
     return faults | {each.path: each.fault for each in read if each.fault}
 
 
-def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str], steps_to_go: bool) -> None:
+def _store_alone(
+    engine: Engine, file: ReadFile, faults: dict[str, str], searches: Searches
+) -> None:
     # The rows of the first attempt are partly consumed, so the file is read again.
-    again = _read(file.path, file.stamp, faults, steps_to_go)
+    again = _read(file.path, file.stamp, faults, searches)
     if again is None:
         return
     try:
@@ -261,7 +269,7 @@ def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str], steps_t
             store(connection, [broken])
 
 
-def _read(path: str, stamp: Stamp, faults: dict[str, str], steps_to_go: bool) -> ReadFile | None:
+def _read(path: str, stamp: Stamp, faults: dict[str, str], searches: Searches) -> ReadFile | None:
     """Read a recording. Return None if the file cannot be read now.
 
     The rows of a short recording are complete. A long one is read further while it is stored.
@@ -270,7 +278,7 @@ def _read(path: str, stamp: Stamp, faults: dict[str, str], steps_to_go: bool) ->
     try:
         content = read_content(Path(path))
         digest = content_digest(content)
-        parts = recorded_rows(content, episode_id(digest), steps_to_go=steps_to_go)
+        parts = recorded_rows(content, episode_id(digest), searches)
         # Reading two parts completes every recording with up to `MAX_ROWS` rows, so its damage is
         # found before a transaction begins.
         beginning = [part for _, part in zip(range(2), parts, strict=False)]

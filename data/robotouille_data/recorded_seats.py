@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import random
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from typing import Any
@@ -14,13 +14,15 @@ import msgpack
 
 from robotouille.certification.certificate import content_hash
 from robotouille.episode import Controller, RejectionKind
+from robotouille.episode.rules import Clock
 from robotouille.episode.tallies import Activity, activity
 from robotouille.errors import RobotouilleError
 from robotouille.installation import data_folder
+from robotouille.planning.beam.opportunities import Opportunities
 from robotouille.planning.plan import Limits
 from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.replay.container import plain
-from robotouille.replay.measures import controller_of, rejection_kind
+from robotouille.replay.measures import activities, controller_of, rejection_kind
 from robotouille.replay.recording import Recording
 
 
@@ -92,6 +94,8 @@ class Repeats:
 
 
 ACTIVITIES = ("acted", "busy", "waiting", "idle", "away", "substituted")
+INACTIVE = (Activity.WAITING.value, Activity.IDLE.value)
+"""Activities of a participant who has control, is not busy and does not act."""
 NAMES = {each: each.value for each in Activity}
 
 
@@ -116,6 +120,9 @@ class RecordedSeat:
     refused: bool = False
     blocked: int = 0
     did: dict[str, int] = field(default_factory=lambda: dict.fromkeys(ACTIVITIES, 0))
+    waits: int = 0
+    unused: int = 0
+    hindered: int = 0
     lost: int = 0
     invalid: int = 0
     malformed: int = 0
@@ -137,6 +144,20 @@ class RecordedSeat:
         found = NAMES[activity(self.controller, applied, busy, self.refused, others_turn)]
         self.did[found] += 1
         return found
+
+    def judge(self, did: str, useful: Collection[str]) -> bool | None:
+        """Count and return whether the seat could act usefully; None unless it was inactive.
+
+        Args:
+            did: The activity in the step.
+            useful: The players who could act usefully in the step.
+        """
+        if did not in INACTIVE:
+            return None
+        could = self.player in useful
+        self.unused += could
+        self.hindered += not could
+        return could
 
     def sit(self, note: Mapping[str, Any]) -> None:
         """Update the participant and controller from a roster note."""
@@ -248,3 +269,32 @@ def steps_left(content: bytes) -> StepsLeft:
     except (RobotouilleError, LookupError, ValueError):
         return UNKNOWN
     return (None, None, True) if left.dead else (left.bound, left.steps, False)
+
+
+def useful_steps(content: bytes) -> list[frozenset[str]] | None:
+    """Return for each step the inactive players who could act usefully in it.
+
+    With the turn clock, only the player on turn can act. The result is None if the recording
+    cannot be simulated. It depends on the recording alone, so no cache outlives the call.
+    """
+    try:
+        recording = Recording(plain(content)[0])
+        opportunities, players = Opportunities(recording.world), recording.world.players
+        by_turns = recording.header["rules"]["clock"] == Clock.TURN
+        found = []
+        for (step, seats), (_, state) in zip(
+            activities(recording), recording.states(), strict=False
+        ):
+            on_turn = players[(step - 1) % len(players)] if by_turns else None
+            found.append(
+                frozenset(
+                    player
+                    for player, did in seats.did.items()
+                    if did in INACTIVE
+                    and on_turn in (None, player)
+                    and opportunities.useful(state, player)
+                )
+            )
+    except (RobotouilleError, LookupError, ValueError):
+        return None
+    return found

@@ -6,9 +6,9 @@ import hashlib
 import json
 import math
 import stat
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 
@@ -29,6 +29,7 @@ from robotouille_data.recorded_seats import (
     occupied_predicates,
     player_names,
     steps_left,
+    useful_steps,
     workless_actions,
 )
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, STEPS
@@ -47,13 +48,22 @@ class RowBuilder:
     If a frame contradicts an earlier one, such as a fact without a table entry or a player without
     a seat, any method may raise LookupError, TypeError, ValueError or AttributeError. Missing steps
     and numbers out of range raise RecordingError.
+
+    Args:
+        useful: The result of `useful_steps`; None if it was not computed.
     """
 
-    def __init__(self, header: Mapping[str, Any], episode_id: int) -> None:
+    def __init__(
+        self,
+        header: Mapping[str, Any],
+        episode_id: int,
+        useful: Sequence[Collection[str]] | None = None,
+    ) -> None:
         self.steps: list[Row] = []
         self.events: list[Row] = []
         self._header = header
         self._id = episode_id
+        self._useful = useful
         self._seats = {
             player: RecordedSeat(number, player)
             for number, player in enumerate(player_names(header))
@@ -96,17 +106,22 @@ class RowBuilder:
         turn = self._step % len(self._seats) if self._by_turns else None
         busy, waits = self._busy, frame.get("waits", ())
         late = _bounded(frame.get("late", 0))
+        useful = None if self._useful is None else self._useful[self._step]
         for player, seat in self._seats.items():
             move = moves.get(player)
             applied = None if move is None else move[2]
             others_turn = turn is not None and turn != seat.number
             # `waits` lists the players who declared that they wait instead of acting.
-            seat.refused = seat.refused or player in waits
+            declared = player in waits
+            seat.waits += declared
+            seat.refused = seat.refused or declared
             did = seat.activity(applied, busy.get(player, 0) > 0, others_turn)
             action = (None, None, None, None, None) if move is None else move
-            self.steps.append(
-                (self._id, number, seat.number, time, late, did, seat.controller._value_, *action)
-            )
+            could = None if useful is None else seat.judge(did, useful)
+            self.steps.append((
+                self._id, number, seat.number, time, late, did, declared, could,
+                seat.controller._value_, *action,
+            ))  # fmt: skip
             seat.refused = False
             # A rejected move already counts as blocking in `_moves`; do not count its step twice.
             if applied is not False:
@@ -232,6 +247,8 @@ class RowBuilder:
                 _clean(seat.kind),
                 _clean(seat.participant),
                 *(seat.did[each] for each in ACTIVITIES),
+                seat.waits,
+                *((None, None) if self._useful is None else (seat.unused, seat.hindered)),
                 seat.lost,
                 seat.invalid,
                 seat.malformed,
@@ -332,14 +349,29 @@ def episode_id(digest: str) -> int:
     return int(digest[:16], 16) >> 1
 
 
+class Searches(NamedTuple):
+    """Measures to compute that take a search.
+
+    Attributes:
+        steps_to_go: The steps to go of a failed episode.
+        useful: Whether inactive seats could act usefully.
+    """
+
+    steps_to_go: bool = False
+    useful: bool = False
+
+
+NO_SEARCHES = Searches()
+
+
 def recorded_rows(
-    content: bytes, number: int, *, steps_to_go: bool = False
+    content: bytes, number: int, searches: Searches = NO_SEARCHES
 ) -> Iterator[list[TableRows]]:
     """Yield the rows of a recording in parts. The last part has the summary rows.
 
     Args:
         number: The episode id.
-        steps_to_go: Compute the steps to go of a failed episode, which takes a search.
+        searches: The measures to compute that take a search.
 
     Raises:
         RecordingError: The content is damaged or not a recording. Discard the earlier parts.
@@ -349,20 +381,23 @@ def recorded_rows(
         raise RecordingError(fault)
     try:
         rows = None
-        for rows in _builders(stream, number, closed=is_closed(content)):
+        useful = useful_steps(content) if searches.useful else None
+        for rows in _builders(stream, number, useful, closed=is_closed(content)):
             if len(rows.steps) + len(rows.events) >= MAX_ROWS:
                 yield [(STEPS, rows.steps), (EVENTS, rows.events)]
                 rows.steps, rows.events = [], []
         if rows is None:
             raise RecordingError("no header")
-        sought = steps_to_go and rows.success is False
+        sought = searches.steps_to_go and rows.success is False
         summary = _summary(rows, steps_left(content) if sought else UNKNOWN)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise RecordingError(f"inconsistent frames: {error!r}") from None
     yield summary
 
 
-def _builders(stream: bytes, number: int, *, closed: bool) -> Iterator[RowBuilder]:
+def _builders(
+    stream: bytes, number: int, useful: Sequence[Collection[str]] | None, *, closed: bool
+) -> Iterator[RowBuilder]:
     """Yield the builder after each frame."""
     rows, ended, end = None, False, 0
     for place, (frame, end) in enumerate(frames_with_ends(stream)):
@@ -372,7 +407,7 @@ def _builders(stream: bytes, number: int, *, closed: bool) -> Iterator[RowBuilde
         if rows is not None:
             rows.add(frame)
         elif frame["kind"] == "header":
-            rows = RowBuilder(frame, number)
+            rows = RowBuilder(frame, number, useful)
         else:
             return
         ended = frame["kind"] == "footer"

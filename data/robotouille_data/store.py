@@ -10,8 +10,8 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from robotouille_data.database import in_pieces, insert
-from robotouille_data.recording_rows import TableRows, episode_id
-from robotouille_data.schema import EPISODE_TABLES, EPISODES, MEASURES, RECORDINGS
+from robotouille_data.recording_rows import Searches, TableRows, episode_id
+from robotouille_data.schema import EPISODE_TABLES, EPISODES, MEASURES, RECORDINGS, SEATS
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +41,19 @@ def known_files(connection: Connection, folder: str) -> dict[str, Stamp]:
     return {path: Stamp(size, mtime_ns) for path, size, mtime_ns in found}
 
 
-def lacking_steps_to_go(connection: Connection) -> set[str]:
-    """Return the files of failed episodes whose steps to go were not computed."""
-    its = MEASURES.c
-    joined = RECORDINGS.join(MEASURES, its.episode_id == RECORDINGS.c.episode_id)
-    wanted = (its.success == sa.false()) & its.out_of_reach.is_(None)
-    return set(connection.scalars(sa.select(RECORDINGS.c.path).select_from(joined).where(wanted)))
+def lacking_measures(connection: Connection, searches: Searches) -> set[str]:
+    """Return the files of episodes for which a search was not made."""
+    its, found = MEASURES.c, set[str]()
+    failed = (its.success == sa.false()) & its.out_of_reach.is_(None)
+    for asked, table, lacks in (
+        (searches.steps_to_go, MEASURES, failed),
+        (searches.useful, SEATS, SEATS.c.unused.is_(None)),
+    ):
+        joined = RECORDINGS.join(table, table.c.episode_id == RECORDINGS.c.episode_id)
+        if asked:
+            query = sa.select(RECORDINGS.c.path).select_from(joined).where(lacks)
+            found.update(connection.scalars(query))
+    return found
 
 
 def forget(connection: Connection, paths: Collection[str]) -> None:

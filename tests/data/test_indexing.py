@@ -29,6 +29,7 @@ from robotouille_data.database import (
 )
 from robotouille_data.indexing import IndexResult, index
 from robotouille_data.query import asking
+from robotouille_data.recording_rows import Searches
 from robotouille_data.schema import METADATA
 from tests.support.postgresql import PostgreSQL
 from tests.support.random_play import random_stream, write_recordings
@@ -267,9 +268,10 @@ def test_steps_to_go_can_be_computed_later(database: str, folder: Path, tmp_path
     other = str(tmp_path / "other.sqlite")
     indexed(database, folder)
     assert {row[2:] for row in ask(database, query)} == {(None, None, None)}
-    assert indexed(database, folder, steps_to_go=True) == IndexResult(indexed=3)
-    assert indexed(database, folder, steps_to_go=True) == IndexResult(unchanged=3)
-    indexed(other, folder, steps_to_go=True)
+    to_go = Searches(steps_to_go=True, useful=True)
+    assert indexed(database, folder, searches=to_go) == IndexResult(indexed=3)
+    assert indexed(database, folder, searches=to_go) == IndexResult(unchanged=3)
+    indexed(other, folder, searches=to_go)
     assert dump(database) == dump(other)
     for episode, success, least, most, dead in ask(database, query)[:2]:
         assert not success

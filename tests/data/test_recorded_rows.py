@@ -13,12 +13,19 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 from robotouille.episode import ActionRequest, Chat, Clock, Episode, PauseReason, Rules
 from robotouille.errors import RecordingError
+from robotouille.planning.beam.opportunities import Opportunities
 from robotouille.replay import Recording
 from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
 from robotouille.replay.measures import activities
 from robotouille.replay.recorder import Recorder, header
 from robotouille_data import recording_rows as reading
-from robotouille_data.recording_rows import content_digest, episode_id, recorded_rows
+from robotouille_data.recording_rows import (
+    NO_SEARCHES,
+    Searches,
+    content_digest,
+    episode_id,
+    recorded_rows,
+)
 from robotouille_evaluation.metrics.measuring import blocking, contributions
 from robotouille_evaluation.metrics.outcomes import repeated_transitions
 from robotouille_evaluation.metrics.trajectory import Trajectory
@@ -29,9 +36,9 @@ SEEDS = range(6)
 Rows = dict[str, list[dict[str, Any]]]
 
 
-def rows_of(content: bytes) -> Rows:
+def rows_of(content: bytes, searches: Searches = NO_SEARCHES) -> Rows:
     found: Rows = {}
-    for part in recorded_rows(content, episode_id(content_digest(content))):
+    for part in recorded_rows(content, episode_id(content_digest(content)), searches):
         for table, rows in part:
             names = [column.name for column in table.columns]
             named = [dict(zip(names, row, strict=True)) for row in rows]
@@ -119,6 +126,31 @@ def test_episode_has_its_times_without_pauses_and_its_rules() -> None:
     steps = [(row["t"], row["late_ms"]) for row in rows["steps"] if row["seat"] == 0]
     assert steps == [(frame["t"], frame.get("late", 0)) for frame in Recording(stream).steps]
     assert steps[0] == (200, 50)
+
+
+def test_declared_waits_and_useful_steps_are_counted_for_all_kinds_alike() -> None:
+    """A bot waits, a person does nothing: the state decides alike for both."""
+    stream = random_stream(1)
+    recording, rows = Recording(stream), rows_of(stream, Searches(useful=True))
+    players, judge = recording.world.players, Opportunities(recording.world)
+    states = dict(recording.states())
+    waits = {frame["step"]: frame.get("waits", ()) for frame in recording.steps}
+    for row in rows["steps"]:
+        player = players[row["seat"]]
+        inactive = row["activity"] in ("idle", "waiting")
+        could = judge.useful(states[row["step"] - 1], player) if inactive else None
+        if inactive and recording.header["rules"]["clock"] == "turn":
+            could = could and (row["step"] - 1) % len(players) == row["seat"]
+        assert row["useful"] == could
+        assert row["waits"] == (player in waits[row["step"]])
+    for seat in rows["seats"]:
+        own = [row for row in rows["steps"] if row["seat"] == seat["seat"]]
+        assert seat["unused"] == sum(row["useful"] is True for row in own)
+        assert seat["hindered"] == sum(row["useful"] is False for row in own)
+        assert seat["unused"] + seat["hindered"] == seat["idle"] + seat["waiting"]
+        assert seat["waits"] == sum(row["waits"] for row in own)
+    for seat in rows_of(stream)["seats"]:
+        assert (seat["unused"], seat["hindered"]) == (None, None)
 
 
 def test_optimal_episode_has_optimality_rate_1() -> None:

@@ -93,8 +93,10 @@ def test_facts_equal_those_of_the_recordings(folder: Path) -> None:
         assert episode.success == measures.success
         for seat in (each for each in facts.seats if each.episode is episode):
             own = measures.seats[seat.player]
-            idle, present = own.idle, own.acted + own.busy + own.waiting + own.idle
-            assert seat.idle_share == (idle / present if present else None)
+            inactive = own.idle + own.waiting
+            present = own.acted + own.busy + inactive
+            assert seat.inactive_share == (inactive / present if present else None)
+            assert seat.unused_share is None
             times = [
                 move["ms"]
                 for frame, (_, activity) in zip(recording.steps, activities(recording), strict=True)
@@ -245,15 +247,15 @@ def random_catalogue(
     for number in range(count):
         steps, won = rng.randrange(50, 150), rng.random() < 0.5
         rows[EPISODES].append((
-            number, f"e{number}{text}", "ended", "2026", "0", f"task{text}", "", "people", 0,
-            "realtime", 4.0, 150, "wait", 2, text or ("goal" if won else "step_limit"), "", steps,
-            steps / 4, "", "",
+            number, f"e{number}{text}", "ended", "2026", None, None, "0", f"task{text}", "",
+            "people", 0, "realtime", 4.0, 150, "wait", 30.0, "free", "[]", 2,
+            text or ("goal" if won else "step_limit"), "", steps, steps / 4, steps / 4, "", "",
         ))  # fmt: skip
         for seat in range(2):
             acted = rng.randrange(10, 40)
             rows[SEATS].append((
                 number, seat, f"robot{seat}", text, text or "human", "", acted, 0, 0, steps - acted,
-                0, 0, 0, 0, 0, 0, 1, 0, None, 0.5, "", delay,
+                0, 0, 0, None, None, 0, 0, 0, 0, 1, 0, None, 0.5, "", delay,
             ))  # fmt: skip
         rows[EVENTS].append((number, 0, 1, 5, "said", 0, text, text, "{}"))
         rows[LABELS].append((number, text or "condition", text or f"c{number % groups}"))

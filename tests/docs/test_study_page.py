@@ -20,6 +20,7 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
+from robotouille.planning.beam.opportunities import Opportunities
 from robotouille.replay import Recording, read_recording
 from robotouille.replay.measures import activities
 from robotouille_data.database import database_url
@@ -36,7 +37,7 @@ PROGRAMS = {
 }
 QUERY = (ROOT / "examples/study/table.sql").read_text(encoding="utf-8")
 SECONDS = 240
-COUNTS = ("acted", "busy", "idle", "waiting", "away")
+COUNTS = ("acted", "busy", "away")
 
 needs_broker = pytest.mark.skipif(
     not all(
@@ -219,8 +220,14 @@ def by_hand(recording: Recording) -> Iterator[dict[str, Any]]:
         for player, did in seats.did.items():
             if did == "acted":
                 acted[player].add(step)
+    judge, useful = Opportunities(recording.world), Counter[tuple[str, bool]]()
+    for (_, seats), (_, state) in zip(activities(recording), recording.states(), strict=False):
+        for player, did in seats.did.items():
+            if did not in ("acted", "busy", "away", "substituted"):
+                useful[player, judge.useful(state, player)] += 1
     for seat in outcome["seats"]:
         player = seat["player"]
+        assert useful[player, True] + useful[player, False] == seat["idle"] + seat["waiting"]
         moves = [
             (frame["step"], move["seq"] > 0, str(place) in frame.get("unmet", {}), move["ms"])
             for frame in recording.steps
@@ -236,6 +243,9 @@ def by_hand(recording: Recording) -> Iterator[dict[str, Any]]:
             "outcome": outcome["reason"],
             "steps": outcome["steps"],
             **{name: seat[name] for name in COUNTS},
+            "unused": useful[player, True],
+            "hindered": useful[player, False],
+            "waits": sum(player in frame.get("waits", ()) for frame in recording.steps),
             "rejections": asked[player, "rejected"]
             + sum(own and lost for _, own, lost, _ in moves),
             "chat": seat["said"],

@@ -49,7 +49,17 @@ UNITS = {
     "seats.said": "messages",
     **{
         f"seats.{name}": "steps"
-        for name in ("acted", "busy", "waiting", "idle", "away", "substituted")
+        for name in (
+            "acted",
+            "busy",
+            "waiting",
+            "idle",
+            "away",
+            "substituted",
+            "waits",
+            "unused",
+            "hindered",
+        )
     },
 }
 """Units of columns. All other numbers are shares or have no unit."""

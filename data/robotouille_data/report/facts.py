@@ -16,7 +16,7 @@ from sqlalchemy.engine import Connection
 from robotouille.html_report.figures import short_label
 from robotouille_data.database import in_pieces
 from robotouille_data.query import Selection
-from robotouille_data.recorded_seats import ACTIVITIES
+from robotouille_data.recorded_seats import ACTIVITIES, INACTIVE
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, RECORDINGS, SEATS, STEPS
 
 Progress = Callable[[str, int, int], None]
@@ -68,6 +68,7 @@ class SeatFacts:
 
     Attributes:
         activities: Number of steps for each of `ACTIVITIES`.
+        unused: Inactive steps in which the seat could act usefully; None if not computed.
         decision_ms: Mean decision time of the participant's applied actions.
         delay_ms: Delay that a study added to each action. It is part of `decision_ms`.
     """
@@ -82,16 +83,28 @@ class SeatFacts:
     said: int
     decision_ms: float | None
     delay_ms: int
+    unused: int | None
 
     def steps(self, activity: str) -> int:
         """Return the number of steps with an activity."""
         return self.activities[ACTIVITIES.index(activity)]
 
     @property
-    def idle_share(self) -> float | None:
-        """Share of idle steps among the steps in which the participant had control."""
-        present = sum(map(self.steps, ("acted", "busy", "waiting", "idle")))
-        return self.steps("idle") / present if present else None
+    def inactive_share(self) -> float | None:
+        """Share of inactive steps among the steps in which the participant had control.
+
+        It includes steps in which a bot declared a wait, because people cannot declare one.
+        """
+        return self._share(sum(map(self.steps, INACTIVE)))
+
+    @property
+    def unused_share(self) -> float | None:
+        """Share of the steps in which the participant could act usefully and did not."""
+        return None if self.unused is None else self._share(self.unused)
+
+    def _share(self, steps: int) -> float | None:
+        present = sum(map(self.steps, ("acted", "busy", *INACTIVE)))
+        return steps / present if present else None
 
 
 @dataclass(slots=True)
@@ -175,7 +188,7 @@ def _seats(
     its = SEATS.c
     query = sa.select(
         its.episode_id, its.seat, its.player, its.kind, its.rejected, its.lost, its.said,
-        its.delay_ms, *(its[name] for name in ACTIVITIES),
+        its.delay_ms, its.unused, *(its[name] for name in ACTIVITIES),
     )  # fmt: skip
     times = _decision_times(connection, ids)
     wanted = query.where(its.episode_id.in_(ids)).order_by(its.episode_id, its.seat)
@@ -191,6 +204,7 @@ def _seats(
             said=row.said,
             decision_ms=times.get((row.episode_id, row.seat)),
             delay_ms=row.delay_ms,
+            unused=row.unused,
         )
 
 

@@ -1,4 +1,4 @@
-"""Figures of a report: outcomes, activities, idle shares, decision times and rounds."""
+"""Figures of a report: outcomes, activities, inactive shares, decision times and rounds."""
 
 from __future__ import annotations
 
@@ -172,12 +172,12 @@ def activity_handles() -> list[object]:
 
 def _idle(groups: Sequence[Group]) -> ReportFigure | None:
     caption = (
-        "Idle share of the steps in which a seat's participant had control, with a row for each "
-        "role. Dots are seats of episodes, boxes span the quartiles, diamonds are medians with "
-        "95 % bootstrap intervals."
+        "Inactive share of the steps in which a seat's participant had control, with a row for "
+        "each role. Dots are seats of episodes, boxes span the quartiles, diamonds are medians "
+        "with 95 % bootstrap intervals."
     )
-    label = "idle, % of the participant's steps"
-    return _of_seats("idle", groups, lambda seat: _percent(seat.idle_share), label, caption)
+    label = "inactive, % of the participant's steps"
+    return _of_seats("idle", groups, lambda seat: _percent(seat.inactive_share), label, caption)
 
 
 def _decisions(groups: Sequence[Group]) -> ReportFigure | None:

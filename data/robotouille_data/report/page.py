@@ -207,16 +207,20 @@ class _Content:
         )  # fmt: skip
         yield Section(
             "activities", "Activities",
-            "Idle: the seat could act but had no action. Waiting: its action was rejected, or it "
-            "was another player's turn. Steps of a substitute do not count for the participant. "
-            "Rejected and lost actions and messages are means per seat and episode.",
+            "Idle: the seat could act but had no action. Waiting: its action was rejected, it was "
+            "another player's turn, or a bot declared that it waits. People cannot declare a wait, "
+            "so compare the sum of both between people and bots. Steps of a substitute do not "
+            "count for the participant. Rejected and lost actions and messages are means per seat "
+            "and episode.",
             with_figures(tables.activities_table(shown, by), "activities"),
         )  # fmt: skip
         yield Section(
-            "spread", "Idle shares and decision times",
-            "Medians over seats with 95 % bootstrap intervals. The seats of a pair are correlated, "
-            "so the bootstrap draws pairs. In real time, a decision time includes the time in "
-            "which the participant only watched.",
+            "spread", "Inactive shares and decision times",
+            "Medians over seats with 95 % bootstrap intervals. Inactive: idle or waiting, the same "
+            "for people and bots. Could act usefully: the part of it in which some action of the "
+            "seat would have left less work (only after `data index --useful`). The seats of a "
+            "pair are correlated, so the bootstrap draws pairs. In real time, a decision time "
+            "includes the time in which the participant only watched.",
             with_figures(tables.spread_table(shown, by), "idle", "decisions"),
         )  # fmt: skip
         if "rounds" in figures:

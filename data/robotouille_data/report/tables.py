@@ -78,17 +78,20 @@ def activities_table(groups: Sequence[Group], by: str) -> Table:
 
 
 def spread_table(groups: Sequence[Group], by: str) -> Table:
-    """Return medians over seats of the idle share and the decision time."""
+    """Return medians over seats of the inactive and unused shares and the decision time."""
     rows = [
         (
             *role,
             f"{len(seats):,}",
-            _interval(median_of_seats(seats, attrgetter("idle_share")), _percent),
+            _interval(median_of_seats(seats, attrgetter("inactive_share")), _percent),
+            _interval(median_of_seats(seats, attrgetter("unused_share")), _percent),
             _interval(median_of_seats(seats, attrgetter("decision_ms")), "{:,.0f}".format),
         )
         for role, seats in _labelled_roles(groups)
     ]
-    return _table((by, "player", "played by", "seats", "idle, %", "decision time, ms"), rows)
+    columns = (by, "player", "played by", "seats", "inactive, %", "could act usefully, %",
+               "decision time, ms")  # fmt: skip
+    return _table(columns, rows)
 
 
 def rounds_table(groups: Sequence[Group], by: str) -> Table:
