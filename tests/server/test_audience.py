@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -169,34 +169,105 @@ async def test_newcomer_receives_no_step_twice(tmp_path: Path) -> None:
         assert steps([m for m in await pending(zoe) if m["type"] == "delta"]) == [4]
 
 
-@virtual
-async def test_delivery_to_many_gives_way_to_others() -> None:
-    """The steps of other rooms are taken between the turns of a delivery."""
-    budget, received = LoopBudget(asyncio.get_running_loop()), []
+class Reader:
+    """Connection that counts the messages it receives. `slow` is set if it does not read them."""
 
-    class Reader:
-        codec, behind = JSON, False
+    codec = JSON
 
-        def send_frame(self, frame: bytes, count: int) -> None:
-            received.append(count)
+    def __init__(self) -> None:
+        self.received: list[int] = []
+        self.slow = False
+        self.caught_up: Callable[[], None] = lambda: None
+
+    @property
+    def behind(self) -> bool:
+        return self.slow
+
+    def keeps_up(self, caught_up: Callable[[], None]) -> bool:
+        self.caught_up = caught_up
+        return not self.slow
+
+    def send_frame(self, frame: bytes, count: int) -> None:
+        self.received.append(count)
+
+
+def audience_with(budget: LoopBudget) -> Audience:
+    """Return an audience whose snapshots are withheld, as while a disk is full."""
 
     def no_observation(event: Stepped) -> SharedMessage:
         raise AssertionError
 
-    audience = Audience(TimerQueue(), budget, no_observation, lambda session: None)
-    for number in range(1000):
-        session = Session(f"s-{number}", name="eve", kind="human", role=Role.SPECTATOR)
-        session.peer = Reader()  # type: ignore[assignment]
-        audience.enter(session)
-    audience.add(SharedMessage(messages.Notice(text="x")))
-    audience.add(SharedMessage(messages.Notice(text="y")))
+    return Audience(TimerQueue(), budget, no_observation, lambda session: None)
+
+
+def entered(audience: Audience) -> tuple[Session, Reader]:
+    session, reader = Session("s", name="eve", kind="human", role=Role.SPECTATOR), Reader()
+    session.peer = reader  # type: ignore[assignment]
+    audience.enter(session)
+    return session, reader
+
+
+def notice() -> SharedMessage:
+    return SharedMessage(messages.Notice(text="x"))
+
+
+@virtual
+async def test_delivery_to_many_gives_way_to_others() -> None:
+    """The steps of other rooms are taken between the turns of a delivery."""
+    audience = audience_with(LoopBudget(asyncio.get_running_loop()))
+    readers = [entered(audience)[1] for _ in range(1000)]
+    audience.add(notice())
+    audience.add(notice())
     turns = [0]
-    while len(received) < 1000:
+    while turns[-1] < 1000:
         await asyncio.sleep(0)
-        turns.append(len(received))
+        turns.append(sum(len(reader.received) for reader in readers))
     at_once = max(after - before for before, after in pairwise(turns))
     assert at_once <= LOOP_BUDGET / WRITE_COST
-    assert set(received) == {2}
+    assert all(reader.received == [2] for reader in readers)
+
+
+@virtual
+async def test_spectator_whose_snapshot_is_withheld_misses_no_chat() -> None:
+    audience = audience_with(LoopBudget(asyncio.get_running_loop()))
+    _, eve = entered(audience)
+    eve.slow = True
+    audience.add(notice())
+    await asyncio.sleep(DELIVERY_SECONDS)
+    eve.slow = False
+    eve.caught_up()
+    audience.add(notice())
+    await asyncio.sleep(DELIVERY_SECONDS)
+    audience.add(notice())
+    await asyncio.sleep(DELIVERY_SECONDS)
+    assert eve.received == [1, 1, 1]
+
+
+class BusyLoop(LoopBudget):
+    """Budget of an event loop that is busy until `work` is called."""
+
+    def wait(self, resume: Callable[[], None]) -> None:
+        self._waiting.append(resume)
+
+    def work(self) -> None:
+        self._turn()
+
+
+@virtual
+async def test_spectator_of_a_busy_server_receives_what_follows_an_empty_room() -> None:
+    budget = BusyLoop(asyncio.get_running_loop())
+    audience = audience_with(budget)
+    last, _ = entered(audience)
+    audience.add(notice())
+    audience.leave(last)
+    await asyncio.sleep(DELIVERY_SECONDS)
+    _, eve = entered(audience)
+    audience.add(notice())
+    await asyncio.sleep(DELIVERY_SECONDS)
+    budget.work()
+    await asyncio.sleep(DELIVERY_SECONDS)
+    budget.work()
+    assert eve.received == [1]
 
 
 async def lines_accepted(one: Raw, count: int) -> int:

@@ -13,6 +13,7 @@ import pytest
 from robotouille_client import connect
 from robotouille_client.sansio.game_events import RosterChanged
 from robotouille_server import Server
+from robotouille_server.rooms.audience import DELIVERY_SECONDS
 from robotouille_server.rooms.publisher import ROSTER_SECONDS
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import virtual
@@ -222,9 +223,10 @@ async def test_absent_seats_are_not_announced(tmp_path: Path) -> None:
             assert (await newcomer.expect("roster"))["waits_for"] == ["robot1", "robot2"]
         begun = now()
         await bob.socket.close()
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(2 * DELIVERY_SECONDS)
         assert eve.rosters(begun)[-1][1] == ["robot1"]
         await ada.act()
+        await asyncio.sleep(2 * DELIVERY_SECONDS)
         assert eve.rosters(begun)[-1][1] == []
 
 

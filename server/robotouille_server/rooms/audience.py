@@ -18,7 +18,7 @@ from robotouille.episode import Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
 from robotouille_server.rooms.session import Session
-from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
+from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget, Peer, frame_of
 
 DELIVERY_SECONDS = 0.1
@@ -138,13 +138,12 @@ class Audience:
     __slots__ = (
         "_budget",
         "_delivered",
+        "_delivering",
         "_next_at",
         "_observe",
         "_places",
         "_snapshot",
         "_stale",
-        "_targets",
-        "_timer",
         "_timers",
         "_updates",
     )
@@ -167,9 +166,9 @@ class Audience:
         self._delivered = 0
         # Spectators who have missed steps and can receive a snapshot now.
         self._stale: set[Session] = set()
-        self._targets: list[Session] = []
         self._next_at = 0.0
-        self._timer: TimerHandle | None = None
+        # True from the time at which a delivery is scheduled until everybody has received it.
+        self._delivering = False
 
     @property
     def _total(self) -> int:
@@ -206,29 +205,30 @@ class Audience:
             self._deliver_to(session, batch, self._total, steps=steps)
 
     def _schedule(self) -> None:
-        if not self._targets and self._timer is None:
-            self._timer = self._timers.call_at(max(self._next_at, self._timers.time()), self._begin)
+        if not self._delivering:
+            self._delivering = True
+            self._timers.call_at(max(self._next_at, self._timers.time()), self._begin)
 
     def _begin(self, due: float) -> None:
-        self._timer = None
         self._next_at = max(due, self._timers.time()) + DELIVERY_SECONDS
-        batch, until = Batch(tuple(self._updates), self._observe), self._total
+        batch = Batch(tuple(self._updates), self._observe)
         # The order is reversed, because targets are taken from the end.
-        self._targets = list(reversed(self._places))
-        self._budget.wait(partial(self._deliver, batch, until))
+        targets = list(reversed(self._places))
+        self._budget.wait(partial(self._deliver, batch, self._total, targets))
 
-    def _deliver(self, batch: Batch, until: int) -> None:
-        """Deliver a batch until all spectators have it or the budget of this turn is used up."""
-        targets, budget = self._targets, self._budget
+    def _deliver(self, batch: Batch, until: int, targets: list[Session]) -> None:
+        """Deliver a batch until all targets have it or the budget of this turn is used up."""
+        budget = self._budget
         while targets and not budget.over:
             session = targets.pop()
             if session in self._places:
                 budget.spend(self._deliver_to(session, batch, until))
         if targets:
-            budget.wait(partial(self._deliver, batch, until))
+            budget.wait(partial(self._deliver, batch, until, targets))
             return
         del self._updates[: until - self._delivered]
         self._delivered = until
+        self._delivering = False
         if self._updates or self._stale:
             self._schedule()
 
@@ -239,14 +239,13 @@ class Audience:
         place, peer = self._places[session], session.peer
         stale = session in self._stale
         self._stale.discard(session)
-        if stale and peer is not None:
-            self._snapshot(session)
-            return SNAPSHOT_COST
         self._places[session] = max(place, until)
-        if peer is None or place >= until:
+        if peer is None or (place >= until and not stale):
             return 0.0
-        steps = steps and self._keeps_up(session, peer)
-        frames, count, needs_snapshot = batch.frames(
+        # The snapshot of a stale spectator may wait until the recording can be written. Chat does
+        # not, so it is sent here.
+        steps = steps and not stale and self._keeps_up(session, peer)
+        frames, count, too_many = batch.frames(
             peer.codec,
             place - self._delivered,
             state=steps and session.wants_state,
@@ -256,7 +255,7 @@ class Audience:
         if frames:
             peer.send_frame(frames, count)
             cost = WRITE_COST + len(frames) / KIB * KIB_COST
-        if needs_snapshot:
+        if stale or too_many:
             self._snapshot(session)
             cost += SNAPSHOT_COST
         return cost
