@@ -33,6 +33,8 @@ from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot
 from robotouille_server.transport import LoopBudget, Peer
 
 DAY_SECONDS = 86_400.0
+STEP_COST = 8.0
+"""Cost of a step, in units of `LoopBudget`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,10 +246,16 @@ class Requests:
 
     def _act(self, message: messages.Act) -> None:
         session = self._session
-        if session.room is not None:
-            session.room.act(session, message)
-        else:
+        room = session.room
+        if room is None:
             self._peer.send(unheard(message, session, 0, "episode/none", "join an episode first"))
+            return
+        step = room.episode.step
+        room.act(session, message)
+        # Without the wall clock, an action may complete a step, which takes much longer than
+        # reading the message.
+        if taken := room.episode.step - step:
+            self._services.loop_budget.spend(taken * STEP_COST)
 
     def _say(self, message: messages.Say) -> None:
         self._room.say(self._session, message.text)

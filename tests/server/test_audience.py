@@ -14,6 +14,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON
 from robotouille_server import Server
 from robotouille_server.auth import Role
+from robotouille_server.requests import STEP_COST
 from robotouille_server.rooms.audience import (
     DELIVERY_SECONDS,
     MAX_STEPS,
@@ -268,6 +269,21 @@ async def test_spectator_of_a_busy_server_receives_what_follows_an_empty_room() 
     await asyncio.sleep(DELIVERY_SECONDS)
     budget.work()
     assert eve.received == [1]
+
+
+@virtual
+async def test_steps_that_one_player_completes_give_way_to_others(tmp_path: Path) -> None:
+    async with watched(tmp_path) as game:
+        room = game.server.lobby.find(game.code)
+        acts = [{"type": "act", "seq": seq, "action": None} for seq in range(1, 61)]
+        for act in acts:
+            await game.player.send(act)
+        steps_taken = [room.episode.step]
+        while room.episode.step < len(acts):
+            await asyncio.sleep(0)
+            steps_taken.append(room.episode.step)
+        at_once = max(after - before for before, after in pairwise(steps_taken))
+        assert at_once <= LOOP_BUDGET / STEP_COST + 1
 
 
 async def lines_accepted(one: Raw, count: int) -> int:
