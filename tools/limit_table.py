@@ -135,7 +135,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "Pings are not answered; a fragmented message ends the connection. Each KiB counts "
               "as one more frame."),
         Limit("Control frames and fragments above that rate", f"{connection.MAX_EXCESS}", CUT),
-        Limit("Frames handled between two checks of due steps", f"{admission.LOOP_BUDGET:g}",
+        Limit("Frames handled between two checks of due steps",
+              f"{admission.LOOP_BUDGET:g}, or {admission.TURN_SECONDS * 1000:g} ms of them",
               "The remaining frames wait."),
         Limit("Frames of one connection handled before the others",
               f"{connection.FRAMES_AT_A_TIME}", "The remaining frames wait."),

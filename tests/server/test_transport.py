@@ -16,7 +16,7 @@ from robotouille_server.rooms.audience import DELIVERY_SECONDS
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from robotouille_server.transport import LoopBudget
-from robotouille_server.transport.admission import LOOP_BUDGET
+from robotouille_server.transport.admission import LOOP_BUDGET, TURN_SECONDS
 from robotouille_server.transport.connection import Connection, PendingConnection
 from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
 from tests.support.servers import Raw, raw, serving
@@ -207,3 +207,28 @@ async def test_queue_is_served_in_order_within_the_budget() -> None:
     assert served == ["ada", "bob"]
     await asyncio.sleep(0)
     assert served == ["ada", "bob", "cy"]
+
+
+@virtual
+async def test_turn_ends_after_its_time_though_messages_count_little(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    loop, now, served = asyncio.get_running_loop(), [0.0], []
+    monkeypatch.setattr(loop, "time", lambda: now[0])
+    budget = LoopBudget(loop)
+
+    def serve(name: str) -> None:
+        budget.spend(1)
+        now[0] += TURN_SECONDS
+        served.append(name)
+
+    for name in ("ada", "bob"):
+        budget.wait(lambda name=name: serve(name))  # type: ignore[misc]
+    await asyncio.sleep(0)
+    assert served == ["ada"]
+    assert not budget.free, "newcomers wait for the next turn"
+    await asyncio.sleep(0)
+    assert served == ["ada", "bob"]
+    await asyncio.sleep(0)
+    now[0] += TURN_SECONDS
+    assert budget.free, "time without work does not count"

@@ -1,4 +1,4 @@
-"""Limits that all connections share: time in the event loop, TLS handshakes, their number."""
+"""Limits that all connections share: event loop time, TLS handshakes, number of connections."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from typing import Protocol
 from robotouille_server.runtime.metrics import Metrics
 
 LOOP_BUDGET = 96.0
-"""Frames that all connections together process in one turn of the event loop. Expensive ones count
-as several. With more, steps of episodes would be late."""
+"""Frames that all connections together process in one turn of the event loop. An expensive frame
+counts as several. A higher budget would delay the steps of episodes."""
+TURN_SECONDS = 0.02
+"""Time after which a turn ends although its budget is not used up. Some messages take far longer
+than their share: a misspelt sentence is compared with all valid ones for milliseconds."""
 HANDSHAKES_AT_ONCE = 16
 """Concurrent handshakes. Each takes half a megabyte and blocks the event loop for milliseconds."""
 MAX_SURPLUS_CONNECTIONS = 1000
-"""Connections beyond the limit that are accepted to answer that the server is full."""
+"""Connections accepted beyond the limit, only to answer that the server is full."""
 FAIR_SECONDS = 1.0
 """Seconds after which a handshake is aborted if others wait."""
 
@@ -32,16 +35,18 @@ class LoopBudget:
         self._waiting: deque[Callable[[], None]] = deque()
         self._spent = 0.0
         self._scheduled = False
+        self._until = 0.0
 
     @property
     def over(self) -> bool:
-        """True if the budget of the current turn is used up."""
-        return self._spent >= LOOP_BUDGET
+        """True if the budget or the time of the current turn is used up."""
+        # Without a scheduled turn, nothing has been spent, and `_until` is from an earlier turn.
+        return self._spent >= LOOP_BUDGET or (self._scheduled and self._loop.time() >= self._until)
 
     @property
     def free(self) -> bool:
         """True if data that has just arrived may be processed now."""
-        return not self._waiting and self._spent < LOOP_BUDGET
+        return not self._waiting and not self.over
 
     def spend(self, cost: float) -> None:
         """Charge work to the current turn."""
@@ -58,6 +63,7 @@ class LoopBudget:
     def _schedule(self) -> None:
         if not self._scheduled:
             self._scheduled = True
+            self._until = self._loop.time() + TURN_SECONDS
             # The queue continues in the next turn, which also handles sockets and the timers of due
             # steps.
             self._loop.call_soon(self._turn)
@@ -66,7 +72,7 @@ class LoopBudget:
         self._scheduled = False
         self._spent = 0.0
         for _ in range(len(self._waiting)):  # Connections that queue again wait for the next turn.
-            # This break keeps the timer of a step from waiting for more than one budget of work.
+            # Without this break, a due step could wait for more than one budget of work.
             if self.over:
                 break
             self._waiting.popleft()()
