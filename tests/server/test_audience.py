@@ -159,6 +159,26 @@ async def test_answer_follows_what_is_pending(tmp_path: Path) -> None:
 
 
 @virtual
+async def test_returning_spectator_receives_joined_first_and_nothing_twice(tmp_path: Path) -> None:
+    async with watched(tmp_path) as game, raw(game.server, name="zoe") as zoe:
+        join = {"type": "join", "episode": game.code, "role": SPECTATOR}
+        joined = await zoe.ask(join, "joined")
+        await asyncio.sleep(1.0)
+        await game.act()
+        await pending(zoe)
+        await game.act()
+        await game.player.ask({"type": "say", "text": "hello"}, "said")
+        seen = {"episode": joined["episode"], "step": 1, "said": 0}
+        hello = {"type": "hello", "protocol": 1, "name": "zoe", "resume": joined["resume"]}
+        async with raw(game.server, hello=False) as again:
+            await again.send({**hello, "seen": seen})
+            await asyncio.sleep(1.0)
+            got = [message["type"] for message in await pending(again)]
+        assert got[:4] == ["welcome", "joined", "delta", "said"]
+        assert set(got[4:]) == {"roster"}
+
+
+@virtual
 async def test_newcomer_receives_no_step_twice(tmp_path: Path) -> None:
     async with watched(tmp_path, "state") as game, raw(game.server, name="zoe") as zoe:
         await game.act(3)

@@ -172,13 +172,13 @@ class Broadcaster:
 
     def welcome_back(self, session: Session, seen: messages.Seen | None, resume: str) -> None:
         """Send `joined` and everything that the client has missed, as deltas if possible."""
+        if not session.players:
+            # This drops what is pending: everything that the client has missed is sent below.
+            self._audience.enter(session)
         self._send_joined(session, None, resume)
         peer = session.peer
         if peer is None:
             return
-        if not session.players:
-            # This drops what was pending: everything that the client has missed is sent below.
-            self._audience.enter(session)
         if seen is None or seen.episode != self._id:
             # Deltas need a state to start from, which this client does not have. The session may
             # even continue in another program, which does not have the task.
