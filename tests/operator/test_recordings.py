@@ -6,7 +6,7 @@ import asyncio
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from robotouille.replay.container import compress
+from robotouille.replay.container import MAGIC, compress, pack_frame
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_server.operator.recordings import DOWNLOAD_PIECE, PIECE
 from robotouille_server.rooms.storage import Folder
@@ -56,12 +56,17 @@ async def test_list_shows_outcomes(tmp_path: Path) -> None:
         live = (await api.row(play.episode))["recording"]["name"]
         (tmp_path / "20250101T000000Z_old_1.rbt.part").write_bytes((tmp_path / live).read_bytes())
         (tmp_path / "20240101T000000Z_broken_2.rbt").write_bytes(b"not a recording")
+        header = {"kind": "header", "created": "", "task": {"name": "x"}}
+        forged = {"kind": "footer", "outcome": {"reason": "goal", "steps": "many"}}
+        content = MAGIC + pack_frame(header) + pack_frame(forged)
+        (tmp_path / "20230101T000000Z_forged_3.rbt").write_bytes(compress(content))
         (tmp_path / "notes.txt").write_text("no recording at all")
         rows = (await api.get("/api/recordings"))["recordings"]
         assert [(row["name"], row["outcome"]) for row in rows] == [
             (live, "live"),
             ("20250101T000000Z_old_1.rbt.part", "unfinished"),
             ("20240101T000000Z_broken_2.rbt", "unreadable"),
+            ("20230101T000000Z_forged_3.rbt", "unreadable"),
         ]
         assert rows[0]["episode"] == play.episode
         found = await api.get("/api/recordings", params={"search": "OLD", "limit": 5})

@@ -26,6 +26,7 @@ from robotouille.replay.container import (
     is_closed,
 )
 from robotouille.replay.file_names import is_recording_name
+from robotouille.replay.frame_schema import check_frame
 from robotouille_server.operator.models import LogLine, RecordingPage, RecordingRow
 from robotouille_server.operator.principal import RequestRefusedError
 
@@ -273,8 +274,7 @@ class RecordingStore:
             raise RequestRefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
         try:
             file = self._storage.open(name)
-            size = file.seek(0, os.SEEK_END) if live_size is None else live_size
-            end = size if live_size is not None else _intact(file, size)
+            end = _intact(file) if live_size is None else live_size
             file.seek(0)
         except OSError as error:
             raise _unreadable(name, error) from None
@@ -314,7 +314,8 @@ class RecordingStore:
         except OSError:
             return RecordingSummary(0)
         if len(self._known) >= MAX_SUMMARIES:
-            self._known.pop(next(iter(self._known)))
+            # Several threads use the store, so none may remove single entries.
+            self._known = {}
         self._known[name] = summary
         return summary
 
@@ -332,8 +333,9 @@ def _unreadable(what: str, error: OSError) -> RequestRefusedError:
     return RequestRefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "recording/unreadable", message)
 
 
-def _intact(file: BinaryIO, size: int) -> int:
-    """Return the bytes of a file up to its last whole frame; `size` if it is closed or damaged."""
+def _intact(file: BinaryIO) -> int:
+    """Return the bytes of a file up to its last whole frame, or all if it is closed or damaged."""
+    size = file.seek(0, os.SEEK_END)
     file.seek(0)
     if is_closed(file.read(4)):
         return size
@@ -371,6 +373,7 @@ def _with_header(known: RecordingSummary, head: dict[str, Any]) -> RecordingSumm
 
 
 def _with_outcome(known: RecordingSummary, last: dict[str, Any]) -> RecordingSummary:
-    outcome = last["outcome"] if last.get("kind") == "footer" else {}
-    reason = str(outcome.get("reason", "unfinished"))
-    return replace(known, outcome=reason, steps=outcome.get("steps"))
+    if last.get("kind") != "footer":
+        return replace(known, outcome="unfinished")
+    check_frame(last, 0)
+    return replace(known, outcome=last["outcome"]["reason"], steps=last["outcome"]["steps"])
