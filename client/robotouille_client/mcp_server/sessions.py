@@ -1,4 +1,4 @@
-"""MCP sessions over HTTP: who may open one, whose it is, and which one gives way to another."""
+"""MCP sessions over HTTP: who may open one, who owns it, and which one ends to make room."""
 
 from __future__ import annotations
 
@@ -75,9 +75,9 @@ class _Answer:
 class SessionKeeper:
     """Middleware that checks tokens, binds sessions to them and limits the number of sessions.
 
-    The library refuses new sessions at its limit. Anybody could then lock all others out for the
-    idle time, so here the session that was unused for the longest time gives way. Sessions with a
-    game stay.
+    The library refuses new sessions at its limit, so one client could lock out all others for the
+    idle time. This middleware instead ends the session that was unused for the longest time.
+    Sessions with a game stay.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Names and free text in exported rows: what is left out, and what pseudonyms replace."""
+"""Names and free text in exported rows: columns to leave out, and pseudonyms for names."""
 
 from __future__ import annotations
 

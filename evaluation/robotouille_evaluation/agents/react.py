@@ -1,4 +1,4 @@
-"""Strategies: ReAct (Yao et al., ICLR 2023) in the paper's variants, plans at once, Reflexion."""
+"""Strategies: ReAct (Yao et al., ICLR 2023) in the paper's variants, whole plans, Reflexion."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ class ReActSettings:
     """Total number of such failures after which the agent gives up."""
     parser: AnswerParser = field(default_factory=PublishedParser)
     truncate: bool = False
-    """Drop the oldest turns of a too long request until it fits. Otherwise the request is repeated
-    once without its history, which must be a single turn, as in the published code."""
+    """Drop the oldest turns of a request that is too long until it fits. Otherwise repeat it once
+    without its history, which must be a single turn, as in the published code."""
     talks: bool = False
     """Show the chat to the model and let it answer `Say: …`. Its prompt must mention both."""
 
@@ -166,7 +166,7 @@ class ReAct:
     def _kept(self, said: str | None) -> str | None:
         """Return the part of an answer that later requests repeat.
 
-        An answer may have a megabyte. Strategies that shorten requests repeat only what a
+        An answer may be a megabyte long. Strategies that shorten requests repeat only what a
         recording would keep.
         """
         return said[:MAX_REASONING] if said is not None and self._settings.truncate else said
@@ -213,7 +213,7 @@ class PlanOnce:
         return False
 
     def propose(self, observation: AgentObservation) -> ProposalSteps:
-        """Propose a plan, with which the agent has finished."""
+        """Propose a complete plan. The agent is not asked again."""
         messages = [*self._prompts.messages(), Message("user", observation.text)]
         request = ModelRequest(tuple(messages))
         completion = yield request

@@ -169,7 +169,7 @@ class _JobEpisode:
         self.runners: list[RecordedRunner] = []
         self.exchanges: list[Exchange] = []
         self.usages: list[Usage] = []
-        """Usage of all calls, also of failed ones."""
+        """Usage of all calls, including failed ones."""
 
     def completes(self, model: Model | None, journals: ExitStack) -> dict[str, Complete]:
         """Return the functions that ask the model for each player, each with its journal."""

@@ -17,7 +17,7 @@ from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.budgets import TokenBucket
 
 MANY = 200
-"""Number of participants with equal names above which free numbers are no longer searched for."""
+"""Number of equal names above which the search for a free number starts at their count."""
 
 
 RESERVED_NAMES = frozenset({"operator", "server", "system"})
@@ -64,9 +64,9 @@ class DisplayNames:
 LOOK_SECONDS = 10.0
 """Seconds between two measurements of all round trips."""
 MIN_CHANGE, MAX_CHANGE = 0.001, 0.02
-"""Bounds, in seconds, of the change above which a round trip is recorded again."""
+"""Least and greatest threshold, in seconds, of the change that records a round trip again."""
 SHOWN_MS = 50
-"""Step of the round trips that other participants see. Exact ones would change all the time."""
+"""Shown round trips are multiples of this. Exact ones would change all the time."""
 
 
 class RoundTrips:

@@ -18,7 +18,7 @@ from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object, bound
 
 Names = Mapping[str, str]
-"""Slots and the objects in them, if their names differ."""
+"""Slots whose object has another name, with the name of the object."""
 
 MIN_SLOTS = 4
 """Default number of slots of a kind."""
@@ -34,9 +34,9 @@ class Slots:
     fixed places; see docs/decisions/0028-arrays-and-slots.md.
 
     Args:
-        task: The task. It gets atoms for the objects after which slots are named.
-        capacity: Number of slots of each kind. The default is 4, or the number of the problem's
-            objects of the type with which created objects are in relation, if there are more.
+        task: The task. It gets atoms for objects with the names of the slots.
+        capacity: Number of slots of each kind. The default is 4 or, if the problem has more
+            objects that can contain this kind, such as pots for water, their number.
 
     Raises:
         RobotouilleError: `capacity` has a kind that cannot be created, or a number below 1.
