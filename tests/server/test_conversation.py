@@ -211,14 +211,14 @@ async def test_client_that_does_not_read_is_dropped(
     async with serving(tmp_path, **options) as server:
         async with raw(server) as ada, raw(server) as deaf:
             created = await ada.ask(
-                {"type": "create", "task": "asynchronous/10", "clock": "realtime"}, "created"
+                {"type": "create", "task": "multi_agent/10", "clock": "realtime"}, "created"
             )
-            watch = {"type": "join", "episode": created["code"], "role": "spectator"}
-            await deaf.ask({**watch, "view": "both"}, "joined")
+            join = {"type": "join", "episode": created["code"]}
+            await deaf.ask({**join, "view": "both"}, "joined")
             deaf.socket.transport.pause_reading()
-            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
             room = server.lobby.find(created["code"])
-            session = next(s for s in room.members if s.player is None)
+            (session,) = room.members
+            await ada.ask(join, "joined")
             peak = 0
             last = 0
             while session.peer is not None and last < 4500:
