@@ -191,6 +191,7 @@ class Server:
                 # Each room ends on its own, because an error in one episode must not keep the
                 # others from ending properly.
                 room.abort(reason)
+                room.broadcaster.deliver_now()
             except Exception:
                 get_logger().exception("the episode failed", episode=room.id)
         for session in list(self.sessions.by_id.values()):

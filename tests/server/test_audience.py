@@ -9,6 +9,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from websockets.exceptions import ConnectionClosed
+
 from robotouille.episode import Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON
@@ -80,7 +82,7 @@ async def pending(one: Raw) -> list[dict[str, Any]]:
         async with asyncio.timeout(0.001):
             while True:
                 got.append(await one.receive())
-    except TimeoutError:
+    except (TimeoutError, ConnectionClosed):
         return got
 
 
@@ -176,6 +178,15 @@ async def test_returning_spectator_receives_joined_first_and_nothing_twice(tmp_p
             got = [message["type"] for message in await pending(again)]
         assert got[:4] == ["welcome", "joined", "delta", "said"]
         assert set(got[4:]) == {"roster"}
+
+
+@virtual
+async def test_spectator_receives_the_end_when_the_server_stops(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state") as game:
+        await game.player.ask({"type": "say", "text": "hello"}, "said")
+        await game.server.stop()
+        got = [message["type"] for message in await pending(game.spectators[0])]
+        assert got == ["said", "ended", "bye"]
 
 
 @virtual

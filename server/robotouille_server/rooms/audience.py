@@ -204,6 +204,11 @@ class Audience:
             batch = Batch(self._updates, self._observe)
             self._deliver_to(session, batch, self._total, steps=steps)
 
+    def deliver_now(self) -> None:
+        """Deliver the pending updates to everybody, because the server stops."""
+        for session in self._places:
+            self.catch_up(session)
+
     def _schedule(self) -> None:
         if not self._delivering:
             self._delivering = True

@@ -489,6 +489,10 @@ class Broadcaster:
 
     # Sending
 
+    def deliver_now(self) -> None:
+        """Send what is pending, because the server stops."""
+        self._audience.deliver_now()
+
     def send(self, session: Session, message: BaseModel) -> None:
         """Send a message to one session, after everything that is pending for it."""
         if session.peer is not None:

@@ -89,8 +89,8 @@ class Peer:
 
     def send_frame(self, frame: bytes, count: int = 1) -> None:
         """Send an encoded frame, or several in one write."""
-        transport = self._transport
-        if self._protocol.state is not Connected.OPEN or transport.is_closing():
+        transport, closing = self._transport, self._closing
+        if closing or self._protocol.state is not Connected.OPEN or transport.is_closing():
             return
         # Chat and rosters are never skipped, so a reader that stops altogether is disconnected
         # (docs/decisions/0006).
