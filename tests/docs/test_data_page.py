@@ -45,7 +45,7 @@ def test_every_column_is_described() -> None:
 
 
 def test_every_activity_is_described() -> None:
-    section = PAGE.partition("## Activities")[2].partition("\n## ")[0]
+    section = PAGE.partition("## Activities")[2].partition("\n##")[0]
     assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == {*ACTIVITIES, "activity"}
 
 
