@@ -187,15 +187,15 @@ def test_unwritable_folder_is_rejected(folder: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_progress_is_reported(folder: Path) -> None:
-    told: list[tuple[int, int, list[Running]]] = []
+    received: list[tuple[int, int, list[Running]]] = []
 
     def tell(done: Any, total: int, running: Any) -> None:
-        told.append((len(done), total, list(running)))
+        received.append((len(done), total, list(running)))
 
     certify_dataset(folder, proving, budget=BUDGET, tell=tell)
     first = read_dataset(folder).instances[0]
-    assert (0, 3, [Running(first, 7, 7, 8)]) in told
-    assert told[-1] == (3, 3, [])
+    assert (0, 3, [Running(first, 7, 7, 8)]) in received
+    assert received[-1] == (3, 3, [])
 
 
 @pytest.mark.parametrize(

@@ -72,8 +72,8 @@ def test_every_task_has_ten_free_instances_and_five_noisy_ones(folder: str) -> N
     }
     assert len(wanted) == 150
     found = dataset(f"generated/{folder}")
-    told = {i.file: found.task(i).problem.provenance for i in found.instances}
-    assert {file: source.kind for file, source in told.items() if source is not None} == wanted
+    received = {i.file: found.task(i).problem.provenance for i in found.instances}
+    assert {file: source.kind for file, source in received.items() if source is not None} == wanted
 
 
 # Hashes, claims and plans

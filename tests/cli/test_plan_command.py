@@ -215,10 +215,10 @@ def test_progress_goes_to_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_compiling_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
-    told = plan("synchronous/01", "--json")
-    assert told.stderr.startswith("compiling the planner, which takes ")
-    assert told.stderr.count("\n") == 1
-    assert json.loads(told.stdout)["length"] == 8
+    received = plan("synchronous/01", "--json")
+    assert received.stderr.startswith("compiling the planner, which takes ")
+    assert received.stderr.count("\n") == 1
+    assert json.loads(received.stdout)["length"] == 8
     assert "compiling" not in plan("workshop/01").stderr, "only kitchens are compiled"
 
 

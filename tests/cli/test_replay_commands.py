@@ -97,8 +97,8 @@ def test_info_counts_an_action_that_lost_within_its_step(tmp_path: Path) -> None
     assert [seat.rejected for seat in episode.outcome.seats] == [0, 1]
     text = robotouille("replay", "info", str(path))
     assert "rejected   robot2: 1 lost" in text
-    told = json.loads(robotouille("replay", "info", str(path), "--json"))
-    assert told["rejected"] == {"robot1": {}, "robot2": {"lost": 1}}
+    received = json.loads(robotouille("replay", "info", str(path), "--json"))
+    assert received["rejected"] == {"robot1": {}, "robot2": {"lost": 1}}
 
 
 def test_info_as_json_has_controllers_and_pauses(eventful: Path) -> None:
@@ -157,9 +157,9 @@ def test_damaged_file_can_be_read_up_to_the_damage(tmp_path: Path) -> None:
     assert done.exit_code == 1
     assert "data follows the end" in done.stderr
     assert CliRunner().invoke(app, ["replay", "info", str(path)]).exit_code != 0
-    told = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
-    assert json.loads(told.stdout)["steps"] == 30
-    assert "data follows the end" in told.stderr
+    received = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
+    assert json.loads(received.stdout)["steps"] == 30
+    assert "data follows the end" in received.stderr
     lines = robotouille("replay", "export", str(path), "--damaged").splitlines()
     assert sum(json.loads(line)["kind"] == "step" for line in lines) == 30
 
@@ -170,9 +170,9 @@ def test_truncated_file_can_be_read_up_to_the_cut(tmp_path: Path) -> None:
     path = tmp_path / "a.rbt"
     path.write_bytes(content[: len(content) * 4 // 5])
     assert CliRunner().invoke(app, ["replay", "info", str(path)]).exit_code != 0
-    told = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
-    assert 0 < json.loads(told.stdout)["steps"] < 30
-    assert "cut off" in told.stderr
+    received = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
+    assert 0 < json.loads(received.stdout)["steps"] < 30
+    assert "cut off" in received.stderr
     picture = tmp_path / "a.png"
     play = ["replay", "play", str(path), "--screenshot", str(picture)]
     shown = CliRunner().invoke(app, play)

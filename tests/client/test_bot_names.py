@@ -45,7 +45,7 @@ def test_first_name_is_shared_if_all_are_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["planner", "--seats", "all"], "only a language model (llm) plays several --seats"),
         (["planner", "--seats", "all"], "start one bot with --seat for each seat"),
@@ -53,9 +53,9 @@ def test_first_name_is_shared_if_all_are_taken(tmp_path: Path) -> None:
         (["llm", "--control", "joint"], "--control needs --seats"),
     ],
 )
-def test_conflicting_bot_options_are_rejected(words: list[str], told: str) -> None:
+def test_conflicting_bot_options_are_rejected(words: list[str], expected: str) -> None:
     app = typer.Typer()
     app.command()(command)
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 1
-    assert told in " ".join(done.stderr.split())
+    assert expected in " ".join(done.stderr.split())

@@ -316,17 +316,17 @@ MOVE, *_ = [action for action in WORLD.initial.actions(ONE) if action.name == "m
 OTHER_MOVE, *_ = [action for action in WORLD.initial.actions(OTHER) if action.name == "move"]
 
 
-def taken(**told: Any) -> TakenStep:
-    return TakenStep.of(messages.Delta(step=1, **told), WORLD)
+def taken(**expected: Any) -> TakenStep:
+    return TakenStep.of(messages.Delta(step=1, **expected), WORLD)
 
 
-def both(**told: Any) -> TakenStep:
+def both(**expected: Any) -> TakenStep:
     rows = [[1, OTHER_MOVE.name, *OTHER_MOVE.arguments], [0, MOVE.name, *MOVE.arguments]]
-    return taken(did=rows, seq=[7, 3], **told)
+    return taken(did=rows, seq=[7, 3], **expected)
 
 
 @pytest.mark.parametrize(
-    "told",
+    "expected",
     [
         {"did": [[9, MOVE.name, *MOVE.arguments]], "seq": [1]},
         {"did": [[-1, MOVE.name, *MOVE.arguments]], "seq": [1]},
@@ -339,9 +339,9 @@ def both(**told: Any) -> TakenStep:
         {"waits": [2]},
     ],
 )
-def test_inconsistent_delta_is_an_error(told: dict[str, Any]) -> None:
+def test_inconsistent_delta_is_an_error(expected: dict[str, Any]) -> None:
     with pytest.raises(RobotouilleError):
-        taken(**told)
+        taken(**expected)
 
 
 def test_step_is_added_to_the_roster_unless_a_substitute_acted() -> None:

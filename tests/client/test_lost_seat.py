@@ -138,20 +138,20 @@ async def test_killed_bot_returns_unless_another_seat_is_requested(
             await asyncio.sleep(1.0)
             return task
 
-        def told() -> list[str]:
+        def received() -> list[str]:
             return [line for line in capsys.readouterr().err.splitlines() if "waits" not in line]
 
         await killed(await bot("robot1"))
-        assert told() == [f"ada plays robot1 in {room.code}"]
+        assert received() == [f"ada plays robot1 in {room.code}"]
         for seat in ("robot1", None):
             await killed(await bot(seat))
-            assert told() == ["returned to robot1", f"ada plays robot1 in {room.code}"]
+            assert received() == ["returned to robot1", f"ada plays robot1 in {room.code}"]
         last = await bot("robot2")
-        assert told() == [f"ada 2 plays robot2 in {room.code}"]
+        assert received() == [f"ada 2 plays robot2 in {room.code}"]
         assert [seat.present for seat in seats.values()] == [False, True, False]
         await killed(last)
         last = await bot(None)
-        assert told() == ["returned to robot2", f"ada 2 plays robot2 in {room.code}"]
+        assert received() == ["returned to robot2", f"ada 2 plays robot2 in {room.code}"]
         room.abort("enough")
         await last
 

@@ -48,22 +48,22 @@ def moved_to(port: int) -> dict[str, Any]:
 @asynccontextmanager
 async def strangers() -> AsyncIterator[tuple[str, list[dict[str, Any]]]]:
     """Serve on another host name of this machine, and yield the URL and the received messages."""
-    heard: list[dict[str, Any]] = []
+    received: list[dict[str, Any]] = []
 
     async def converse(socket: ServerConnection) -> None:
         async for payload in socket:
-            heard.append(json.loads(payload))
+            received.append(json.loads(payload))
             await socket.send(json.dumps(WELCOME))
 
     subprotocols = [Subprotocol("robotouille.v1.json")]
     async with listen(converse, "localhost", 0, subprotocols=subprotocols) as server:
         port = next(iter(server.sockets)).getsockname()[1]
-        yield f"ws://localhost:{port}", heard
+        yield f"ws://localhost:{port}", received
 
 
 @virtual
 async def test_redirected_join_sends_no_token_to_another_host() -> None:
-    async with strangers() as (elsewhere, heard):
+    async with strangers() as (elsewhere, received):
         moved = {**moved_to(NOBODY), "url": elsewhere}
         async with (
             answering(hello=WELCOME, join=moved) as port,
@@ -76,23 +76,23 @@ async def test_redirected_join_sends_no_token_to_another_host() -> None:
             ):
                 await client.join("abc")
             assert client.url == f"ws://127.0.0.1:{port}"
-        assert heard == []
+        assert received == []
 
 
 @virtual
 async def test_redirected_hello_sends_no_token_to_another_host() -> None:
-    async with strangers() as (elsewhere, heard):
+    async with strangers() as (elsewhere, received):
         async with answering(hello={**moved_to(NOBODY), "url": elsewhere}) as port:
             url = f"ws://127.0.0.1:{port}"
             with pytest.raises(UntrustedRedirectError, match="another host"):
                 async with connect(url, name="ada", encoding="json", resume="secret"):
                     raise AssertionError("not reached")
-        assert heard == []
+        assert received == []
 
 
 @virtual
 async def test_http_redirect_sends_no_token_to_another_host() -> None:
-    async with strangers() as (elsewhere, heard):
+    async with strangers() as (elsewhere, received):
 
         def redirect(socket: ServerConnection, request: Request) -> Response:
             response = socket.respond(http.HTTPStatus.FOUND, "")
@@ -104,7 +104,7 @@ async def test_http_redirect_sends_no_token_to_another_host() -> None:
             with pytest.raises(UntrustedRedirectError, match="another host"):
                 async with connect(f"ws://127.0.0.1:{port}", name="ada", token="secret"):
                     raise AssertionError("not reached")
-        assert heard == []
+        assert received == []
 
 
 async def _silence(socket: ServerConnection) -> None:

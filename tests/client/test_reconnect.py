@@ -60,7 +60,7 @@ async def test_chat_and_actions_work_in_a_text_view(server: Server) -> None:
             one = await ada.join(created.code, view="text")
             two = await bob.join(created.code, view="both")
             two.say("I cook, you cut")
-            await heard(one, "I cook, you cut")
+            await received(one, "I cook, you cut")
             assert not one.has_state
             assert one.observation is not None
             sentence = one.observation.actions[0]
@@ -73,7 +73,7 @@ async def test_chat_and_actions_work_in_a_text_view(server: Server) -> None:
             assert refused.code == "action/unknown"
 
 
-async def heard(game: Game, text: str) -> None:
+async def received(game: Game, text: str) -> None:
     async for event in game:
         if isinstance(event, ChatReceived):
             assert event.text == text
@@ -108,13 +108,13 @@ class TalkingPolicy(RandomPolicy):
         super().__init__(player, 3)
         self.unsaid = [f"hello from {player}"]
         self.kinds: Mapping[str, str] = {}
-        self.heard: set[str] = set()
+        self.received: set[str] = set()
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         self.kinds = kinds
 
     def hear(self, player: str, text: str) -> None:
-        self.heard.add(text)
+        self.received.add(text)
 
     def speak(self) -> list[str]:
         return [self.unsaid.pop()] if self.unsaid else []
@@ -143,5 +143,5 @@ async def test_bots_finish_despite_lost_connections(tmp_path: Path) -> None:
     assert [outcome["reason"] for outcome in outcomes] == ["step_limit"] * 2
     assert read_recording(next(tmp_path.glob("*.rbt"))).verify().ok
     for policy in policies:
-        assert policy.heard == {"hello from robot1", "hello from robot2"}
+        assert policy.received == {"hello from robot1", "hello from robot2"}
         assert set(policy.kinds) == {"robot1", "robot2"}

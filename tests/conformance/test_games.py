@@ -43,17 +43,17 @@ def talks(server: ServerProcess) -> dict[str, dict[str, Any]]:
     }
 
 
-def heard(talk: dict[str, Any]) -> list[dict[str, Any]]:
+def reported(talk: dict[str, Any]) -> list[dict[str, Any]]:
     return [row for rows in talk["transcript"].values() for row in rows]
 
 
 def test_game_uses_every_type_of_message(talks: dict[str, Any]) -> None:
     sent = {str(model.model_fields["type"].default) for model in messages.CLIENT_MESSAGES}
-    told = {str(model.model_fields["type"].default) for model in messages.SERVER_MESSAGES}
+    received = {str(model.model_fields["type"].default) for model in messages.SERVER_MESSAGES}
     for name, talk in talks.items():
         assert talk["outcome"]["reason"] == "goal", name
         assert sent <= set(talk["sent"])
-        assert {row["message"]["type"] for row in heard(talk)} >= told - ELSEWHERE.keys()
+        assert {row["message"]["type"] for row in reported(talk)} >= received - ELSEWHERE.keys()
 
 
 def test_deltas_reproduce_the_facts_of_the_world(talks: dict[str, Any]) -> None:
@@ -70,7 +70,7 @@ def test_both_subprotocols_have_the_same_messages(talks: dict[str, Any]) -> None
 
 
 def test_messagepack_implementations_agree(talks: dict[str, Any]) -> None:
-    rows = heard(talks[MSGPACK.name])
+    rows = reported(talks[MSGPACK.name])
     assert len(rows) > 100
     for row in rows:
         raw = base64.b64decode(row["raw"])
@@ -80,7 +80,7 @@ def test_messagepack_implementations_agree(talks: dict[str, Any]) -> None:
 
 
 def test_json_implementations_agree(talks: dict[str, Any]) -> None:
-    for row in heard(talks[JSON.name]):
+    for row in reported(talks[JSON.name]):
         assert not row["binary"]
         assert json.loads(row["raw"]) == row["message"]
         check(JSON.decode_server(row["raw"]), row["message"])

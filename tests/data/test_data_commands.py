@@ -72,9 +72,9 @@ def test_commands_index_new_recordings_first(command: str, folder: Path, tmp_pat
     write_recordings(folder, 1, first=50)
     next(folder.glob("*random0*.rbt")).unlink()
     (folder / "broken.rbt").write_bytes(b"no recording")
-    told = answer("last").stderr.splitlines()
-    assert "broken.rbt: not a recording" in told[0]
-    assert told[1:] == ["indexed 1, removed 1"]
+    received = answer("last").stderr.splitlines()
+    assert "broken.rbt: not a recording" in received[0]
+    assert received[1:] == ["indexed 1, removed 1"]
     assert answer("unchanged").stderr == ""
 
 

@@ -116,17 +116,17 @@ def test_two_processes_give_the_same_rows(
     stream = bytearray(random_stream(10))
     stream[-10] ^= 1
     (folder / "below/random10.rbt.part").write_bytes(stream)
-    other, told = str(tmp_path / "other.sqlite"), list[tuple[int, int]]()
+    other, received = str(tmp_path / "other.sqlite"), list[tuple[int, int]]()
     alone = indexed(other, folder, unfinished=True)
     monkeypatch.setattr(indexing, "FILES_AT_ONCE", 2)
     both = indexed(
-        database, folder, unfinished=True, jobs=2, progress=lambda *done: told.append(done)
+        database, folder, unfinished=True, jobs=2, progress=lambda *done: received.append(done)
     )
     assert both == alone
     assert (both.indexed, len(both.faults)) == (8, 2)
-    assert told[0] == (0, 10)
-    assert told[-1] == (10, 10)
-    assert len(told) == 6
+    assert received[0] == (0, 10)
+    assert received[-1] == (10, 10)
+    assert len(received) == 6
     assert dump(database) == dump(other)
 
 
@@ -238,12 +238,12 @@ def test_unwritable_database_is_an_error_without_the_password(folder: Path, tmp_
     with pytest.raises(UnavailableError, match=r"c\.sqlite"):
         indexed(str(database), folder)
     gone = "postgresql://nobody:secret@/x?host=/nowhere"
-    with pytest.raises(UnavailableError) as told:
+    with pytest.raises(UnavailableError) as received:
         indexed(gone, folder)
-    assert "secret" not in str(told.value)
-    with pytest.raises(UnavailableError) as told:
+    assert "secret" not in str(received.value)
+    with pytest.raises(UnavailableError) as received:
         indexed("postgresql:///x?host=/nowhere&user=nobody&password=secret", folder)
-    assert "secret" not in str(told.value)
+    assert "secret" not in str(received.value)
 
 
 @pytest.mark.process

@@ -54,7 +54,7 @@ def test_equal_answers_give_equal_bytes(tmp_path: Path) -> None:
 
 def test_answers_that_cannot_be_drawn_are_refused(tmp_path: Path) -> None:
     many = [(f"g{number}", 1) for number in range(MAX_BARS + 1)]
-    for name, columns, rows, told in (
+    for name, columns, rows, received in (
         ("a.jpg", ("x", "y"), [("a", 1)], "end in .svg or .png"),
         ("a.svg", ("x", "y"), [], "no rows"),
         ("a.svg", ("x", "y"), [("a", "b")], "no column of numbers"),
@@ -62,6 +62,6 @@ def test_answers_that_cannot_be_drawn_are_refused(tmp_path: Path) -> None:
         ("a.svg", ("x", *"abcdefg"), [("a", *range(7))], "room for 6"),
         ("a.svg", ("x", "y"), many, "room for 60 bars"),
     ):
-        with pytest.raises(CatalogueError, match=re.escape(told)):
+        with pytest.raises(CatalogueError, match=re.escape(received)):
             save_plot(QueryAnswer(columns, iter(rows)), tmp_path / name)
     assert not list(tmp_path.iterdir())

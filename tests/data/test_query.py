@@ -66,7 +66,7 @@ def test_statements_other_than_queries_are_refused(filled: str, query: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("query", "told"),
+    ("query", "expected"),
     [
         ("SELECT episode FROM seats", ["no column `episode` in seats; it is in episodes"]),
         ("SELECT episod_id FROM seats", ["`episod_id` in seats", "did you mean `episode_id`"]),
@@ -82,10 +82,10 @@ def test_statements_other_than_queries_are_refused(filled: str, query: str) -> N
         ("SELECT * FROM zzzz", ["no table `zzzz`. The tables: "]),
     ],
 )  # fmt: skip
-def test_unknown_names_get_a_suggestion(filled: str, query: str, told: list[str]) -> None:
+def test_unknown_names_get_a_suggestion(filled: str, query: str, expected: list[str]) -> None:
     with pytest.raises(CatalogueError) as error:
         ask(filled, query)
-    for words in told:
+    for words in expected:
         assert words in str(error.value)
     assert "LINE" not in str(error.value)
 

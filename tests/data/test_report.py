@@ -123,8 +123,8 @@ def test_page_shows_success_with_intervals(tmp_path: Path) -> None:
         assert found is not None
         assert found.low is not None
         assert found.high is not None
-        told = f"{100 * found.estimate:.0f} ({100 * found.low:.0f}–{100 * found.high:.0f})"
-        assert f"{group.name} {told}" in said
+        expected = f"{100 * found.estimate:.0f} ({100 * found.low:.0f}–{100 * found.high:.0f})"
+        assert f"{group.name} {expected}" in said
 
 
 @pytest.mark.slow
@@ -224,15 +224,17 @@ def test_roles_are_separate_and_delays_are_noted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "told"),
+    ("asked", "expected"),
     [
         ({"by": "condtion"}, "no episode has a label 'condtion'; did you mean 'condition'"),
         ({"labels": {"round": "9"}}, "label round=9; the values of 'round': 1, 2, 3"),
     ],
 )
-def test_unknown_labels_get_a_suggestion(tmp_path: Path, asked: dict[str, Any], told: str) -> None:
+def test_unknown_labels_get_a_suggestion(
+    tmp_path: Path, asked: dict[str, Any], expected: str
+) -> None:
     database = random_catalogue(tmp_path, 3)
-    with pytest.raises(CatalogueError, match=told):
+    with pytest.raises(CatalogueError, match=expected):
         page_of(tmp_path, database, **asked)
 
 
@@ -272,10 +274,10 @@ def random_catalogue(
 
 @pytest.mark.slow
 def test_page_of_10_000_episodes_is_below_1_mb(tmp_path: Path) -> None:
-    database, told = random_catalogue(tmp_path, 10_000), list[tuple[str, int, int]]()
-    page = page_of(tmp_path, database, progress=lambda *what: told.append(what))
+    database, expected = random_catalogue(tmp_path, 10_000), list[tuple[str, int, int]]()
+    page = page_of(tmp_path, database, progress=lambda *what: expected.append(what))
     assert len(page) < 1_000_000
-    assert ("episodes", 10_000, 10_000) in told
+    assert ("episodes", 10_000, 10_000) in expected
     assert "4,988 more are not drawn" in page
     assert "the first 100 of them" in page
 

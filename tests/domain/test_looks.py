@@ -69,7 +69,7 @@ def renderings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return own_renderings(tmp_path, monkeypatch)
 
 
-def told(errors: list[FileError]) -> set[str]:
+def received(errors: list[FileError]) -> set[str]:
     return {str(fault) for error in errors for fault in error.faults}
 
 
@@ -83,11 +83,11 @@ def test_wrong_names_suggest_the_nearest(renderings: Path) -> None:
     path = write(renderings, "mine.json", WRONG)
     (error,) = lint_look(load_task("multi_agent/01"), "mine")
     assert error.file == path
-    (picture,) = told([error]) - SAID
+    (picture,) = received([error]) - SAID
     assert "there is no picture 'lettuce.svgg' in" in picture
     assert "did you mean 'lettuce.svg'?" in picture
-    assert told([error]) >= SAID
-    assert {str(fault) for fault in lint_file(path)} == told([error])
+    assert received([error]) >= SAID
+    assert {str(fault) for fault in lint_file(path)} == received([error])
 
 
 def test_a_rendering_may_name_everything_it_redraws(renderings: Path) -> None:
@@ -99,9 +99,9 @@ def test_a_rendering_may_name_everything_it_redraws(renderings: Path) -> None:
         "item": {"entities": {"pancake": {"assets": "gear.svg"}, **gear}},
     }
     write(renderings, "mine.json", {**look, "redraws": ["diner", "workshop"]})
-    assert told(lint_look(load_task("multi_agent/01"), "mine")) == set()
+    assert received(lint_look(load_task("multi_agent/01"), "mine")) == set()
     write(renderings, "mine.json", look)
-    said = told(lint_look(load_task("multi_agent/01"), "mine"))
+    said = received(lint_look(load_task("multi_agent/01"), "mine"))
     assert len(said) == 3
     assert any("no action 'bake'" in words for words in said)
 
@@ -109,7 +109,7 @@ def test_a_rendering_may_name_everything_it_redraws(renderings: Path) -> None:
 def test_faults_of_an_extended_rendering_name_its_file(renderings: Path) -> None:
     write(renderings, "base.json", {"extends": "robotouille", "progress": {"cokk": "icon_fry.svg"}})
     write(renderings, "mine.json", {"extends": "base"})
-    (said,) = told(lint_look(None, "mine"))
+    (said,) = received(lint_look(None, "mine"))
     assert said.endswith("did you mean 'cook'? (in base.json)")
 
 
@@ -123,7 +123,7 @@ def test_unknown_kinds_are_reported(tmp_path: Path) -> None:
     kinds = ("leek", "leeek", "cress", "xylophone")
     entities = {kind: {"assets": "leek.svg"} for kind in kinds}
     write(tmp_path, "small.rendering.json", {"assets": "mine", "item": {"entities": entities}})
-    assert told(lint_look(task)) == {
+    assert received(lint_look(task)) == {
         "item.entities.leeek.assets: there is no kind 'leeek'; did you mean 'leek'?",
         "item.entities.xylophone.assets: there is no kind 'xylophone'",
     }

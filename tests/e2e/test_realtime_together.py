@@ -118,9 +118,9 @@ def test_model_planner_and_person_finish_in_real_time(tmp_path: Path) -> None:
         )  # fmt: skip
         person = Person(display, World(load_task(str(task), seats=3)))
         outcome = asyncio.run(cut(url, code, person))
-        told, _ = model.communicate(timeout=60)
+        received, _ = model.communicate(timeout=60)
         assert window.wait(timeout=60) == planner.wait(timeout=60) == model.returncode == 0
-    assert outcome["reason"] == json.loads(told)["reason"] == "goal"
+    assert outcome["reason"] == json.loads(received)["reason"] == "goal"
     (file,) = (tmp_path / "recordings").glob("*.rbt")
     check_recording(read_recording(file))
     check_command(file)

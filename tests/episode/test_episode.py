@@ -310,6 +310,6 @@ def test_seats_of_one_participant_stay_together(
             seats = [episode.seat(player) for player in players]
             held = [seat for seat in seats if seat.session == session]
             assert held in ([], seats)
-            told = {(s.name, s.present, s.generation, s.away, s.controller) for s in held}
-            assert len(told) <= 1
+            received = {(s.name, s.present, s.generation, s.away, s.controller) for s in held}
+            assert len(received) <= 1
         own = {who: held for who, held in own.items() if episode.seat(held[0]).session == who}

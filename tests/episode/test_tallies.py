@@ -22,13 +22,13 @@ ADA, BOB = TWO.players
 WALK = TWO.initial.actions(ADA)[0]
 
 
-def judged(controller: Controller = Controller.HUMAN, **told: bool | None) -> Activity:
-    facts = {"applied": None, "busy": False, "refused": False, "others_turn": False, **told}
+def judged(controller: Controller = Controller.HUMAN, **message: bool | None) -> Activity:
+    facts = {"applied": None, "busy": False, "refused": False, "others_turn": False, **message}
     return activity(controller, **facts)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    ("controller", "told", "expected"),
+    ("controller", "message", "expected"),
     [
         (Controller.SUBSTITUTE, {"applied": True}, Activity.SUBSTITUTED),
         (Controller.SUBSTITUTE, {"busy": True}, Activity.SUBSTITUTED),
@@ -44,9 +44,9 @@ def judged(controller: Controller = Controller.HUMAN, **told: bool | None) -> Ac
     ],
 )
 def test_first_applicable_activity_counts(
-    controller: Controller, told: dict[str, bool | None], expected: Activity
+    controller: Controller, message: dict[str, bool | None], expected: Activity
 ) -> None:
-    assert judged(controller, **told) is expected
+    assert judged(controller, **message) is expected
 
 
 def played(rules: Rules) -> Episode:

@@ -40,8 +40,8 @@ def test_wait_is_counted_as_waiting() -> None:
 def test_wait_is_recorded() -> None:
     recording = Recording(played()[1], "test")
     assert [frame.get("waits") for frame in recording.steps] == [["robot1"], ["robot2"], None]
-    told = [tuple(seats.did.values()) for _, seats in activities(recording)]
-    assert told == [("waiting", "idle"), ("idle", "waiting"), ("acted", "idle")]
+    received = [tuple(seats.did.values()) for _, seats in activities(recording)]
+    assert received == [("waiting", "idle"), ("idle", "waiting"), ("acted", "idle")]
     lines = [json.loads(line) for line in json_lines(recording)]
     exported = [line["waits"] for line in lines if line["kind"] == "step"]
     assert exported == [["robot1"], ["robot2"], []]

@@ -72,5 +72,5 @@ def test_page_examples_are_right(capsys: pytest.CaptureFixture[str]) -> None:
     assert lines[0] == "01_lettuce_burger_s42"
     assert "# task: 01_lettuce_burger_s42@3" in lines
     assert lines[-1] == "lettuce1"
-    told = json.loads("{" + blocks("planners.md", "json")[0] + "}")
-    Provenance.model_validate(told["provenance"])
+    received = json.loads("{" + blocks("planners.md", "json")[0] + "}")
+    Provenance.model_validate(received["provenance"])

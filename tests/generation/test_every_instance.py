@@ -54,11 +54,11 @@ def draw(source: Generator, seed: int) -> Instance:
 @given(generators, seeds)
 def test_file_contains_its_origin(source: Generator, seed: int) -> None:
     instance = draw(source, seed)
-    told = instance.task.problem.provenance
-    assert told is not None
-    again = Generator(source.task, Kind(told.kind), Parameters(**told.parameters))
-    assert again.draw(told.seed, told.attempt).text == instance.text
-    assert (told.source, told.seed, told.kind) == (source.task.name, seed, source.kind)
+    received = instance.task.problem.provenance
+    assert received is not None
+    again = Generator(source.task, Kind(received.kind), Parameters(**received.parameters))
+    assert again.draw(received.seed, received.attempt).text == instance.text
+    assert (received.source, received.seed, received.kind) == (source.task.name, seed, source.kind)
 
 
 @QUICK

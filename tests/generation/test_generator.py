@@ -46,11 +46,11 @@ def exact(world: World) -> SearchResult:
 
 def test_golden_instances() -> None:
     for path in sorted(GOLDEN.glob("*.json")):
-        told = load_task(str(path)).problem.provenance
-        assert told is not None
-        source = load_task(told.source)
-        generator = Generator(source, Kind(told.kind), Parameters(**told.parameters))
-        assert generator.draw(told.seed, told.attempt).text == path.read_text()
+        received = load_task(str(path)).problem.provenance
+        assert received is not None
+        source = load_task(received.source)
+        generator = Generator(source, Kind(received.kind), Parameters(**received.parameters))
+        assert generator.draw(received.seed, received.attempt).text == path.read_text()
 
 
 def test_loaded_file_equals_the_task(tmp_path: Path) -> None:

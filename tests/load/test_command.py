@@ -45,9 +45,9 @@ def test_interrupt_reports_the_results_so_far(tmp_path: Path) -> None:
             "--json", str(report), "--html", str(page),
         )  # fmt: skip
         assert test.stderr is not None
-        told = iter(test.stderr)
-        assert any(line.startswith("measuring") for line in told)
-        assert re.search(r"\d+ connected, 4 rooms play; \d+ steps/s", next(told))
+        received = iter(test.stderr)
+        assert any(line.startswith("measuring") for line in received)
+        assert re.search(r"\d+ connected, 4 rooms play; \d+ steps/s", next(received))
         test.send_signal(signal.SIGINT)
         output, errors = test.communicate(timeout=60)
         assert test.returncode == 0, errors

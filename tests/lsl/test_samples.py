@@ -45,8 +45,8 @@ def test_repeated_phase_is_one_marker() -> None:
     phases = (("waiting", None), ("running", None), ("running", None), ("paused", PAUSE))
     for phase, pause in (*phases, ("running", None)):
         outlets.push(RosterChanged(phase, (), pause), 0, 0.0)
-    told = [json.loads(str(x[0])) for x, _ in events.samples]
-    assert [(row["phase"], row.get("reason")) for row in told] == [
+    expected = [json.loads(str(x[0])) for x, _ in events.samples]
+    assert [(row["phase"], row.get("reason")) for row in expected] == [
         ("waiting", None), ("running", None), ("paused", "absence"), ("running", None),
     ]  # fmt: skip
 
@@ -63,7 +63,7 @@ def marked(seat: str, action: GroundAction, applied: bool) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(
-    ("event", "told"),
+    ("event", "expected"),
     [
         (STEP, [marked("robot1", FIRST, True), marked("robot2", SECOND, False)]),
         (
@@ -80,9 +80,11 @@ def marked(seat: str, action: GroundAction, applied: bool) -> dict[str, object]:
         (GameEnded({}, "sent out"), [{"event": "ended", "reason": "sent out"}]),
     ],
 )
-def test_markers_contain_no_names_or_texts(event: GameEvent, told: list[dict[str, object]]) -> None:
+def test_markers_contain_no_names_or_texts(
+    event: GameEvent, expected: list[dict[str, object]]
+) -> None:
     found = [json.loads(marker) for marker in markers(event, 9)]
-    assert found == [{"step": 9, **row} for row in told]
+    assert found == [{"step": 9, **row} for row in expected]
 
 
 def test_time_stamp_is_the_time_of_sending() -> None:

@@ -55,9 +55,9 @@ async def test_spectator_streams_an_episode_to_its_end(tmp_path: Path) -> None:
             game = await streaming
     assert game.outcome is not None
     assert [row[0] for row in steps.samples][-6:] == [1, 2, 3, 4, 5, 6]
-    told = [json.loads(row[0]) for row in events.samples]
-    assert told[-1] == {"step": 6, "event": "ended", "reason": "step_limit"}
-    assert sum(row["event"] == "action" for row in told) >= 5
+    received = [json.loads(row[0]) for row in events.samples]
+    assert received[-1] == {"step": 6, "event": "ended", "reason": "step_limit"}
+    assert sum(row["event"] == "action" for row in received) >= 5
 
 
 @virtual
@@ -120,14 +120,14 @@ def test_inlet_receives_the_samples_of_an_outlet(tmp_path: Path) -> None:
     if result.returncode == 77:
         pytest.skip("LSL finds nothing on this machine: it has no multicast")
     assert result.returncode == 0, result.stderr
-    told = json.loads(result.stdout)
-    steps, events = told["rows"]
+    received = json.loads(result.stdout)
+    steps, events = received["rows"]
     assert [sample for sample, _ in steps] == [[n, 1, 0, 500] for n in (1, 2, 3)]
     assert [json.loads(sample[0])["step"] for sample, _ in events] == [1, 2, 3]
-    before, after = told["between"]
+    before, after = received["between"]
     stamps = [stamp for _, stamp in steps]
     assert stamps == [stamp for _, stamp in events]
     assert all(before - 0.5 <= stamp <= after - 0.5 for stamp in stamps)
-    about = ElementTree.fromstring(told["about"])
+    about = ElementTree.fromstring(received["about"])
     assert [each.text for each in about.iter("label")][0] == "step"
     assert float(about.find(".//synchronization/offset_mean").text) == 0.003  # type: ignore

@@ -121,10 +121,10 @@ async def test_action_survives_a_restart_of_the_server(tmp_path: Path) -> None:
             assert not asked["connected"]
             assert "Reconnecting to your seat" in asked["next"]
             async with serving(tmp_path, port=port, seed=2):
-                told = await ada.call("wait", until="my_move", timeout_seconds=60)
-                assert told["connected"]
-                assert told["action"]["status"] == "applied"
-                assert told["step"] == 2
+                received = await ada.call("wait", until="my_move", timeout_seconds=60)
+                assert received["connected"]
+                assert received["action"]["status"] == "applied"
+                assert received["step"] == 2
 
 
 @opening(serving)

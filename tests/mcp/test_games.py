@@ -52,8 +52,8 @@ async def test_two_agents_chat_and_take_turns(server: Server) -> None:
         assert view["your_move"]
         await bob.call("observe")
         await bob.call("say", text="I take the lettuce")
-        heard = (await ada.call("wait"))["chat"]
-        assert heard == [
+        reported = (await ada.call("wait"))["chat"]
+        assert reported == [
             {"name": "bob", "seat": "robot2", "text": "I take the lettuce", "own": False}
         ]
         first = view["actions"][0]
@@ -82,8 +82,8 @@ async def test_action_waiting_for_others_is_pending(server: Server) -> None:
             waiting = asyncio.create_task(ada.call("wait", until="my_move", timeout_seconds=60))
             await asyncio.sleep(1)
             assert (await game.act(None)).applied
-            told = await waiting
-            assert told["action"]["status"] == "applied"
+            received = await waiting
+            assert received["action"]["status"] == "applied"
             assert (await ada.call("observe"))["action"] is None
 
 

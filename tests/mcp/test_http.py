@@ -57,11 +57,11 @@ async def test_incomplete_requests_are_cut_off(
         reader, writer = await asyncio.open_connection(*listening.getsockname())
         writer.write(sent)
         try:
-            told = await asyncio.wait_for(reader.read(), 10)
+            received = await asyncio.wait_for(reader.read(), 10)
         except ConnectionResetError:
-            told = b""
-        assert told.startswith(answer)
-        assert bool(told) == bool(answer)
+            received = b""
+        assert received.startswith(answer)
+        assert bool(received) == bool(answer)
         writer.close()
         service.should_exit = True
         await serving_http

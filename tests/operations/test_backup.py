@@ -235,8 +235,8 @@ def test_episodes_saved_while_running_continue_after_restore(tmp_path: Path) -> 
     assert verified.returncode == 0, verified.stdout + verified.stderr
     for file in files:
         later = next((old / "recordings").glob(f"{file.name.removesuffix('.part')}*"))
-        told, known = read_recording(file).steps, read_recording(later).steps
-        assert list(told) == known[: len(told)]
+        received, known = read_recording(file).steps, read_recording(later).steps
+        assert list(received) == known[: len(received)]
 
     keys = "recordings.state/keys.json"
     assert (new / keys).read_bytes() == (old / keys).read_bytes()

@@ -84,7 +84,7 @@ def test_faults_have_a_code_and_a_field(codec: Codec, plain: Any, code: str, fie
 
 @pytest.mark.parametrize("codec", CODECS)
 @pytest.mark.parametrize(
-    ("action", "field", "told"),
+    ("action", "field", "expected"),
     [
         ("x" * 2001, "action", "at most 2000 characters"),
         (-1, "action", "greater than or equal to 0"),
@@ -93,11 +93,11 @@ def test_faults_have_a_code_and_a_field(codec: Codec, plain: Any, code: str, fie
     ],
 )
 def test_invalid_action_is_refused_with_its_limit(
-    codec: Codec, action: Any, field: str, told: str
+    codec: Codec, action: Any, field: str, expected: str
 ) -> None:
     error = fault(codec, payload(codec, {"type": "act", "seq": 1, "action": action}))
     assert (error.code, error.field) == ("message/invalid-field", field)
-    assert told in error.message
+    assert expected in error.message
 
 
 @pytest.mark.parametrize("codec", CODECS)

@@ -179,16 +179,16 @@ def test_counts_agree_and_sum_to_the_steps(
     assert recording.verify().ok
     outcome = game.episode.outcome
     assert outcome is not None
-    told = {tally.player: tally for tally in outcome.seats}
-    assert [tally.steps for tally in told.values()] == [recording.length] * 2
-    assert counts_of(told) == {
+    received = {tally.player: tally for tally in outcome.seats}
+    assert [tally.steps for tally in received.values()] == [recording.length] * 2
+    assert counts_of(received) == {
         player: {what: counted[what] for what in STEPS}
         for player, counted in reference(game.stream).items()
     }
     measured = recording.measures().seats
-    assert {player: seat.activities for player, seat in measured.items()} == counts_of(told)
+    assert {player: seat.activities for player, seat in measured.items()} == counts_of(received)
     assert recording.outcome is not None
-    assert {row["player"]: SeatTally(**row) for row in recording.outcome["seats"]} == told
+    assert {row["player"]: SeatTally(**row) for row in recording.outcome["seats"]} == received
 
 
 def exported(recording: Recording) -> list[dict[str, Any]]:

@@ -131,8 +131,8 @@ def test_episode_goes_on_from_a_recording_cut_off_anywhere(data: st.DataObject) 
     torn = data.draw(st.binary(max_size=30)) if cut == len(game.bytes) else b""
     found = restored(game.bytes[:cut] + torn[:7])
     assert found.kept <= cut
-    told = max((step for size, step in game.marks if size <= cut), default=0)
-    assert found.episode.step >= told, "a published step is lost"
+    expected = max((step for size, step in game.marks if size <= cut), default=0)
+    assert found.episode.step >= expected, "a published step is lost"
     going = Game(game.rules.clock)
     going.episode, going.now, going.seq = found.episode, 1000.0, 10_000
     going.bytes = game.bytes[: found.kept] + found.missing
@@ -227,12 +227,12 @@ def test_countdown_starts_again_once_all_participants_are_back() -> None:
     assert episode.running
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_two_restarts_in_a_row_wait_for_the_same_participants(told: bool) -> None:
+@pytest.mark.parametrize("expected", [True, False])
+def test_two_restarts_in_a_row_wait_for_the_same_participants(expected: bool) -> None:
     game = Game(Clock.REALTIME).play(5)
     found = restored(game.bytes, now=100.0)
     game.episode, game.bytes = found.episode, game.bytes[: found.kept] + found.missing
-    if told:
+    if expected:
         game.episode.set_present("robot2", True, 100.2)
     game.flush()
     episode = restored(game.bytes, now=100.5).episode

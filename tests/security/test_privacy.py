@@ -45,9 +45,9 @@ def test_addresses_are_logged_only_if_enabled(tmp_path: Path, flags: tuple[str, 
         _, log = server.communicate(timeout=30)
     rows = [json.loads(line) for line in log.splitlines()]
     assert rows[-1]["event"] == "stopped"
-    told = [(row["event"], row["session"]) for row in rows if row.get("address") == ADDRESS]
-    assert told == ([("participant connected", session)] if flags else [])
-    assert log.count(ADDRESS) == len(told)
+    received = [(row["event"], row["session"]) for row in rows if row.get("address") == ADDRESS]
+    assert received == ([("participant connected", session)] if flags else [])
+    assert log.count(ADDRESS) == len(received)
     (file,) = (tmp_path / "r").glob("*.rbt")
     plain = unwrap(file.read_bytes())
     assert session.encode() in plain

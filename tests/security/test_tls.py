@@ -282,9 +282,9 @@ async def test_public_url_has_the_certificates_name(tmp_path: Path) -> None:
     files = {"tls_cert": tmp_path / "chain.pem", "tls_key": tmp_path / "key.pem"}
     async with serving(tmp_path, host="0.0.0.0", **files) as server:
         room = first_room(server)
-        told = _greeting(server, room, "")
-        assert f"at wss://kitchen.example.org:{server.port}" in told
-        assert f"--url wss://kitchen.example.org:{server.port}" in told
-        assert "127.0.0.1" not in told
-        assert "0.0.0.0" not in told
+        received = _greeting(server, room, "")
+        assert f"at wss://kitchen.example.org:{server.port}" in received
+        assert f"--url wss://kitchen.example.org:{server.port}" in received
+        assert "127.0.0.1" not in received
+        assert "0.0.0.0" not in received
         assert server.url == f"wss://127.0.0.1:{server.port}"

@@ -102,9 +102,9 @@ async def test_messages_during_a_search_are_answered_after_welcome(tmp_path: Pat
                 await bob.send({"type": "list", "ref": ref})
             welcome = await bob.receive()
             assert (welcome["type"], welcome["resumed"]) == ("welcome", True)
-            heard = [await bob.receive() for _ in range(6)]
-            assert [m["ref"] for m in heard if m["type"] == "episodes"] == [1, 2, 3]
-            (snapshot,) = [m for m in heard if m["type"] == "snapshot"]
+            reported = [await bob.receive() for _ in range(6)]
+            assert [m["ref"] for m in reported if m["type"] == "episodes"] == [1, 2, 3]
+            (snapshot,) = [m for m in reported if m["type"] == "snapshot"]
             assert (snapshot["step"], snapshot["outcome"]["reason"]) == (60, "step_limit")
 
 
@@ -277,9 +277,9 @@ async def test_too_long_recording_is_read_only_once(
         monkeypatch.setattr(Recording, "opening", counted)
         folder.read_files.clear()
         async with raw(server, hello=False) as bob:
-            told = [await bob.ask({**HELLO, "resume": token}, "welcome") for _ in range(5)]
-        assert {answer["code"] for answer in told} == {"auth/expired"}
-        assert all("more than 50 steps" in answer["message"] for answer in told)
+            received = [await bob.ask({**HELLO, "resume": token}, "welcome") for _ in range(5)]
+        assert {answer["code"] for answer in received} == {"auth/expired"}
+        assert all("more than 50 steps" in answer["message"] for answer in received)
         assert turns[-1] == 51
         assert len(folder.read_files) == 1
 

@@ -120,10 +120,10 @@ def test_small_limit_is_logged_at_startup(
         assert lines == []
         descriptors.raise_limit(few.model_copy(update={"max_connections": 2000}))
     configure_logs("error", "console")
-    (told,) = lines
-    assert (told["limit"], told["needed"]) == (1024, 2356)
-    assert "LimitNOFILE" in told["event"]
-    assert told["log_level"] == level
+    (received,) = lines
+    assert (received["limit"], received["needed"]) == (1024, 2356)
+    assert "LimitNOFILE" in received["event"]
+    assert received["log_level"] == level
 
 
 def test_soft_limit_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:

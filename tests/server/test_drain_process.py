@@ -62,7 +62,7 @@ async def ending(game: Game) -> GameEnded:
 
 
 async def play_on(
-    url: str, code: str, moves: Moves, last: int, told: Callable[[], None]
+    url: str, code: str, moves: Moves, last: int, received: Callable[[], None]
 ) -> tuple[str, GameEnded]:
     """Stop a server before a game's `last` moves; return why it opens no game, and how the game
     ends.
@@ -71,7 +71,7 @@ async def play_on(
         game = await client.join(code)
         for move in moves[:-last]:
             assert (await game.act(move)).applied
-        told()
+        received()
         await turned_away(url)
         with pytest.raises(ProtocolError) as refused:
             await client.create(TASK)
@@ -96,15 +96,15 @@ def test_game_that_ends_soon_is_finished(tmp_path: Path, reason: str) -> None:
     assert len(recording.steps) == len(moves)
 
 
-async def told_twice(url: str, told: Callable[[], None]) -> GameEnded:
+async def told_twice(url: str, received: Callable[[], None]) -> GameEnded:
     """Stop a server twice; return how its game ends."""
     async with asyncio.timeout(SOON), connect(url, name="ada", reconnect=False) as client:
         game = await client.join((await client.create(TASK)).code)
         assert (await game.act(None)).applied
-        told()
+        received()
         await turned_away(url)
         assert (await game.act(None)).applied
-        told()
+        received()
         return await ending(game)
 
 
@@ -131,10 +131,10 @@ def test_second_signal_reaches_workers(tmp_path: Path) -> None:
 
 
 def test_workers_let_their_games_end(tmp_path: Path) -> None:
-    async def main(url: str, told: Callable[[], None]) -> tuple[str, GameEnded]:
+    async def main(url: str, received: Callable[[], None]) -> tuple[str, GameEnded]:
         async with connect(url, name="host") as host:
             code = (await host.create(TASK, max_steps=5)).code
-            return await play_on(url, code, [None] * 5, 3, told)
+            return await play_on(url, code, [None] * 5, 3, received)
 
     with workers(tmp_path, 2, *DRAIN) as (supervisor, port):
         children = psutil.Process(supervisor.pid).children()

@@ -238,11 +238,11 @@ async def playing(
         joined = await eve.ask({**join, "role": "spectator"}, "joined")
         for one in (ada, bob):
             assert (await one.ask(join, "joined"))["type"] == "joined"
-        await heard(ada)
+        await reported(ada)
         yield eve, server.lobby.find(created["code"]), joined
 
 
-async def heard(one: Raw, seconds: float = 1.5) -> list[dict[str, Any]]:
+async def reported(one: Raw, seconds: float = 1.5) -> list[dict[str, Any]]:
     """Return all messages of some seconds."""
     got = []
     try:
@@ -275,10 +275,10 @@ async def test_unwritten_end_is_not_sent(tmp_path: Path) -> None:
             disk.full = True
             for one in (ada, bob):
                 await one.send(ACT)
-            assert shown(await heard(ada)) == [("paused", "storage")]
+            assert shown(await reported(ada)) == [("paused", "storage")]
             assert room.episode.ended
             await eve.socket.close()
-            assert await heard(ada) == []
+            assert await reported(ada) == []
         seen = {"episode": room.id, "step": 0, "said": 0}
         async with raw(server, hello=False) as again:
             hello = {
@@ -288,15 +288,15 @@ async def test_unwritten_end_is_not_sent(tmp_path: Path) -> None:
                 "seen": seen,
             }
             await again.send(hello)
-            assert [one["type"] for one in await heard(again)] == ["welcome"]
-            assert await heard(ada) == []
+            assert [one["type"] for one in await reported(again)] == ["welcome"]
+            assert await reported(ada) == []
             disk.full = False
-            kinds = [one["type"] for one in await heard(again)]
+            kinds = [one["type"] for one in await reported(again)]
             assert kinds[0] == "joined"
             assert "ended" in kinds or "snapshot" in kinds
-            told = await heard(ada)
-            assert [one["type"] for one in told] == ["delta", "ended", "roster"]
-            assert (shown(told), told[-1]["spectators"]) == ([("ended", "")], 1)
+            received = await reported(ada)
+            assert [one["type"] for one in received] == ["delta", "ended", "roster"]
+            assert (shown(received), received[-1]["spectators"]) == ([("ended", "")], 1)
 
 
 @virtual
@@ -307,13 +307,13 @@ async def test_lost_seat_is_sent_once_it_is_written(tmp_path: Path) -> None:
             async with playing(server, ada, bob) as (eve, _room, _joined):
                 disk.full = True
                 await bob.socket.close()
-                (roster,) = await heard(ada)
+                (roster,) = await reported(ada)
                 assert shown([roster]) == [("paused", "storage")]
                 assert [seat["present"] for seat in roster["seats"]] == [True, True]
                 await eve.ask({"type": "leave"}, "left")
-                assert await heard(ada) == []
+                assert await reported(ada) == []
                 disk.full = False
-                later = [one for one in await heard(ada) if one["type"] == "roster"]
+                later = [one for one in await reported(ada) if one["type"] == "roster"]
                 seats = [seat.get("present", False) for seat in later[-1]["seats"]]
                 assert seats == [True, False]
                 assert "spectators" not in later[-1]

@@ -174,8 +174,8 @@ async def test_chat_is_sent_exactly_once(tmp_path: Path) -> None:
             two.say("after")
             await asyncio.sleep(1)
             for game in (one, two):
-                heard = [e.text for e in game.poll() if isinstance(e, ChatReceived)]
-                assert heard == ["before", "after"]
+                received = [e.text for e in game.poll() if isinstance(e, ChatReceived)]
+                assert received == ["before", "after"]
 
 
 @virtual

@@ -276,8 +276,8 @@ async def test_repeated_rejected_action_gets_the_same_answer_and_is_recorded_onc
             again = await ada.ask({"type": "say", "text": "well?"}, "rejected", "said")
             assert again["type"] == "rejected", "it was not answered again"
             await ada.expect("said")
-            told = ("seq", "step", "reasons")
-            assert [again[key] for key in told] == [first[key] for key in told]
+            message = ("seq", "step", "reasons")
+            assert [again[key] for key in message] == [first[key] for key in message]
         assert server.metrics.rejected == 1
         await ada.send(move(2, "table3", "table1"))
         while 2 not in (await ada.expect("delta", "rejected")).get("seq", []):
@@ -308,7 +308,7 @@ async def test_repeated_action_is_answered_by_a_snapshot_and_applied_once(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("basis", "told"),
+    ("basis", "message"),
     [
         (None, "an index needs 'basis', the step of the list; the current step is 1"),
         (0, "step 0 has passed; the current step is 1"),
@@ -317,14 +317,14 @@ async def test_repeated_action_is_answered_by_a_snapshot_and_applied_once(tmp_pa
 )
 @virtual
 async def test_position_in_the_list_of_another_step_is_stale(
-    tmp_path: Path, basis: int | None, told: str
+    tmp_path: Path, basis: int | None, message: str
 ) -> None:
     async with serving(tmp_path) as server, raw(server) as ada:
         await enter(server, ada, "lockstep")
         await ada.ask({"type": "act", "seq": 1, "action": None}, "delta")
         act = {"type": "act", "seq": 2, "action": 0, "basis": basis}
         rejected = await ada.ask(act, "rejected")
-        assert (rejected["code"], rejected["reasons"]) == ("action/stale", [told])
+        assert (rejected["code"], rejected["reasons"]) == ("action/stale", [message])
 
 
 @virtual

@@ -253,9 +253,9 @@ async def test_note_is_recorded_and_not_sent(tmp_path: Path) -> None:
         game.note("plan", text)
         game.say("ready")
         await asyncio.gather(game.act(None), other.act(None))
-        heard = [str(event) for each in (other, watching) for event in each.poll()]
-        assert any("ready" in event for event in heard)
-        assert not any(text[:100] in event for event in heard)
+        received = [str(event) for each in (other, watching) for event in each.poll()]
+        assert any("ready" in event for event in received)
+        assert not any(text[:100] in event for event in received)
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert recording.verify().ok

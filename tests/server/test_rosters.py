@@ -99,14 +99,14 @@ class Ear(Raw):
 
     def __init__(self, connection: Raw) -> None:
         super().__init__(connection.socket, connection.text)
-        self.heard: list[tuple[float, dict[str, Any]]] = []
+        self.reported: list[tuple[float, dict[str, Any]]] = []
         self.seq = 0
         self.listening = asyncio.create_task(self._listen())
 
     async def _listen(self) -> None:
         while True:
             message = await self.receive()
-            self.heard.append((asyncio.get_running_loop().time(), message))
+            self.reported.append((asyncio.get_running_loop().time(), message))
 
     async def act(self) -> None:
         self.seq += 1
@@ -117,7 +117,7 @@ class Ear(Raw):
         """Return the rosters since a time: the delay of each and the seats it announces."""
         return [
             (round(at - since, 1), message.get("waits_for", []))
-            for at, message in self.heard
+            for at, message in self.reported
             if message["type"] == "roster" and at >= since
         ]
 
@@ -159,9 +159,9 @@ async def test_lockstep_announces_slow_seats_and_changes(tmp_path: Path) -> None
         await asyncio.sleep(1.0)
         await ada.act()
         await asyncio.sleep(1.0)
-        told = [(2.0, ["robot1", "robot2"]), (5.0, ["robot1"]), (6.0, [])]
-        assert eve.rosters(begun) == told
-        assert ada.rosters(begun) == told
+        received = [(2.0, ["robot1", "robot2"]), (5.0, ["robot1"]), (6.0, [])]
+        assert eve.rosters(begun) == received
+        assert ada.rosters(begun) == received
 
 
 @virtual

@@ -41,14 +41,14 @@ def test_rosters_show_latencies_of_connected_players(tmp_path: Path) -> None:
             peer.socket.latency = 0.38
             await asyncio.sleep(LOOK_SECONDS + 2)
             await ada.socket.close()
-            told = []
-            while not told or told[-1] != [0, 0] or [400, 0] not in told:
+            received = []
+            while not received or received[-1] != [0, 0] or [400, 0] not in received:
                 roster = await ben.expect("roster")
-                told.append([seat.get("latency_ms", 0) for seat in roster["seats"]])
-            return told
+                received.append([seat.get("latency_ms", 0) for seat in roster["seats"]])
+            return received
 
-    told = run(main())
-    assert told.count([400, 0]) == 1 and told[-1] == [0, 0]
+    received = run(main())
+    assert received.count([400, 0]) == 1 and received[-1] == [0, 0]
 
 
 def test_recording_has_times_of_day_and_round_trips(

@@ -112,13 +112,13 @@ class TestMissedMessages:
             async with raw(server, hello=False) as again:
                 hello = {**HELLO, "resume": joined["resume"], "seen": seen}
                 await again.ask(hello, "welcome")
-                told = []
-                while not told or told[-1]["type"] != "roster" or len(told) < 4:
-                    told.append(await again.receive())
-                kinds = [m["type"] for m in told if m["type"] != "roster"]
+                received = []
+                while not received or received[-1]["type"] != "roster" or len(received) < 4:
+                    received.append(await again.receive())
+                kinds = [m["type"] for m in received if m["type"] != "roster"]
                 assert kinds == ["joined", "delta", "delta", "said"]
-                assert [m["step"] for m in told if m["type"] == "delta"] == [2, 3]
-                assert [m["text"] for m in told if m["type"] == "said"] == ["two"]
+                assert [m["step"] for m in received if m["type"] == "delta"] == [2, 3]
+                assert [m["text"] for m in received if m["type"] == "said"] == ["two"]
 
 
 async def two_people(ada: Client, bob: Client, **options: object):  # type: ignore[no-untyped-def]

@@ -195,8 +195,8 @@ async def test_each_seat_gets_its_text_view(tmp_path: Path) -> None:
             for connection, seat in ((ada, "robot1"), (ada, "robot2"), (bob, "robot3")):
                 await connection.send(act(1, seat))
             later = [await ada.expect("observation") for _ in range(2)]
-            told = [(view["seat"], view["step"], view["seq"]) for view in later]
-            assert told == [("robot1", 1, 1), ("robot2", 1, 1)]
+            received = [(view["seat"], view["step"], view["seq"]) for view in later]
+            assert received == [("robot1", 1, 1), ("robot2", 1, 1)]
 
 
 @virtual

@@ -131,17 +131,17 @@ async def test_disguised_bot_is_not_revealed(tmp_path: Path) -> None:
         async with opened(server, **FORWARDED) as ada, opened(server, **FORWARDED) as bob:
             await hello(ada, kind="human")
             await hello(bob, name="bea", kind="bot")
-            heard = [await ada.ask({"type": "join", "episode": code}, "joined")]
+            received = [await ada.ask({"type": "join", "episode": code}, "joined")]
             await bob.ask({"type": "join", "episode": code}, "joined")
             await bob.send({"type": "say", "text": "hi"})
             await bob.send({"type": "act", "seq": 1, "action": None, "waits": True})
             await ada.send({"type": "act", "seq": 1, "action": None})
-            while heard[-1]["type"] != "delta":
-                heard.append(await ada.receive())
-            heard.append(await ada.ask({"type": "resync"}, "snapshot"))
+            while received[-1]["type"] != "delta":
+                received.append(await ada.receive())
+            received.append(await ada.ask({"type": "resync"}, "snapshot"))
             listed = await lab.ask({"type": "list"}, "episodes")
-            words = json.dumps([heard, listed])
-            assert {"said", "roster", "snapshot"} <= {message["type"] for message in heard}
+            words = json.dumps([received, listed])
+            assert {"said", "roster", "snapshot"} <= {message["type"] for message in received}
             for secret in ('"bot"', "shown_as", "delay_ms", "treatments", '"waits"'):
                 assert secret not in words
             room = server.lobby.find(code)

@@ -99,9 +99,9 @@ async def test_pictures_survive_a_restart(tmp_path: Path, bistro: Path) -> None:
         await crash(first)
     async with serving(recordings, seed=2, tasks=bistro) as second, raw(second) as ada:
         await ada.ask({**join, "episode": code}, "joined")
-        told = await ada.ask({"type": "get_rendering", "ref": 7}, "rendering")
-        assert told["pictures"]
-        digest = next(iter(told["pictures"].values()))
+        received = await ada.ask({"type": "get_rendering", "ref": 7}, "rendering")
+        assert received["pictures"]
+        digest = next(iter(received["pictures"].values()))
         picture = await ada.ask({"type": "get_picture", "digest": digest}, "picture")
         assert picture["digest"] == digest
         refused = await ada.ask({"type": "get_picture", "digest": "0" * 64}, "picture")

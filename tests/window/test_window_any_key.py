@@ -105,7 +105,7 @@ class RandomUser:
         self.window.frame(self.source)
         shown = self.window.card
         chats = self.window.overlay(self.source.view()).typing is not None
-        heard = shown is not None and (shown.listens or chats)
+        received = shown is not None and (shown.listens or chats)
         for event in events:
             pygame.event.post(event)
         self.window.frame(self.source)
@@ -113,7 +113,7 @@ class RandomUser:
             assert shown is not None, name
             assert name in NOT_THE_GAMES | {"click", "pad"}, name
             assert self.window.answer in {row.answer for row in shown.rows}
-            assert heard or name == "click", f"{name} came too early"
+            assert received or name == "click", f"{name} came too early"
             self.window = self.open()
         self.timer.now += self.random.choice((0.02, 0.02, 0.1, 0.5))
         if self.random.random() < 0.1 and self.source._asked is not None:

@@ -239,16 +239,16 @@ async def test_the_tutorial_ends_with_the_whole_task(session: WindowSession) -> 
 def test_each_lesson_waits_for_its_action() -> None:
     script = Script(World("training/01"))
     source = TutorialSource(script, KeyMap())
-    told = [source.view().lesson]
+    received = [source.view().lesson]
     for line in load_certificate("training/01").plan or ():
         source.act(script.world.parse(script.state, script.me, line))
-        if source.view().lesson != told[-1]:
-            told.append(source.view().lesson)
+        if source.view().lesson != received[-1]:
+            received.append(source.view().lesson)
             if source.lesson is not None:
                 before = source.lesson
                 source.act(script.world.parse(script.state, script.me, "wait()"))
                 assert source.lesson is before, "to wait teaches nothing"
-    assert [words.split(":")[0] for words in told] == [
+    assert [words.split(":")[0] for words in received] == [
         "Let's walk! Press an arrow key, or click on a station.",
         "Walk to an ingredient and take it",
         "Carry it to another station and put it down",
@@ -390,18 +390,18 @@ async def test_choosing_an_incomplete_look_reports_it(
         (renderings / f"{name}.json").write_text(json.dumps(look))
     menu = SettingsMenu(app.settings, app.apply_setting)
     row = next(row for row in menu.form.rows if row.label == "Look")
-    told = {}
+    received = {}
     assert isinstance(row, Choice)
     for _ in range(4):
         row.command(Command.USE)
-        told[row.value] = (menu.form.message, app.ui.preferences.rendering)
-    said, kept = told["broken"]
+        received[row.value] = (menu.form.message, app.ui.preferences.rendering)
+    said, kept = received["broken"]
     assert said.startswith("Could not load the look 'broken'")
     assert "flor: unknown field" in said
     assert kept == ""
-    assert told["chalk"] == ("Changes apply at once.", "chalk")
-    assert told["whole"] == ("Changes apply at once.", "whole")
-    said, kept = told["lacking"]
+    assert received["chalk"] == ("Changes apply at once.", "chalk")
+    assert received["whole"] == ("Changes apply at once.", "whole")
+    said, kept = received["lacking"]
     assert "'lacking' lacks pictures" in said
     assert "no action 'cokk'; did you mean 'cook'?" in said
     assert kept == "lacking"

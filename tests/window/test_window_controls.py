@@ -250,7 +250,7 @@ def test_the_shipped_keys_can_make_the_pancakes(play) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "message"),
     [
         (
             ("move table1", "pick-up-container bowl1", "move stove1"),
@@ -259,11 +259,11 @@ def test_the_shipped_keys_can_make_the_pancakes(play) -> None:
         (("move table10", "pick-up-item onion1", "move stove1"), "Add the onion to the water"),
     ],
 )
-def test_at_the_pot_key_and_click_agree(lines: tuple[str, ...], told: str) -> None:
+def test_at_the_pot_key_and_click_agree(lines: tuple[str, ...], message: str) -> None:
     state = after("asynchronous/09", *BOILING, *lines)
     controls = Controls(state.world)
     pressed = use(controls, state, "robot1", "e")
-    assert pressed.hint == told
+    assert pressed.hint == message
     assert pressed == controls.click(state, "robot1", "stove1")
 
 
@@ -290,11 +290,11 @@ POTATO_AT_THE_POT = ["move table4", "pick-up-item potato1", "move table2"]
 def test_an_empty_pot_advises_to_fill_it() -> None:
     state = after("asynchronous/06", *POTATO_AT_THE_POT)
     controls, me = Controls(state.world), state.world.players[0]
-    told = "Fill the pot with water first, at the sink"
+    message = "Fill the pot with water first, at the sink"
     for meaning in (controls.key(state, me, "e"), controls.click(state, me, "table2")):
-        assert (meaning.action, meaning.hint, meaning.advice) == (None, told, True)
+        assert (meaning.action, meaning.hint, meaning.advice) == (None, message, True)
     hands = InputController(KeyMap(), lambda: 0.0)
-    assert hands.hints(controls, state, me) == (("", told),)
+    assert hands.hints(controls, state, me) == (("", message),)
 
 
 def test_an_unmet_condition_names_the_missing_work() -> None:

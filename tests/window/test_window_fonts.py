@@ -85,9 +85,9 @@ def test_unreadable_names_are_replaced_by_the_player() -> None:
     world = World("multi_agent/01@2")
     seats = (SeatView("robot1", "厨房の"), SeatView("robot2", "Ångström 厨"))
     view = View(world, world.initial, seats=seats, chat=(("厨房の", "Hello."), ("Ada", "Hi.")))
-    told = with_readable_names(view, Typesetter(ONLY_DEFAULT))
-    assert [seat.name for seat in told.seats] == ["robot1", "Ångström 厨"]
-    assert told.chat == (("robot1", "Hello."), ("Ada", "Hi."))
+    received = with_readable_names(view, Typesetter(ONLY_DEFAULT))
+    assert [seat.name for seat in received.seats] == ["robot1", "Ångström 厨"]
+    assert received.chat == (("robot1", "Hello."), ("Ada", "Hi."))
     plain = replace(view, seats=(SeatView("robot1", "Ada"),))
     kana = replace(view, seats=(SeatView("robot1", "たなか"),))
     assert with_readable_names(kana, Typesetter(ONLY_DEFAULT)) is kana, "read as tanaka"

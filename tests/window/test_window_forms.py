@@ -69,14 +69,14 @@ def test_a_button_by_mouse() -> None:
 
 
 def test_a_choice_by_keys_and_mouse() -> None:
-    told: list[object] = []
-    choice = Choice("Task", [("a", 1), ("b", 2), ("c", 3)], 2, told.append)
+    received: list[object] = []
+    choice = Choice("Task", [("a", 1), ("b", 2), ("c", 3)], 2, received.append)
     form = Form("Title", [choice])
     post(pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_LEFT)
     follow(form)
     click(form, choice, 0.95)
     click(form, choice, 0.6)
-    assert told == [3, 1, 3, 1, 3]
+    assert received == [3, 1, 3, 1, 3]
     assert Choice("x", [("a", 1)], "none of them").value == 1
 
 
@@ -99,11 +99,11 @@ def test_a_slider_by_keys_and_mouse() -> None:
 
 
 def test_a_key_field_takes_a_key_and_escape_keeps_the_old_one() -> None:
-    told: list[str] = []
-    form = Form("Keys", [KeyField("Use", "e", told.append)])
+    received: list[str] = []
+    form = Form("Keys", [KeyField("Use", "e", received.append)])
     post(pygame.K_RETURN, pygame.K_LEFT, pygame.K_RETURN, pygame.K_ESCAPE)
     follow(form)
-    assert told == ["left"]
+    assert received == ["left"]
     assert form.result is None
     post(pygame.K_ESCAPE)
     follow(form)

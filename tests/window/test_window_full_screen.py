@@ -58,8 +58,8 @@ def covered(picture: pygame.Surface) -> bool:
 
 def test_f11_toggles_full_screen(screen: Screen) -> None:
     env = {**os.environ, "DISPLAY": screen.display, "SDL_AUDIODRIVER": "dummy"}
-    for told in ("SDL_VIDEODRIVER", *DESKTOPS):
-        env.pop(told, None)
+    for received in ("SDL_VIDEODRIVER", *DESKTOPS):
+        env.pop(received, None)
     full = f"{SIZE} of (640, 400) at 0"
     with subprocess.Popen(
         [sys.executable, "-c", PROGRAM], env=env, stdout=subprocess.PIPE, text=True

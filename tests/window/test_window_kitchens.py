@@ -149,7 +149,7 @@ def opened(session: WindowSession) -> Iterator[None]:
 async def test_leaving_frees_the_seat_at_once(session: WindowSession) -> None:
     async with serving(session.folder / "server") as server:
         room = kitchen(server)
-        told: list[object] = []
+        received: list[object] = []
 
         def script() -> Iterator[None]:
             yield from opened(session)
@@ -165,8 +165,8 @@ async def test_leaving_frees_the_seat_at_once(session: WindowSession) -> None:
             await sit(session, server, script(), session.app.remote.join(room.code))
             await asyncio.sleep(0.1)
             assert names(room) == {"bob"}
-            told += [seat.name for seat in game.seats]
-        assert told == ["", "bob"]
+            received += [seat.name for seat in game.seats]
+        assert received == ["", "bob"]
         assert not list(session.folder.rglob("*.seat"))
 
 

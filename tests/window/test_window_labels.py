@@ -234,10 +234,10 @@ def test_a_busy_player_gets_a_tip(play) -> None:
     painter, surface = Painter(), pygame.Surface((1280, 720))
     layout = painter.layout((1280, 720), world)
     painter.paint(surface, view, UiOverlay(layout.kitchen.center, ("The stove",)))
-    (told,) = (key for key in painter._labels.places() if key[0] == "busy")
+    (received,) = (key for key in painter._labels.places() if key[0] == "busy")
     steps = state.busy_steps("robot1")
-    assert told[1] == (f"On your way: {steps} more steps",)
+    assert received[1] == (f"On your way: {steps} more steps",)
     own = player_area(layout, painter._poses(view)["robot1"])
-    assert gap(painter._labels.places()[told], own) <= layout.tile
+    assert gap(painter._labels.places()[received], own) <= layout.tile
     painter.paint(surface, dataclasses.replace(view, state=world.initial, previous=None))
     assert not [key for key in painter._labels.places() if key[0] == "busy"]

@@ -30,10 +30,10 @@ from robotouille_client.window.input.controls import Controls
 
 def test_settings_apply_at_once(display: Display) -> None:
     settings = Settings()
-    told: list[str] = []
+    received: list[str] = []
 
     def changed(field: str) -> str:
-        told.append(field)
+        received.append(field)
         return ""
 
     form = SettingsMenu(settings, changed).form
@@ -50,7 +50,7 @@ def test_settings_apply_at_once(display: Display) -> None:
     assert (now.sound, now.reduced_motion, now.text_scale) == (False, True, 1.1)
     assert now.name == "Ada"
     assert now.strong_contrast
-    assert told[:4] == ["sound", "reduced_motion", "text_scale", "strong_contrast"]
+    assert received[:4] == ["sound", "reduced_motion", "text_scale", "strong_contrast"]
     assert form.result == "back"
 
 
@@ -64,19 +64,19 @@ def test_an_empty_name_is_ignored(display: Display) -> None:
 
 
 def test_reset_keys_and_report_a_key_that_was_taken(display: Display) -> None:
-    told: list[KeyMap] = []
-    asking = KeysMenu(KeyMap({"chat": ["y"]}), told.append)
+    received: list[KeyMap] = []
+    asking = KeysMenu(KeyMap({"chat": ["y"]}), received.append)
     form = asking.form
     help_row = next(row for row in form.rows if row.label == "Help")
     form.focus(help_row)
     post(pygame.K_RETURN, pygame.K_y)
     follow(form)
-    assert told[-1].changed == {"chat": [], "help": ["y"]}
+    assert received[-1].changed == {"chat": [], "help": ["y"]}
     assert form.message == "No key left for: Chat."
     form.focus(next(row for row in form.rows if row.label == "Reset to defaults"))
     post(pygame.K_RETURN)
     follow(form)
-    assert told[-1].changed == {}
+    assert received[-1].changed == {}
     assert form.result is None
 
 
@@ -274,14 +274,14 @@ def test_faults_of_the_language_file_are_reported(tmp_path: Path, display: Displ
     ui = UserInterface(settings, display)
     assert ui.words.kinds["lettuce"][0].name == "Salat"
     assert not ui.words_fault
-    for broken_words, told in (
+    for broken_words, received in (
         ('{"kind": {}}', "kind"), ("{", "broken.json"), ('{"actions": {"cut": 3}}', "cut"),
     ):  # fmt: skip
         (tmp_path / "broken.json").write_text(broken_words)
         settings.prefer(language_file=str(tmp_path / "broken.json"))
         ui.apply_settings()
         assert ui.words == NO_WORDS
-        assert told in ui.words_fault
+        assert received in ui.words_fault
         settings.prefer(language_file="")
         ui.apply_settings()
     settings.prefer(language_file=str(tmp_path / "none.json"))

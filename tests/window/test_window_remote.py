@@ -82,14 +82,14 @@ async def table(folder: Path, **options: Any) -> AsyncIterator[Table]:
 async def test_a_pause_shows_its_reason_and_counts_down(at: Table) -> None:
     assert at.source.view().pause is None
     await at.bob.pull()
-    heard = at.source.view().pause
-    assert heard.why == "bob lost the connection"
-    assert heard.detail == "The game ends in 40 s unless bob comes back."
+    received = at.source.view().pause
+    assert received.why == "bob lost the connection"
+    assert received.detail == "The game ends in 40 s unless bob comes back."
     await asyncio.sleep(10.0)
     later = at.source.view().pause
-    assert heard.left is not None
-    assert later.left == pytest.approx(heard.left - 10.0)
-    assert later.share == pytest.approx(later.left / heard.left)
+    assert received.left is not None
+    assert later.left == pytest.approx(received.left - 10.0)
+    assert later.share == pytest.approx(later.left / received.left)
     assert later.detail == "The game ends in 30 s unless bob comes back."
     assert at.source.view().frozen
     await at.bob.plug()

@@ -209,10 +209,10 @@ def test_a_lesson_covers_only_the_wall(
 ) -> None:
     painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)
     before = painter.layout(size, view.world)
-    told = replace(view, lesson=lesson)
-    painter.paint(surface, told)
+    received = replace(view, lesson=lesson)
+    painter.paint(surface, received)
     place = painter.layout(size, view.world)
-    shown = painter._interruptions.draw(surface, place, told)
+    shown = painter._interruptions.draw(surface, place, received)
     assert all(area.bottom <= place.top for area in shown)
     assert place.corner((0, 0))[1] + place.tile <= place.strip.top
     painter.paint(surface, view)

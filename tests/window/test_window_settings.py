@@ -19,7 +19,7 @@ from robotouille_client.window.preferences import Preferences
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("{", "Could not read"),
         ('{"version": 7}', "settings version 7"),
@@ -34,12 +34,12 @@ from robotouille_client.window.preferences import Preferences
         ("\ud83d", "Could not read"),
     ],
 )
-def test_unreadable_settings_are_backed_up(tmp_path: Path, text: str, told: str) -> None:
+def test_unreadable_settings_are_backed_up(tmp_path: Path, text: str, expected: str) -> None:
     path = tmp_path / "window.json"
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     settings, words = load_settings(path)
     assert settings == Settings()
-    assert told in words
+    assert expected in words
     assert len(words) < 200
     assert "window.json.bak" in words
     kept = (tmp_path / "window.json.bak").read_text(encoding="utf-8", errors="surrogatepass")
@@ -121,8 +121,8 @@ def opened(path: Path) -> tuple[Settings, SettingsFile]:
 
 
 def kept(path: Path) -> Settings:
-    settings, told = load_settings(path)
-    assert told == ""
+    settings, expected = load_settings(path)
+    assert expected == ""
     return settings
 
 

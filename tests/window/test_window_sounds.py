@@ -18,7 +18,7 @@ from robotouille_client.window.video import FilmOptions, frames_of, write_video
 from robotouille_client.window.view import Bubble, SeatView
 
 
-def heard(script: Script, line: str) -> tuple[str, ...]:
+def received(script: Script, line: str) -> tuple[str, ...]:
     before = script.view()
     script.act(script.world.parse(script.state, script.me, line))
     return sounds_between(before, script.view())
@@ -36,7 +36,7 @@ def test_each_kind_of_action_has_a_sound() -> None:
         ("cut(robot1, tomato1, board1)", ()),
         ("cut(robot1, tomato1, board1)", ("ready",)),
     ]
-    assert [heard(script, line) for line, _ in lines] == [sounds for _, sounds in lines]
+    assert [received(script, line) for line, _ in lines] == [sounds for _, sounds in lines]
 
 
 def test_sounds_of_rejections_chat_and_the_end() -> None:

@@ -236,19 +236,19 @@ def test_recordings_show_task_and_result(
     menu = ReplaysMenu(paths)
     while menu.form.idle():
         drawn(menu.form, (800, 600))
-    told = {entry.answer: entry.text() for entry in menu.form.entries}
-    title, detail = told[whole]
+    received = {entry.answer: entry.text() for entry in menu.form.entries}
+    title, detail = received[whole]
     assert title == "Synchronous 01: cheese sandwich"
     assert "won in 8 steps" in detail
     assert (
         "Played by robot1-bot." in next(e for e in menu.form.entries if e.answer == whole).about()
     )
-    assert "damaged" in told[tmp_path / "cut.rbt"].detail
-    assert "not a recording" in told[tmp_path / "text.rbt"].detail
-    assert "format version 99" in told[tmp_path / "version.rbt"].detail
+    assert "damaged" in received[tmp_path / "cut.rbt"].detail
+    assert "not a recording" in received[tmp_path / "text.rbt"].detail
+    assert "format version 99" in received[tmp_path / "version.rbt"].detail
     for name in ("none.rbt", "noise.rbt"):
-        assert told[tmp_path / name].detail
-    assert "No such file" in told[tmp_path / "gone.rbt"].detail
+        assert received[tmp_path / name].detail
+    assert "No such file" in received[tmp_path / "gone.rbt"].detail
     post("cheese won")
     follow(menu.form)
     assert menu.form.focused.answer == whole
@@ -290,8 +290,10 @@ def test_times_outside_the_calendar(
 ) -> None:
     path = tmp_path / "a.rbt"
     path.write_bytes(recording)
-    told = path.stat()
-    monkeypatch.setattr(Path, "stat", lambda *_, **__: os.stat_result((*told[:8], 10**15, 10**15)))
+    received = path.stat()
+    monkeypatch.setattr(
+        Path, "stat", lambda *_, **__: os.stat_result((*received[:8], 10**15, 10**15))
+    )
     assert summary_of(path).result
     west, east = timezone(timedelta(hours=-12)), timezone(timedelta(hours=12))
     assert when_words(datetime.min.replace(tzinfo=UTC), NOW.astimezone(west))

@@ -95,10 +95,10 @@ def test_tooltips_explain_each_layer() -> None:
     painter, surface = Painter(), pygame.Surface(SIZE)
     painter.paint(surface, View(world, world.initial))
     x = painter.layout(SIZE, world).panel.left + 60
-    told = {line for y in range(60, 300) for line in painter.tooltip((x, y))}
-    assert "Not yet: the lettuce has been cut." in told
-    assert "Ready: the bottom bun lies directly on the table." in told
-    assert world.task.goal_description in told
+    received = {line for y in range(60, 300) for line in painter.tooltip((x, y))}
+    assert "Not yet: the lettuce has been cut." in received
+    assert "Ready: the bottom bun lies directly on the table." in received
+    assert world.task.goal_description in received
 
 
 def test_a_goal_that_cannot_be_drawn_is_in_words() -> None:

@@ -151,8 +151,8 @@ def test_a_domain_without_words() -> None:
     walk = world.action("walk", "fitter1", "trestle2", "anvil1")
     assert wording.action(walk, world.initial) == "walk from the trestle to the anvil"
     (unmet,) = world.unmet(world.initial, world.action("grab", "fitter1", "offcut1", "booth1"))
-    told = wording.reason(unmet, world.initial)
-    assert told == "needs: the fitter works at the booth"
+    received = wording.reason(unmet, world.initial)
+    assert received == "needs: the fitter works at the booth"
 
 
 def test_templates_with_unknown_fields_are_ignored() -> None:
@@ -164,8 +164,8 @@ def test_templates_with_unknown_fields_are_ignored() -> None:
     assert wording.action(cut, START) == "make a cut in the onion at the board"
     cook = KITCHEN.action("cook", "robot1", "onion1", "stove1")
     assert wording.action(cook, START) == "start cooking the onion at the stove"
-    told = wording.reason(condition("nothing", "robot1"), START)
-    assert told.startswith("needs: ")
+    received = wording.reason(condition("nothing", "robot1"), START)
+    assert received.startswith("needs: ")
 
 
 def test_place_words_are_replaced_one_by_one() -> None:

@@ -86,8 +86,8 @@ def test_query_cannot_break_a_line_of_the_card(write: Write) -> None:
 
 def test_unusual_version_is_quoted(write: Write) -> None:
     folder = write()
-    told = manifest(folder)
-    told["recorded_by"] = {"1 <script>`|\n---\n# Mine\x1b": 1, "0.1.0+local": 2}
-    (folder / "export.json").write_text(json.dumps(told))
+    received = manifest(folder)
+    received["recorded_by"] = {"1 <script>`|\n---\n# Mine\x1b": 1, "0.1.0+local": 2}
+    (folder / "export.json").write_text(json.dumps(received))
     card = rewrite_card(folder, {})
     assert "Recorded by Robotouille `1 <script>'/ --- # Mine\ufffd` (1), 0.1.0+local (2), " in card

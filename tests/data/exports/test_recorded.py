@@ -56,9 +56,9 @@ def conversations(folder: Path) -> Iterator[tuple[dict[str, int], list[dict[str,
     rows = (folder / "lines.jsonl").read_text().splitlines()
     lines = (folder / "chat.jsonl").read_text().splitlines()
     for number, (row, line) in enumerate(zip(rows, lines, strict=True)):
-        told = json.loads(row)
-        assert told["line"] == number
-        yield told, json.loads(line)["messages"]
+        received = json.loads(row)
+        assert received["line"] == number
+        yield received, json.loads(line)["messages"]
 
 
 def test_conversation_contains_observations_and_actions(
@@ -66,16 +66,16 @@ def test_conversation_contains_observations_and_actions(
 ) -> None:
     folder = write("chat", system="You cook.")
     seen = set()
-    for told, messages in conversations(folder):
-        recording = recordings[told["episode_id"]]
-        player = recording.world.players[told["seat"]]
+    for received, messages in conversations(folder):
+        recording = recordings[received["episode_id"]]
+        player = recording.world.players[received["seat"]]
         moves = own_moves(recording, player)
         seen.add((recording, player))
         assert messages[0] == {"role": "system", "content": "You cook."}
         assert [m["role"] for m in messages[1:]] == ["user", "assistant"] * len(moves)
         assert [m["content"] for m in messages[1::2]] == [m.state.text_view(player) for m in moves]
         assert [m["content"] for m in messages[2::2]] == [f"Action: {m.text}" for m in moves]
-        assert (told["step"], told["decisions"]) == (moves[0].step, len(moves))
+        assert (received["step"], received["decisions"]) == (moves[0].step, len(moves))
     expected = {(r, p) for r in recordings.values() for p in r.world.players if own_moves(r, p)}
     assert seen == expected
     rows = {each["entry"]: each["rows"] for each in manifest(folder)["data"]}
@@ -108,12 +108,12 @@ def test_datasets_loads_chat(write: Write, hub: Any) -> None:
 @pytest.mark.slow
 def test_arrays_equal_the_recordings(write: Write, recordings: dict[int, Recording]) -> None:
     folder = write("arrays")
-    told = manifest(folder)
+    received = manifest(folder)
     codebook = {
         each["name"]: each for each in json.loads((folder / "codebook.json").read_text())["entries"]
     }
     rows = 0
-    for written in told["data"]:
+    for written in received["data"]:
         with np.load(folder / written["path"], allow_pickle=False) as file:
             arrays = dict(file)
         entry = codebook[written["entry"]]
@@ -126,7 +126,7 @@ def test_arrays_equal_the_recordings(write: Write, recordings: dict[int, Recordi
         rows += written["rows"]
         for number in set(arrays["episode"].tolist()):
             check_episode(recordings[number], arrays, arrays["episode"] == number, entry)
-    assert rows == told["steps"] * 2
+    assert rows == received["steps"] * 2
 
 
 def check_episode(recording: Recording, arrays: Any, chosen: Any, entry: Any) -> None:
@@ -159,9 +159,9 @@ def test_minari_loads_the_data_set_of_each_seat(
 ) -> None:
     minari = pytest.importorskip("minari", reason="needs the extra `minari`")
     folder, arrays = write("minari", split=split), write("arrays")
-    told, tables = manifest(folder), manifest(arrays)
+    received, tables = manifest(folder), manifest(arrays)
     steps = 0
-    for written in told["data"]:
+    for written in received["data"]:
         monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder / written["part"]))
         dataset = minari.load_dataset(written["entry"])
         assert dataset.total_steps == written["rows"]
@@ -309,11 +309,11 @@ def test_reasoning_precedes_the_action(thoughtful: Path, tmp_path: Path, texts: 
 
 def test_several_formats_share_a_folder(write: Write) -> None:
     folder = write("csv", "chat", "arrays", "parquet")
-    told = manifest(folder)
-    assert {each["format"] for each in told["data"]} == set(told["formats"])
+    received = manifest(folder)
+    assert {each["format"] for each in received["data"]} == set(received["formats"])
     names = {path.suffix for path in folder.iterdir()}
     assert names == {".csv", ".parquet", ".jsonl", ".npz", ".json", ".md"}
-    rows = {(each["entry"], each["format"]): each["rows"] for each in told["data"]}
+    rows = {(each["entry"], each["format"]): each["rows"] for each in received["data"]}
     for entry in json.loads((folder / "codebook.json").read_text())["entries"]:
         assert {n for (name, _), n in rows.items() if name == entry["name"]} == {entry["rows"]}
     assert 'path: "steps.parquet"' in (folder / "README.md").read_text()

@@ -44,8 +44,8 @@ def test_groups_stay_together_and_shares_are_approximated() -> None:
 def test_parts_share_no_participant(write: Write, label: str) -> None:
     """Pairs share a label and participants. Each of them keeps a pair together."""
     folder = write(split=SHARES, split_by=label)
-    told = manifest(folder)["split"]
-    assert (told["groups"], told["episodes"]) == (PAIRS, {"train": 4, "test": 4})
+    received = manifest(folder)["split"]
+    assert (received["groups"], received["episodes"]) == (PAIRS, {"train": 4, "test": 4})
     people = [
         set(pl.read_parquet(folder / part / "events.parquet").filter(kind="roster")["name"]) - {""}
         for part in SHARES
@@ -63,7 +63,7 @@ def test_label_keeps_episodes_together(write: Write) -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "heard", "together"),
+    ("first", "second", "reported", "together"),
     [
         (("Ada", ""), ("ADA", ""), "", True),
         (("Jos\u00e9", ""), ("JOSE\u0301", ""), "", True),
@@ -76,7 +76,7 @@ def test_label_keeps_episodes_together(write: Write) -> None:
     ],
 )
 def test_people_with_similar_names_are_in_one_part(
-    tmp_path: Path, first: tuple[str, str], second: tuple[str, str], heard: str, together: bool
+    tmp_path: Path, first: tuple[str, str], second: tuple[str, str], reported: str, together: bool
 ) -> None:
     """Names may differ in case, lack a token, or belong to a spectator who wrote a message."""
     folder = tmp_path / "recordings"
@@ -84,8 +84,8 @@ def test_people_with_similar_names_are_in_one_part(
     for number, person in enumerate((first, second)):
         people = [person, (f"Other{number}", f"o{number}")]
         frames = list(read_frames(random_stream(number, people=people)))
-        if heard and number:
-            note = {"note": "said", "t": 0, "name": heard, "player": "", "text": "well done"}
+        if reported and number:
+            note = {"note": "said", "t": 0, "name": reported, "player": "", "text": "well done"}
             frames.insert(-1, {"kind": "notes", "notes": [note]})
         stream = MAGIC + b"".join(map(pack_frame, frames))
         (folder / f"{number}.rbt").write_bytes(compress(stream))

@@ -122,13 +122,13 @@ def test_datasets_reads_equal_counts_and_sums(
 
 def test_export_json_lists_all_files(write: Write) -> None:
     folder = write(split={"train": 0.5, "test": 0.5})
-    told = manifest(folder)["files"]
+    received = manifest(folder)["files"]
     later = {"README.md", "export.json"}
     found = {
         path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()
     }
-    assert found.keys() - later == told.keys()
-    for name, sums in told.items():
+    assert found.keys() - later == received.keys()
+    for name, sums in received.items():
         content = found[name].read_bytes()
         assert (len(content), hashlib.sha256(content).hexdigest()) == (
             sums["bytes"],

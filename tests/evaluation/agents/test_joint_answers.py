@@ -46,7 +46,7 @@ def test_lines_of_robots_are_read(text: str, meant: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lines", "told", "whose"),
+    ("lines", "expected", "whose"),
     [
         ("robot1: Cut lettuce1", "The action 'Cut lettuce1' of robot1 is not valid.", "robot1"),
         (f"{TWO}\nrobot7: Fly", "The action 'Fly' of robot7 is not valid.", "robot7"),
@@ -58,10 +58,10 @@ def test_lines_of_robots_are_read(text: str, meant: str) -> None:
         ),
     ],
 )
-def test_feedback_names_invalid_actions_and_robots(lines: str, told: str, whose: str) -> None:
+def test_feedback_names_invalid_actions_and_robots(lines: str, expected: str, whose: str) -> None:
     answers = JointAnswers()
     assert answers.match(lines, VALID) is None
-    assert answers.invalid(lines, VALID).startswith(f"{told} Nobody has acted.")
+    assert answers.invalid(lines, VALID).startswith(f"{expected} Nobody has acted.")
     assert answers.first_invalid(lines, VALID)[0] == whose
 
 
@@ -117,13 +117,13 @@ class Players:
 
 def test_messages_are_delivered_in_seat_order() -> None:
     """A resumed run is answered at once and must send the same requests."""
-    told = []
+    expected = []
     for seconds in ({"robot1": 9, "robot2": 1, "robot3": 5}, dict.fromkeys(SEEN, 0)):
         players = Players(seconds)
         for _ in range(2):
             run(players.team.propose(SEEN, players.take))
         assert players.took == [*SEEN, *SEEN]
-        told.append(players.asked)
-    assert told[0] == told[1]
-    heard = told[0]["robot3"][1]
-    assert heard.index("I am robot1") < heard.index("I am robot2")
+        expected.append(players.asked)
+    assert expected[0] == expected[1]
+    received = expected[0]["robot3"][1]
+    assert received.index("I am robot1") < received.index("I am robot2")

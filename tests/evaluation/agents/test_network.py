@@ -42,11 +42,11 @@ def plan() -> tuple[str, ...]:
 
 
 def alone(
-    game: Game, strategy: Strategy, model: Model, told: Callable[[Exchange], None]
+    game: Game, strategy: Strategy, model: Model, received: Callable[[Exchange], None]
 ) -> NetworkAgent:
     """Return a team of one model with one seat."""
     seat = game.own_seats[0]
-    return NetworkAgent(game, IndependentTeam({seat: strategy}, {seat: model.complete}), told)
+    return NetworkAgent(game, IndependentTeam({seat: strategy}, {seat: model.complete}), received)
 
 
 def answers(flaws: bool) -> Iterator[str]:
@@ -60,21 +60,21 @@ def answers(flaws: bool) -> Iterator[str]:
 @pytest.mark.parametrize("clock", quick_sample(["turn", "lockstep", "realtime"]))
 @virtual
 async def test_answers_are_recorded(tmp_path: Path, clock: str) -> None:
-    heard: list[Exchange] = []
+    reported: list[Exchange] = []
 
     async with serving(tmp_path) as server, connect(server.url, name="m") as client:
         opened = await client.create(ALONE, clock=clock, step_rate=1.0)
         game = await client.join(opened.code, view="text")
         strategy = make_strategy(pack(), "react-last-reasoning-action", "synchronous")
         model = ScriptedModel.of(answers(flaws=True))
-        agent = alone(game, strategy, model, heard.append)
+        agent = alone(game, strategy, model, reported.append)
         outcome = await agent.play()
         assert outcome["reason"] == "goal"
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert recording.verify().identical
     (seat,) = recording.outcome["seats"]
-    refused = sum(exchange.verdict.rejected for exchange in heard)
+    refused = sum(exchange.verdict.rejected for exchange in reported)
     assert refused > 2
     assert seat["invalid"] + seat["malformed"] == seat["rejected"] == refused
     text = str(list(recording.each_frame()))
@@ -82,7 +82,7 @@ async def test_answers_are_recorded(tmp_path: Path, clock: str) -> None:
     shown = CliRunner().invoke(app, ["replay", "said", str(file), "--json"]).stdout
     calls = [json.loads(line) for line in shown.splitlines()]
     assert calls == [call.row() for call in model_calls(recording)]
-    assert len(calls) == len(heard)
+    assert len(calls) == len(reported)
     shown = CliRunner().invoke(app, ["replay", "said", str(file), "--player", "robot1"]).stdout
     assert shown.startswith("=== step 0: robot1 was sent ") and "\n--- system\n" in shown
 
@@ -96,7 +96,7 @@ FORGED = (
 @virtual
 async def test_chat_and_names_cannot_forge_observations(tmp_path: Path) -> None:
     """Neither chat nor a name can forge an observation. Messages are recorded."""
-    heard: list[Exchange] = []
+    reported: list[Exchange] = []
 
     async with (
         serving(tmp_path) as server,
@@ -113,7 +113,7 @@ async def test_chat_and_names_cannot_forge_observations(tmp_path: Path) -> None:
             return f"Reasoning: so.\nAction: {valid_actions(request)[0]}"
 
         strategy = make_strategy(pack(), "react-none", "multi_agent")
-        agent = alone(game, strategy, ScriptedModel(answer), heard.append)
+        agent = alone(game, strategy, ScriptedModel(answer), reported.append)
 
         async def idle() -> None:
             while not partner.ended:
@@ -125,7 +125,7 @@ async def test_chat_and_names_cannot_forge_observations(tmp_path: Path) -> None:
     assert recording.verify().ok
     states = dict(recording.states())
     calls = list(model_calls(recording))
-    assert len(calls) == len(heard) == 3
+    assert len(calls) == len(reported) == 3
     for call in calls:
         assert call.messages[-1]["content"] == states[call.step].text_view("robot1")
         assert call.rest["verdict"] == "action"

@@ -154,7 +154,7 @@ def test_addresses_that_may_receive_keys(
 
 
 @pytest.mark.parametrize(
-    ("model", "options", "told"),
+    ("model", "options", "expected"),
     [
         ("m", {"base_url": ""}, "requires a key"),
         ("m", {"strategy": "oi"}, "no strategy 'oi'"),
@@ -162,20 +162,20 @@ def test_addresses_that_may_receive_keys(
     ],
 )
 async def test_bot_without_key_takes_no_seat(
-    monkeypatch: pytest.MonkeyPatch, model: str, options: dict[str, Any], told: str
+    monkeypatch: pytest.MonkeyPatch, model: str, options: dict[str, Any], expected: str
 ) -> None:
     monkeypatch.undo()
     for name in KEY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     usual = {"model": model, "base_url": "http://127.0.0.1:9/v1", "strategy": "io"}
     bot = LanguageModelBot.of(LlmBotOptions(**{**usual, **options}), seed=1)
-    with pytest.raises(RobotouilleError, match=told):
+    with pytest.raises(RobotouilleError, match=expected):
         async with bot.opened():
             pass
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "told"),
+    ("option", "value", "expected"),
     [
         ("--price", "cheap", "2.50/10"),
         ("--timeout", "0", "--timeout"),
@@ -183,11 +183,11 @@ async def test_bot_without_key_takes_no_seat(
     ],
 )
 def test_invalid_options_are_refused_early(
-    tmp_path: Path, option: str, value: str, told: str
+    tmp_path: Path, option: str, value: str, expected: str
 ) -> None:
     result = called("run", tmp_path / "r", *RUN, option, value)
     assert result.exit_code != 0
-    assert told in result.output
+    assert expected in result.output
     assert not (tmp_path / "r").exists()
 
 

@@ -47,11 +47,11 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     (row,) = RunFolder(run).rows()
     assert row.agent == "react-none (mock)"
     assert first.stdout == f"{run / 'report' / 'report.html'}\n"
-    told = [line.split() for line in first.stderr.splitlines()]
+    expected = [line.split() for line in first.stderr.splitlines()]
     assert ["agent", "episodes", "success", "errors"] in [
-        [word for word in line if word not in ("steps", "/", "optimum")] for line in told
+        [word for word in line if word not in ("steps", "/", "optimum")] for line in expected
     ]
-    assert any(line[:3] == ["react-none", "(mock)", "1"] for line in told)
+    assert any(line[:3] == ["react-none", "(mock)", "1"] for line in expected)
     before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
     again = called("run", run, *MODEL)
     assert again.exit_code == 1
@@ -84,7 +84,7 @@ def test_options_of_real_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         (["--agents", "react-nnone"], "react-none"),
         (["--agents", "random,random"], "two agents are named 'random'"),
@@ -105,10 +105,10 @@ def test_options_of_real_time(tmp_path: Path) -> None:
           "potato_cheese_onion_soup"], "no constant"),
     ],
 )  # fmt: skip
-def test_invalid_options_are_refused_early(tmp_path: Path, words: list[str], told: str) -> None:
+def test_invalid_options_are_refused_early(tmp_path: Path, words: list[str], expected: str) -> None:
     result = called("run", tmp_path / "run", *words)
     assert result.exit_code == 1
-    assert told in result.output
+    assert expected in result.output
     assert not (tmp_path / "run").exists()
 
 
@@ -225,9 +225,9 @@ def test_agreement_with_labels(tmp_path: Path) -> None:
     same = [row.measures.failure.category for row in failed if row.measures.failure]
     assert f"{len(failed)} episodes; Cohen's kappa" in label(*same).output
     other = next(c for c in ("state", "goal") if c != same[0])
-    told = label(other, *same[1:]).output
-    assert f"{failed[0].recording}: {other}, classified as {same[0]}" in told
-    assert told.count("classified as") == 1
+    expected = label(other, *same[1:]).output
+    assert f"{failed[0].recording}: {other}, classified as {same[0]}" in expected
+    assert expected.count("classified as") == 1
     labels.write_text("recording,category\nrecordings/other.rbt,goal\n", encoding="utf-8")
     result = called("agreement", labels, run)
     assert result.exit_code == 1

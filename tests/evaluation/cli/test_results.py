@@ -37,10 +37,10 @@ def test_agents_under_different_conditions_are_not_compared(tmp_path: Path) -> N
     )
     result = called("compare", "planner", "react (m)", ours, theirs)
     assert result.exit_code == 1
-    told = " ".join(result.output.split())
-    assert "pack ours 1.0 (0123456789ab) and published 1 (fedcba987654)" in told
-    assert "budget own (12 steps) and published (20 steps)" in told
-    assert "timing" not in told
+    received = " ".join(result.output.split())
+    assert "pack ours 1.0 (0123456789ab) and published 1 (fedcba987654)" in received
+    assert "budget own (12 steps) and published (20 steps)" in received
+    assert "timing" not in received
 
 
 def test_agent_names_without_model(tmp_path: Path) -> None:
@@ -69,9 +69,9 @@ def test_significance_of_a_clear_difference(tmp_path: Path) -> None:
         *(row(agent="planner", job=f"a{n}", instance=f"i{n}") for n in range(12)),
         *(row(agent="random", job=f"b{n}", instance=f"i{n}", outcome=lost) for n in range(12)),
     )
-    told = " ".join(called("compare", "planner", "random", run).output.split())
+    received = " ".join(called("compare", "planner", "random", run).output.split())
     # 2 / 2^12, for both tests.
-    assert told == (
+    assert received == (
         "12 episodes: planner solves 12, random 0; p < 0.001 (McNemar, exact). "
         "Mean steps 8.0 and 12.0; p < 0.001 (permutation)"
     )

@@ -79,12 +79,14 @@ def value(sample: EvalSample) -> dict[str, float]:
     return {name: float(each) for name, each in found.items() if each is not None}
 
 
-def told(sample: EvalSample) -> list[object]:
+def received(sample: EvalSample) -> list[object]:
     return [event.data for event in sample.events if event.event == "info"]
 
 
 def images(sample: EvalSample) -> list[str]:
-    return [text for text in told(sample) if isinstance(text, str) and "data:image/jpeg" in text]
+    return [
+        text for text in received(sample) if isinstance(text, str) and "data:image/jpeg" in text
+    ]
 
 
 def recording(sample: EvalSample) -> Path:
@@ -229,7 +231,7 @@ def test_rejected_answers_are_in_the_transcript(tmp_path: Path, evaluate: Evalua
     first = iter([f"Reasoning: up!\nAction: {FAR}", "no"])
     sample = only(evaluate(task(tmp_path), lambda asked: next(first, None) or answer(asked)))
     assert (value(sample)["invalid"], value(sample)["malformed"]) == (1, 1)
-    refused = [data for data in told(sample) if isinstance(data, dict)]
+    refused = [data for data in received(sample) if isinstance(data, dict)]
     assert [data["rejected"] for data in refused] == ["invalid", "no-action"]
 
 

@@ -118,8 +118,8 @@ def test_corrected_mistakes_are_not_goal_failures() -> None:
 
 def test_false_claims() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
-    told = replace(course.answers[0], reasoning="Bread, lettuce. lettuce1 is already cut.")
-    course = replace(course, answers=(told,))
+    received = replace(course.answers[0], reasoning="Bread, lettuce. lettuce1 is already cut.")
+    course = replace(course, answers=(received,))
     assert found(course) == (Category.STATE, Subcategory.BELIEVED_DONE)
 
 
@@ -133,14 +133,14 @@ def test_false_claims() -> None:
 )
 def test_statements_that_are_not_false_claims(reasoning: str) -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
-    told = replace(course.answers[0], reasoning=reasoning)
-    assert not evidence(replace(course, answers=(told,)))
+    received = replace(course.answers[0], reasoning=reasoning)
+    assert not evidence(replace(course, answers=(received,)))
 
 
 def test_bad_start() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2", "Do nothing")
-    told = replace(course.answers[0], reasoning="The goal: bread on bread.")
-    course = replace(course, answers=(told, course.answers[1]))
+    received = replace(course.answers[0], reasoning="The goal: bread on bread.")
+    course = replace(course, answers=(received, course.answers[1]))
     failure = classify(course, 2)
     assert failure is not None
     assert failure.subcategory is Subcategory.BAD_START
@@ -149,8 +149,8 @@ def test_bad_start() -> None:
 
 def test_reasoning_without_goal_is_not_a_bad_start() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
-    told = replace(course.answers[0], reasoning="The bread is over there.")
-    assert evidence(replace(course, answers=(told,))) == []
+    received = replace(course.answers[0], reasoning="The bread is over there.")
+    assert evidence(replace(course, answers=(received,))) == []
 
 
 def test_wrong_ingredient() -> None:

@@ -112,10 +112,10 @@ def test_steps_pass_while_thinking_and_actions_have_a_basis(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("late", [LatePolicy.APPLY, LatePolicy.REVALIDATE, LatePolicy.DROP])
 def test_answers_overtaken_by_the_helper(tmp_path: Path, late: LatePolicy) -> None:
-    told: list[str] = []
+    received: list[str] = []
 
     def answer(request: ModelRequest) -> str:
-        told.append(request.messages[-1].content)
+        received.append(request.messages[-1].content)
         return first_valid(request)
 
     more = {"helper": PLANNER, "late": late, "digest_tokens": 100}
@@ -126,9 +126,9 @@ def test_answers_overtaken_by_the_helper(tmp_path: Path, late: LatePolicy) -> No
     assert bool(refused) == (late is LatePolicy.APPLY)
     assert bool(dropped) == (late is not LatePolicy.APPLY)
     assert measure(course, 40).held_share == 0
-    assert told[1].startswith("Since you last looked ")
-    assert "* you: " in told[1]
-    assert ("was dropped" in told[1]) == (late is not LatePolicy.APPLY)
+    assert received[1].startswith("Since you last looked ")
+    assert "* you: " in received[1]
+    assert ("was dropped" in received[1]) == (late is not LatePolicy.APPLY)
 
 
 async def deed(game: Game) -> GroundAction:

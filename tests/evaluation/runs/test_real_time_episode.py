@@ -176,10 +176,10 @@ def test_all_steps_are_lost_without_helper(tmp_path: Path) -> None:
 
 def test_helper_makes_late_answers_invalid(tmp_path: Path) -> None:
     """The model sends the cook to the cheese, where the helper has already been."""
-    told: list[str] = []
+    received: list[str] = []
 
     def answer(request: ModelRequest) -> str:
-        told.append(request.messages[-1].content)
+        received.append(request.messages[-1].content)
         return first_valid(request)
 
     played = job(ALONE, charge="declared:1000", helper="planner", digest_tokens=100)
@@ -189,10 +189,10 @@ def test_helper_makes_late_answers_invalid(tmp_path: Path) -> None:
     found = course(tmp_path, row)
     (refused,) = [answer for answer in found.answers if answer.wrong]
     assert (refused.basis, refused.step) == (0, 5)
-    assert told[0].startswith("You are robot1.")
-    assert told[1].startswith("Since you last looked 5 steps have passed.")
-    assert "your answer was refused" in told[1]
-    assert "* you: " in told[1]
+    assert received[0].startswith("You are robot1.")
+    assert received[1].startswith("Since you last looked 5 steps have passed.")
+    assert "your answer was refused" in received[1]
+    assert "* you: " in received[1]
 
 
 def test_dropped_answers_are_recorded(tmp_path: Path) -> None:

@@ -217,15 +217,15 @@ def test_folder_without_run(tmp_path: Path) -> None:
 
 def test_own_strategies_read_the_player_name(tmp_path: Path) -> None:
     """As over the network; published prompts do not contain the name."""
-    heard: list[str] = []
+    received: list[str] = []
 
     def answer(request: ModelRequest) -> str:
-        heard.append(request.messages[-1].content)
+        received.append(request.messages[-1].content)
         return "Reasoning: no.\nAction: Do nothing"
 
     job = job_of(MODEL, TASKS[1])
     play(created(tmp_path, (job,)), job, ScriptedModel(answer))
-    assert {text.splitlines()[0] for text in heard} == {"You are robot1.", "You are robot2."}
+    assert {text.splitlines()[0] for text in received} == {"You are robot1.", "You are robot2."}
 
 
 def test_rejected_plan_is_recorded_and_counted(tmp_path: Path) -> None:

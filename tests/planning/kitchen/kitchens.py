@@ -133,7 +133,7 @@ def _distances(states: list[State], sources: list[list[int]]) -> list[int | None
     return found
 
 
-def told(state: State, distance: int | None) -> str:
+def received(state: State, distance: int | None) -> str:
     """Describe a state for a failed check."""
     task = state.world.task
     facts = [f for f in state.fact_names() if not f.startswith(("vacant", "station_empty"))]
@@ -147,7 +147,7 @@ def check_heuristic(state: State, distance: int | None) -> bool:
     if search is None:
         return False
     if distance is not None:
-        assert least_heuristic(search) <= distance, told(state, distance)
+        assert least_heuristic(search) <= distance, received(state, distance)
     return True
 
 
@@ -162,12 +162,12 @@ def check_answer(state: State, distance: int | None) -> None:
     """Check that the result is a plan of the exact length, or a proof that no plan exists."""
     answer = solve(state.world, state)
     if distance is None:
-        assert answer.plan is None, told(state, distance)
+        assert answer.plan is None, received(state, distance)
         assert answer.unsolvable
         return
-    assert answer.plan is not None, told(state, distance)
-    assert (len(answer.plan), answer.bound) == (distance, distance), told(state, distance)
+    assert answer.plan is not None, received(state, distance)
+    assert (len(answer.plan), answer.bound) == (distance, distance), received(state, distance)
     assert answer.optimal
     assert not answer.unsolvable
     report = replay(answer.plan, state.world, state)
-    assert report.ok, f"{report}\n{told(state, distance)}"
+    assert report.ok, f"{report}\n{received(state, distance)}"

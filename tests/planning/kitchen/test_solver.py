@@ -106,14 +106,14 @@ def test_stop_before_the_start() -> None:
 
 
 def test_watch_receives_progress() -> None:
-    told: list[tuple[int, int, int | None]] = []
+    received: list[tuple[int, int, int | None]] = []
     world = World(LARGE)
-    answer = solve(world, watch=lambda *news: told.append(news))
-    assert told
-    bounds = [bound for _, bound, _ in told]
+    answer = solve(world, watch=lambda *news: received.append(news))
+    assert received
+    bounds = [bound for _, bound, _ in received]
     assert bounds == sorted(bounds)
     assert bounds[-1] <= answer.bound
-    expansions = [done for done, _, _ in told]
+    expansions = [done for done, _, _ in received]
     assert expansions == sorted(expansions)
     assert expansions[-1] <= answer.expansions
 

@@ -113,19 +113,19 @@ TEAM_CASES = {
 
 
 @pytest.mark.parametrize(
-    ("plan", "teammates", "told", "last"), TEAM_CASES.values(), ids=TEAM_CASES.keys()
+    ("plan", "teammates", "expected", "last"), TEAM_CASES.values(), ids=TEAM_CASES.keys()
 )
 def test_plan_that_relies_on_the_team(
-    plan: str, teammates: Teammates, told: list[str], last: PlanVerdict
+    plan: str, teammates: Teammates, expected: list[str], last: PlanVerdict
 ) -> None:
     watched = Watched([plan], teammates)
-    *before, verdict = [watched.check(text) for text in told]
+    *before, verdict = [watched.check(text) for text in expected]
     assert set(before) <= {KEEP}
     assert verdict == last
 
 
 @pytest.mark.parametrize(
-    ("told", "last"),
+    ("expected", "last"),
     [
         ([""] * 20, KEEP),
         (["", "", TAKES], DROP),
@@ -134,9 +134,9 @@ def test_plan_that_relies_on_the_team(
     ],
     ids=["they stand there", "they did something", "they did something just now", "they walk away"],
 )
-def test_plan_that_relies_on_others_stepping_aside(told: list[str], last: PlanVerdict) -> None:
+def test_plan_that_relies_on_others_stepping_aside(expected: list[str], last: PlanVerdict) -> None:
     watched = Watched([TO_LETTUCE], ONE, Assumption.OTHERS_ASIDE, before=OTHER_TO_LETTUCE)
-    *before, verdict = [watched.check(text) for text in told]
+    *before, verdict = [watched.check(text) for text in expected]
     assert set(before) <= {KEEP}
     assert verdict == last
     assert (watched.watch.assumption is Assumption.TEAM) is last.way_is_free
@@ -158,8 +158,8 @@ def test_plan_that_relies_on_everybody(
 ) -> None:
     flags = {"cut_off": cut_off, "aside_untried": aside_untried, "opened": opened}
     watched = Watched([TO_LETTUCE], ONE, Assumption.EVERYBODY, **flags)
-    told = [OTHER_ASIDE if walks else "", ""]
-    assert [watched.check(text) for text in told] == [KEEP, last]
+    expected = [OTHER_ASIDE if walks else "", ""]
+    assert [watched.check(text) for text in expected] == [KEEP, last]
 
 
 @pytest.mark.parametrize("among_bots", [False, True])

@@ -138,9 +138,9 @@ def test_bot_does_the_rest_while_a_person_helps() -> None:
 def test_holder_of_a_needed_object_is_asked_to_act() -> None:
     holder = Helper("robot2", "move table1 table6; pick-up-item lettuce1 table6", 1)
     game = play_team("multi_agent/01@2", {"robot2": holder}, expansions=QUICK, limit=60)
-    told = [text for _, _, text in game.said if text.startswith("Can you ")]
-    assert len(told) == 1, game.said
-    assert "lettuce" in told[0]
+    received = [text for _, _, text in game.said if text.startswith("Can you ")]
+    assert len(received) == 1, game.said
+    assert "lettuce" in received[0]
     assert "cook(robot1, patty1, stove1)" in {str(a) for did in game.steps for _, a, _ in did}
 
 
@@ -177,10 +177,10 @@ def test_wandering_person_does_not_stop_the_bots(seed: int, travel: bool) -> Non
 
 def test_bot_announces_its_destination() -> None:
     game = play_team("multi_agent/01", {"robot2": Idle("robot2")}, expansions=QUICK)
-    told = [text for _, player, text in game.said if player == "robot1"]
-    assert told[0] == announcement()
-    assert told[1].startswith("Next: go to ")
-    assert len(told) <= 2 + game.outcome.steps // 6 if game.outcome else False
+    received = [text for _, player, text in game.said if player == "robot1"]
+    assert received[0] == announcement()
+    assert received[1].startswith("Next: go to ")
+    assert len(received) <= 2 + game.outcome.steps // 6 if game.outcome else False
 
 
 @pytest.mark.slow
@@ -267,8 +267,8 @@ def test_requests_are_understood() -> None:
     assert announced_version("team planner 1") is None
     for station in world.floor.stations:
         asked = request(station, start, words)
-        heard = [each for each in world.floor.stations if requested(asked, each, start, words)]
-        assert heard == [station]
+        reported = [each for each in world.floor.stations if requested(asked, each, start, words)]
+        assert reported == [station]
     assert requested(f"I need {sink}: please make way, robot1", sink, start, words)
     assert requested(f"I NEED the {world.thing(sink).kind}!", sink, start, words)
     assert not requested(f"I am at {sink}", sink, start, words)
