@@ -10,9 +10,10 @@ from pathlib import Path
 import httpx
 import pytest
 
+from robotouille_client.client import Client
 from robotouille_client.mcp_server import http, sessions
 from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
-from robotouille_client.mcp_server.open_games import OpenGames
+from robotouille_client.mcp_server.open_games import Caller, OpenGames
 from robotouille_client.mcp_server.server import mcp_server
 from robotouille_server import Server
 from robotouille_server.auth import Role
@@ -136,6 +137,33 @@ async def test_one_token_cannot_displace_the_sessions_of_others(
         many = [await mcp.opened(eve) for _ in range(4)]
         assert await mcp.alive(session, ada)
         assert [await mcp.alive(each, eve) for each in many] == [False, False, True, True]
+
+
+async def test_requests_with_unchecked_tokens_displace_no_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_SESSIONS", 2)
+    async with service(tmp_path) as mcp:
+        visit, waiting, checked = mcp.games.visit, asyncio.Semaphore(0), asyncio.Event()
+
+        @asynccontextmanager
+        async def slow_visit(caller: Caller) -> AsyncIterator[Client]:
+            if caller.token == MADE_UP:
+                waiting.release()
+                await checked.wait()
+            async with visit(caller) as client:
+                yield client
+
+        monkeypatch.setattr(mcp.games, "visit", slow_visit)
+        ada, bob = mcp.token("ada"), mcp.token("bob")
+        session = await mcp.opened(ada)
+        strangers = [asyncio.create_task(mcp.send(HELLO, MADE_UP)) for _ in range(3)]
+        for _ in strangers:
+            await waiting.acquire()
+        await mcp.opened(bob)
+        assert await mcp.alive(session, ada)
+        checked.set()
+        assert {(await stranger).status_code for stranger in strangers} == {401}
 
 
 async def test_unreachable_game_server_is_reported(tmp_path: Path) -> None:

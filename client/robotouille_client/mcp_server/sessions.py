@@ -100,10 +100,12 @@ class SessionKeeper:
         scope = {**scope, **_identity(caller)}
         if session := headers.get(SESSION_HEADER):
             await self._use(session, caller, (scope, receive, send))
-        elif _opens_session(scope, headers):
-            await self._open(caller, (scope, receive, send))
-        else:
+        elif not _opens_session(scope, headers):
             await self._app(scope, receive, send)
+        elif refusal := await self._refusal(caller):
+            await refusal(scope, receive, send)
+        else:
+            await self._open(caller, (scope, receive, send))
 
     async def _use(self, name: str, caller: Caller, request: tuple[Scope, Receive, Send]) -> None:
         scope, receive, send = request
@@ -131,8 +133,7 @@ class SessionKeeper:
         self._opening.append(new)
         answer = _Answer(send)
         try:
-            refusal = await self._refusal(caller) or await self._make_room(new, scope)
-            if refusal is not None:
+            if refusal := await self._make_room(new, scope):
                 await refusal(scope, receive, send)
                 return
             await self._app(scope, receive, answer.watch)
