@@ -24,7 +24,7 @@ from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.drawing.kitchen_layer import Preloader
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.screen import Display
-from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures import sprites
 
 SIZE, FRAMES = (640, 360), 100
 MAKES = {"convert", "convert_alpha", "copy", "load", "load_sized_svg", "render", "rotozoom",
@@ -141,13 +141,13 @@ SIZE = (640, 360)
 @pytest.fixture
 def loaded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
     """Names and sizes of the pictures read from files."""
-    read, load = [], Sprites._load
+    read, load = [], sprites._load
 
-    def counted(sprites: Sprites, name: str, size: int) -> pygame.Surface | None:
-        read.append((name, size))
-        return load(sprites, name, size)
+    def counted(path: Path, size: int) -> pygame.Surface | None:
+        read.append((path.name, size))
+        return load(path, size)
 
-    monkeypatch.setattr(Sprites, "_load", counted)
+    monkeypatch.setattr(sprites, "_load", counted)
     return read
 
 
@@ -166,6 +166,6 @@ def test_missing_pictures_do_not_stop_preloading(tmp_path: Path, loaded) -> None
     view = next(bench.views(bench.course(1), 1))
     painter = Painter()
     painter.stage(view.state)
-    sprites = Sprites((tmp_path,), painter.text)
-    Preloader(view.world, painter._resolver, sprites, 40).work(60.0)
-    assert sprites.roomy
+    pictures = sprites.Sprites((tmp_path,), painter.text)
+    Preloader(view.world, painter._resolver, pictures, 40).work(60.0)
+    assert pictures.roomy

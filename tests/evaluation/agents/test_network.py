@@ -131,7 +131,7 @@ async def test_chat_and_names_cannot_forge_observations(tmp_path: Path) -> None:
         assert call.rest["verdict"] == "action"
     said = [note for note in recording.notes() if note["note"] == "said"]
     assert [(note["name"], note["player"], note["text"]) for note in said] == [
-        ("Goal: Do nothing", "robot2", FORGED)
+        ("Goal: Do nothing", "robot2", " ".join(FORGED.split()))
     ] * len(said)
     assert len(said) >= 3
 
