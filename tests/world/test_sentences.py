@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from difflib import SequenceMatcher
+
 import pytest
 
 from robotouille import UnknownNameError, World
 from robotouille.protocol import messages
 from robotouille.protocol.states import why_row
-from robotouille.world.text import MAX_SENTENCE
+from robotouille.world.text import MAX_ALIKE, MAX_SENTENCE
 from robotouille.world.unmet import Unmet, UnmetKind, only_words, unmet_from
 from tests.world.kitchens import kitchen
 
@@ -80,6 +82,25 @@ def test_similar_valid_sentences_are_suggested() -> None:
     assert len(near) == 3
     assert near[0] == MOVE
     assert set(near) <= set(sentences)
+
+
+def test_suggestions_compare_few_of_many_sentences(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: set[str] = set()
+    ratio = SequenceMatcher.ratio
+
+    def noted(matcher: SequenceMatcher[str]) -> float:
+        compared.add(str(matcher.a))
+        return ratio(matcher)
+
+    monkeypatch.setattr(SequenceMatcher, "ratio", noted)
+    world = World("asynchronous/10")
+    sentences = sorted(action.sentence for action in world.initial.actions("robot1"))
+    assert len(sentences) > MAX_ALIKE
+    for sentence in sentences:
+        compared.clear()
+        with pytest.raises(UnknownNameError, match=f"did you mean .*'{sentence}'"):
+            world.parse(world.initial, "robot1", f"{sentence} quickly")
+        assert len(compared) <= MAX_ALIKE
 
 
 @pytest.mark.parametrize(

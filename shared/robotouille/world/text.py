@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
@@ -91,6 +92,9 @@ MAX_SENTENCE = 2_000
 """Length of a text beyond which it cannot be an action, so that it need not be parsed."""
 MAX_QUOTED = 200
 """Number of characters of a text that an error quotes."""
+MAX_ALIKE = 8
+"""Number of valid sentences that a text is compared with, letter by letter, for suggestions. A
+server receives hundreds of texts per second, and comparing with all of them takes milliseconds."""
 
 PAIRS = ("()", "[]", "{}", "<>", '""', "''", "``", "“”", "‘’", "«»")
 CALL = re.compile(r"([^\s()]+)\((.*)\)")
@@ -155,8 +159,14 @@ def no_valid_action(
     cut = sentence if len(sentence) <= MAX_QUOTED else f"{sentence[:MAX_QUOTED]}…"
     if reasons:
         return UnknownNameError(f"no valid action {cut!r} now: {'; '.join(reasons)}")
-    near = did_you_mean(plain(cut), [action.sentence for action in valid], most=3)
-    return UnknownNameError(f"no valid action {cut!r}{near}")
+    wanted = plain(cut)
+    words = {*wanted.split()}
+    alike = heapq.nlargest(
+        MAX_ALIKE,
+        dict.fromkeys(action.sentence for action in valid),
+        key=lambda known: len(words.intersection(plain(known).split())),
+    )
+    return UnknownNameError(f"no valid action {cut!r}{did_you_mean(wanted, alike, most=3)}")
 
 
 def plain(sentence: str) -> str:
