@@ -139,7 +139,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               f"{admission.LOOP_BUDGET:g}, or {admission.TURN_SECONDS * 1000:g} ms of them",
               "The remaining frames wait."),
         Limit("Frames of one connection handled before the others",
-              f"{connection.FRAMES_AT_A_TIME}", "The remaining frames wait."),
+              f"{connection.FRAMES_AT_A_TIME}, or "
+              f"{connection.SECONDS_AT_A_TIME * 1000:g} ms of them", "The remaining frames wait."),
         Limit("Text of a note", f"{_maximum(messages.Note, 'text')} characters", REFUSED, INVALID),
         Limit("Chat message", f"{_maximum(messages.Say, 'text')} characters", REFUSED, INVALID),
         Limit("Name", f"{_maximum(messages.Hello, 'name')} characters",

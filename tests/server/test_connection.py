@@ -20,6 +20,7 @@ from robotouille_server.transport.connection import (
     MAX_OWN,
     MAX_REQUEST,
     MAX_UNSENT,
+    SECONDS_AT_A_TIME,
     Connection,
 )
 from tests.support.fuzzing.wire import (
@@ -298,4 +299,31 @@ async def test_all_clients_share_the_budget_of_a_turn(tmp_path: Path) -> None:
         most = max(handled.count(number) for number in set(handled))
         assert most <= LOOP_BUDGET
         for wire in wires:
+            wire.cut()
+
+
+@virtual
+async def test_clients_take_turns_though_their_messages_take_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with serving(tmp_path) as server:
+        slow, quick = [await Wire.open(server.port) for _ in range(2)]
+        for wire in (slow, quick):
+            await wire.upgrade(text=True)
+        loop, late, handled = asyncio.get_running_loop(), [0.0], []
+        now, hand_over = loop.time, Connection._hand_over
+
+        def noted(self: Connection, content: bytes, is_text: bool) -> None:
+            handled.append(len(content))
+            late[0] += SECONDS_AT_A_TIME
+            hand_over(self, content, is_text)
+
+        monkeypatch.setattr(loop, "time", lambda: now() + late[0])
+        monkeypatch.setattr(Connection, "_hand_over", noted)
+        slow._writer.write(frame(b"{}") * 30)
+        quick._writer.write(frame(b"{ }"))
+        while len(handled) < 31:
+            await asyncio.sleep(0)
+        assert handled.index(len(b"{ }")) <= 2
+        for wire in (slow, quick):
             wire.cut()

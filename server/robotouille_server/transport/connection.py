@@ -34,7 +34,7 @@ from robotouille.protocol.frames import (
 )
 from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.runtime.process_limits import few_left
-from robotouille_server.transport.admission import Admission
+from robotouille_server.transport.admission import TURN_SECONDS, Admission
 
 MAX_OWN = 2 * MAX_CLIENT_BYTES
 """Maximum size of a frame; larger messages are answered by an error."""
@@ -49,8 +49,8 @@ MAX_HELD = 1024 * 1024
 
 MAX_PARTS = 1024
 """Maximum number of fragments of a message."""
-FRAMES_AT_A_TIME = 32
-"""Frames of one connection that are processed before all others get a turn."""
+FRAMES_AT_A_TIME, SECONDS_AT_A_TIME = 32, TURN_SECONDS / 4
+"""Frames of one connection, and time for them, after which all others get a turn."""
 FRAMES_A_SECOND = 50.0
 """Control frames and fragments per second. Each KiB of a fragment counts as one more."""
 FRAMES_BURST = 200.0
@@ -209,7 +209,8 @@ class Connection(ServerConnection):
 
     def _take_frames(self) -> None:
         """Process the whole frames, up to the limits of this turn."""
-        reader, left = self._reader, FRAMES_AT_A_TIME
+        reader, left, now = self._reader, FRAMES_AT_A_TIME, self.loop.time
+        until = now() + SECONDS_AT_A_TIME
         try:
             # The loop checks this for every frame, because a handler may pause reading, for example
             # for `PACED` messages.
@@ -220,7 +221,7 @@ class Connection(ServerConnection):
                 if self.transport.is_closing():
                     reader.clear()
                 left -= 1
-                if left == 0 or self._loop_budget.over:
+                if left == 0 or self._loop_budget.over or now() >= until:
                     self.give_way()
         except FrameError:
             # Errors are left to the library, which sends the status that RFC 6455 requires for each
