@@ -138,7 +138,9 @@ async def nobody_is_in(url: str, code: str) -> None:
         assert await free_seats(ada, code) == ["robot1"]
 
 
-def test_web_pages_and_large_requests_are_refused(server: ServerProcess) -> None:
+def test_web_pages_and_large_requests_are_refused(
+    server: ServerProcess, capfd: pytest.CaptureFixture[str]
+) -> None:
     with http_server(server.url) as url, httpx.Client(trust_env=False) as http:
         for headers, status in [
             ({"host": "evil.example.org"}, 421),
@@ -149,6 +151,7 @@ def test_web_pages_and_large_requests_are_refused(server: ServerProcess) -> None
             assert http.post(url, json=PING, headers={**ACCEPT, **headers}).status_code == status
         large = {**PING, "params": {"x": "x" * 70_000}}
         assert http.post(url, json=large, headers=ACCEPT).status_code == 413
+    assert not capfd.readouterr().err, "strangers must not fill the log"
 
 
 def test_requests_through_a_proxy_need_a_token(tmp_path: Path) -> None:

@@ -79,7 +79,9 @@ def mcp_server(make_games: Callable[[], OpenGames]) -> MCPServer[OpenGames]:
         instructions=INSTRUCTIONS,
         version=VERSION,
         lifespan=lifespan,
-        log_level="WARNING",
+        # The library warns about every refused request and quotes its headers, control characters
+        # included. Printing a header of 8 KiB takes a second, during which no game is served.
+        log_level="ERROR",
         subscriptions=False,
     )
     for tool in TOOLS:
