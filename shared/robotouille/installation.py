@@ -43,8 +43,10 @@ def shipped_names() -> tuple[str, ...]:
 def matching_names(text: str, names: Iterable[str]) -> list[str]:
     """Return the task named `text`, or all tasks that it abbreviates.
 
-    An abbreviation is a task's number (`synchronous/1`) or the beginning of its file or dish name
-    (`synchronous/soup`). The data set before the slash is optional.
+    An abbreviation is a task's number (`synchronous/1`), or the beginning of its file or dish name
+    (`synchronous/cheese_s`), with or without the data set. A text without a slash also abbreviates
+    all tasks of a data set that begins with it, so `sync` is ambiguous and not the one dish that
+    begins with it.
     """
     names = list(names)
     return [text] if text in names else [name for name in names if _abbreviates(text, name)]
@@ -55,6 +57,8 @@ def _abbreviates(text: str, name: str) -> bool:
     wanted_folder, _, start = text.rpartition("/")
     if wanted_folder and folder != wanted_folder:
         return False
+    if start and not wanted_folder and folder.startswith(start):
+        return True
     number, _, dish = file.partition("_")
     if re.fullmatch("[0-9]+", start):
         return number.lstrip("0") == start.lstrip("0")

@@ -52,7 +52,7 @@ def test_names_can_be_abbreviated(name: str, full: str) -> None:
     assert load_task(name).name == full
 
 
-@pytest.mark.parametrize("name", ["01", "synchronous/lettuce", "1"])
+@pytest.mark.parametrize("name", ["01", "synchronous/lettuce", "1", "s", "sync", "train"])
 def test_ambiguous_names_raise_with_candidates(name: str) -> None:
     with pytest.raises(FileError, match=rf"{name}: is ambiguous: \d+ tasks match: \w+/\d+_"):
         load_task(name)
