@@ -33,16 +33,25 @@ MAX_FAULTS = 1_000
 """Most faults that one check reports."""
 MAX_COMPARED = 50_000
 """Most names that one check compares for its suggestions: a second or two."""
+MISSPELT, SIMILAR = 0.85, 0.6
+"""Least similarity of a misspelt name and of a suggested one, from 0 to 1."""
+MIN_BEGINNING = 3
+"""Shortest text that is taken as the beginning of a name."""
+MAX_BEGINNINGS = 3
+"""Most names that are suggested because they begin with the text."""
 _left_to_compare: ContextVar[int | None] = ContextVar("left_to_compare", default=None)
 
 
 def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
     """Return the clause `; did you mean 'x'?`, or an empty string if no valid name is similar.
 
+    Names with a letter or two more or less come first, then names that begin with the unknown one,
+    then other similar names.
+
     Args:
         name: The unknown name; its case is ignored.
         valid: The known names.
-        most: Largest number of suggestions.
+        most: Largest number of similar names.
     """
     names = {known.casefold(): known for known in valid}
     left = _left_to_compare.get()
@@ -50,11 +59,22 @@ def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
         if len(names) > left:
             return ""
         _left_to_compare.set(left - len(names))
-    near = difflib.get_close_matches(str(name).casefold(), list(names), n=most, cutoff=0.6)
+    wanted = str(name).casefold()
+    near = difflib.get_close_matches(wanted, list(names), n=most, cutoff=MISSPELT)
+    near = near or _beginning_with(wanted, names)
+    near = near or difflib.get_close_matches(wanted, list(names), n=most, cutoff=SIMILAR)
     if not near:
         return ""
-    *others, last = [repr(names[each]) for each in near]
+    *others, last = [repr(str(names[each])) for each in near]
     return f"; did you mean {', '.join(others)} or {last}?" if others else f"; did you mean {last}?"
+
+
+def _beginning_with(text: str, names: Iterable[str]) -> list[str]:
+    """Return the shortest names that begin with a text, if it is long enough to be meant so."""
+    if len(text) < MIN_BEGINNING:
+        return []
+    found = (name for name in names if name.startswith(text))
+    return sorted(found, key=lambda name: (len(name), name))[:MAX_BEGINNINGS]
 
 
 SEVERITIES = ("error", "warning", "note")

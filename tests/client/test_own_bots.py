@@ -40,7 +40,7 @@ def test_documented_bot_plays_an_episode(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("bot", "message"),
     [
-        ("plannr", "unknown bot 'plannr'; choose random, scripted"),
+        ("plannr", "unknown bot 'plannr'; did you mean 'planner'? (possible: random, "),
         ("no_such:Bot", "no no_such.py in "),
         ("no.such:Bot", "no no/such.py in "),
         ("bots:Curius", "bots.py has no 'Curius'; did you mean 'Curious'?"),

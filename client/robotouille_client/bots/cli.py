@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robotouille.errors import RobotouilleError
+from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.bots.kinds import BotKind, given_names, policy_maker
 from robotouille_client.bots.llm_options import LlmBotOptions
@@ -80,8 +80,11 @@ def _policy_maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
 
         return own_policy_maker(kind)
     if kind not in list(BotKind):
-        known = ", ".join([*BotKind, LLM])
-        raise RobotouilleError(f"unknown bot {kind!r}; choose {known}, or MODULE:NAME")
+        known = [*BotKind, LLM]
+        raise RobotouilleError(
+            f"unknown bot {kind!r}{did_you_mean(kind, known)} "
+            f"(possible: {', '.join(known)}, or MODULE:NAME)"
+        )
     return policy_maker(BotKind(kind), seed, plan)
 
 

@@ -285,7 +285,8 @@ def _instances(
     ):
         for name in chosen:
             if name not in known:
-                raise UnknownNameError(f"unknown {what} {name!r}{did_you_mean(name, known)}")
+                near = did_you_mean(name, known) or f"; choose {', '.join(known)}"
+                raise UnknownNameError(f"unknown {what} {name!r}{near}")
     found = [
         instance
         for instance in pack.instances_of(tasks or None)
@@ -308,7 +309,7 @@ def _agent_specs(names: Iterable[str], pack: Pack, choice: ModelChoice) -> list[
 
 def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     """Return the agent with a name, or raise UnknownNameError."""
-    from robotouille_evaluation.agents.making import make_strategy
+    from robotouille_evaluation.agents.making import OWN_STRATEGIES, make_strategy
     from robotouille_evaluation.runs import AgentSpec
 
     if name in COMPUTED:
@@ -317,7 +318,9 @@ def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
         make_strategy(pack, name, pack.datasets[0])
     except UnknownNameError:
         if "/" not in name:
-            raise
+            known = [*COMPUTED, *OWN_STRATEGIES, *(each.id for each in pack.experiments)]
+            near = did_you_mean(name, known) or f"; choose {', '.join(known)}"
+            raise UnknownNameError(f"no agent {name!r}{near}") from None
         raise _unknown_experiment(name, pack) from None
     return AgentSpec(
         name=f"{name} ({model.name})",

@@ -87,6 +87,11 @@ def test_options_of_real_time(tmp_path: Path) -> None:
     ("words", "expected"),
     [
         (["--agents", "react-nnone"], "react-none"),
+        (["--agents", "planer"], "no agent 'planer'; did you mean 'planner'?"),
+        (["--agents", "react-last"], "or 'react-last-reasoning-action'?"),
+        (["--agents", "x"], "no agent 'x'; choose planner, random, scripted, io"),
+        (["--datasets", "sync"], "unknown dataset 'sync'; did you mean 'synchronous'?"),
+        (["--datasets", "x"], "unknown dataset 'x'; choose synchronous, asynchronous"),
         (["--agents", "random,random"], "two agents are named 'random'"),
         (["--datasets", "synchronus"], "synchronous"),
         (["--clock", "realtime", "--charge", "wall"], "is not repeatable"),
