@@ -30,6 +30,14 @@ if TYPE_CHECKING:
 
 SECRET = (SecretStr, SecretStr | None)
 """Types of settings without a flag: all users of the machine can read command lines."""
+PROGRAM = "robotouille-server"
+NOT_A = {
+    "float_parsing": "a number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_parsing": "true or false",
+}
+"""What a value should be, by pydantic's type of error."""
 SERVER = "<server>"
 """Owner of the episode that the server opens at startup."""
 
@@ -75,11 +83,11 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
     except ValidationError as error:
         for fault in error.errors():
             name = ".".join(str(part) for part in fault["loc"])
-            tell(_complaint(model, name, fault, values), err=True)
+            tell(f"{PROGRAM}: {_complaint(model, name, fault, values)}", err=True)
     except tomllib.TOMLDecodeError as error:
-        tell(f"{_config(values)}: {error}", err=True)
+        tell(f"{PROGRAM}: {_config(values)}: {error}", err=True)
     except (OSError, ValueError) as error:
-        tell(f"--config: {error}", err=True)
+        tell(f"{PROGRAM}: --config: {error}", err=True)
     raise typer.Exit(2)
 
 
@@ -104,7 +112,10 @@ def _complaint(
         possible = re.findall("'([^']*)'", fault["ctx"]["expected"])
         near = did_you_mean(fault["input"], possible)
         return f"{where}: unknown value {fault['input']!r}{near} (possible: {', '.join(possible)})"
-    return f"{where}: {fault['msg']}, found {fault['input']!r}"
+    if what := NOT_A.get(fault["type"]):
+        return f"{where}: {fault['input']!r} is not {what}"
+    wrong = fault["msg"].removeprefix("Value error, ")
+    return f"{where}: {wrong}, found {fault['input']!r}"
 
 
 def _config(values: dict[str, Any]) -> str:
@@ -130,7 +141,7 @@ def run(settings: BaseSettings) -> None:
         asyncio.run(serve_until_stopped(settings, worker))
     except RobotouilleError as error:
         message = error.message if isinstance(error, ProtocolError) else str(error)
-        tell(f"robotouille-server: {message}", err=True)
+        tell(f"{PROGRAM}: {message}", err=True)
         raise typer.Exit(1 if isinstance(error, CannotListenError) else 2) from None
 
 
@@ -294,10 +305,19 @@ def _invitation(server: Server, room: Room) -> list[str]:
     return [
         f"Robotouille is serving {room.world.task.name} ({clock}) at {address}",
         f"  for {seats} player{'s' * (seats > 1)}, the kitchen's code is {room.code}",
+        _validity(room),
         f"  play:   robotouille-client {room.code}{url}{token}",
         f"  a bot:  robotouille-bot planner --episode {room.code}{url}{token}",
         *_for_others(server, room, token),
     ]
+
+
+def _validity(room: Room) -> str:
+    """Return how long the code of an episode without players is valid."""
+    from robotouille.episode.presence import LOBBY_SECONDS
+
+    minutes = round(max(room.episode.rules.grace, LOBBY_SECONDS) / 60)
+    return f"  it closes after {minutes} minutes without players; for a new one, restart the server"
 
 
 def _for_others(server: Server, room: Room, token: str) -> list[str]:

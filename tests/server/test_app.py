@@ -132,6 +132,8 @@ def test_settings_come_from_flag_then_environment_then_file(tmp_path: Path) -> N
             ["--log-level", "x"],
             "--log-level: unknown value 'x' (possible: debug, info, warning, error)",
         ),
+        (["--step-rate", "fast"], "robotouille-server: --step-rate: 'fast' is not a number"),
+        (["--seed", "1.5"], "robotouille-server: --seed: '1.5' is not a whole number"),
         (["--port", "70000"], "--port: Input should be less than or equal to 65535"),
         (["--config", "no-such.toml"], "no-such.toml"),
         (["--frobnicate"], "No such option"),
@@ -180,11 +182,13 @@ def test_invalid_setting_is_reported_as_written(
         main()
     assert end.value.code == 2
     lines = capsys.readouterr().err.splitlines()
-    assert f"{config}: unknown setting 'prot'; did you mean 'port'?" in lines
-    assert any(line.startswith(f"{config}: grace: Input should be a valid") for line in lines)
-    assert any(line.startswith("ROBOTOUILLE_PORT: Input should be a valid") for line in lines)
-    assert any(line.startswith("--step-rate: Input should be greater than") for line in lines)
-    assert len(lines) == 4
+    assert all(line.startswith("robotouille-server: ") for line in lines)
+    said = [line.removeprefix("robotouille-server: ") for line in lines]
+    assert f"{config}: unknown setting 'prot'; did you mean 'port'?" in said
+    assert f"{config}: grace: 'long' is not a number" in said
+    assert "ROBOTOUILLE_PORT: 'eight' is not a whole number" in said
+    assert any(line.startswith("--step-rate: Input should be greater than") for line in said)
+    assert len(said) == 4
 
 
 class Counts:

@@ -140,6 +140,16 @@ async def test_restarted_server_prints_only_its_own_code(tmp_path: Path) -> None
         assert first_room(second) is own
 
 
+@virtual
+@pytest.mark.parametrize(("grace", "minutes"), [(30.0, 10), (1200.0, 20)])
+async def test_greeting_says_when_the_kitchen_closes(
+    tmp_path: Path, grace: float, minutes: int
+) -> None:
+    async with serving(tmp_path, grace=grace) as server:
+        greeting = _greeting(server, first_room(server), "")
+        assert f"it closes after {minutes} minutes without players; for a new one" in greeting
+
+
 def test_links_out_of_the_folder_are_refused(bistro: Path) -> None:
     (bistro / "secret.json").symlink_to("/etc/passwd")
     (bistro / "inside.json").symlink_to(bistro / "crepes.json")

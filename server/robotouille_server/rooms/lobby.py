@@ -459,7 +459,8 @@ class Lobby:
 
 
 def _unknown(name: str) -> ProtocolError:
-    return ProtocolError("episode/unknown", f"no episode has the id or code {name!r}", "episode")
+    message = f"no episode has the id or code {name!r}, or it has ended"
+    return ProtocolError("episode/unknown", message, "episode")
 
 
 def labels_for(room: Room, owner: str, *, operator: bool) -> Mapping[str, str]:
