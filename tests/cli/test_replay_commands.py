@@ -156,7 +156,10 @@ def test_damaged_file_can_be_read_up_to_the_damage(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["replay", "verify", str(path)])
     assert done.exit_code == 1
     assert "data follows the end" in done.stderr
-    assert CliRunner().invoke(app, ["replay", "info", str(path)]).exit_code != 0
+    assert f"`robotouille replay info {path} --damaged` shows" in done.stderr
+    refused = CliRunner().invoke(app, ["replay", "info", str(path)])
+    assert refused.exit_code != 0
+    assert "; --damaged reads what is before it" in refused.stderr
     received = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
     assert json.loads(received.stdout)["steps"] == 30
     assert "data follows the end" in received.stderr
@@ -183,6 +186,7 @@ def test_truncated_file_can_be_read_up_to_the_cut(tmp_path: Path) -> None:
     refused = CliRunner().invoke(app, ["replay", "info", str(path), "--damaged"])
     assert refused.exit_code != 0
     assert "cut off, before the first step" in " ".join(refused.stderr.split())
+    assert "--damaged" not in CliRunner().invoke(app, ["replay", "info", str(path)]).stderr
 
 
 def test_closed_file_without_outcome_does_not_verify(tmp_path: Path) -> None:

@@ -83,9 +83,19 @@ def _open(file: Path, *, damaged: bool = False) -> Recording:
     try:
         recording = read_recording(file, damaged=damaged)
     except RobotouilleError as error:
-        fail(explain(error))
+        # Of some damaged files nothing can be read, not even with the option.
+        hint = "" if damaged or not _is_readable(file) else "; --damaged reads what is before it"
+        fail(f"{explain(error)}{hint}")
     _report_damage(file, recording)
     return recording
+
+
+def _is_readable(file: Path) -> bool:
+    """Return whether a damaged file can be read up to the damage."""
+    try:
+        return bool(read_recording(file, damaged=True).damage)
+    except RobotouilleError:
+        return False
 
 
 def _report_damage(file: Path, recording: Recording) -> None:
@@ -208,7 +218,8 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
         try:
             result = read_recording(file).verify()
         except RobotouilleError as error:
-            tell(explain(error), err=True)
+            near = f"; `robotouille replay info {file} --damaged` shows what is before it"
+            tell(printable(f"{explain(error)}{near if _is_readable(file) else ''}"), err=True)
             failed = True
             continue
         cut = "" if result.complete else f" ({_no_outcome(file)})"
