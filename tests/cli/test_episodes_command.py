@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from robotouille.errors import FileError
 from robotouille.protocol import messages
 from robotouille_client.cli.episodes import (
     TableError,
@@ -71,9 +72,17 @@ def test_row_describes_an_episode(tmp_path: Path) -> None:
     ],
 )
 def test_invalid_table_is_explained(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(TableError) as refused:
+    with pytest.raises((TableError, FileError)) as refused:
         read_requests(table(tmp_path, text))
     assert words in str(refused.value)
+
+
+def test_faults_of_all_rows_are_listed(tmp_path: Path) -> None:
+    path = table(tmp_path, "task,seats,grace\nx,99,-1\ny,2,\nz,two,\n")
+    done = CliRunner().invoke(app, ["episodes", "open", str(path)])
+    assert done.exit_code == 1
+    places = [line.removeprefix(f"{path}: ")[:14] for line in done.stderr.splitlines()]
+    assert places == ["line 2: seats:", "line 2: grace:", "line 4: seats:"]
 
 
 def test_missing_or_binary_table_is_an_error(tmp_path: Path) -> None:

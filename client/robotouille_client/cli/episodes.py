@@ -16,7 +16,7 @@ from typing import IO, Annotated, Any, TypeVar
 import typer
 from pydantic import ValidationError
 
-from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.errors import Fault, FileError, ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.replay.file_names import iso_time
 from robotouille.terminal import printable, spreadsheet_cell, tell
@@ -60,22 +60,30 @@ def read_requests(
         defaults: Fields of requests whose cell is empty.
 
     Raises:
-        TableError: The file cannot be read, a column is missing or unknown, or a value is invalid.
+        TableError: The file cannot be read, or a column is missing or unknown.
+        FileError: Values are invalid. The error lists the faults of all rows.
     """
     rows = _read(path)
     if not rows:
         raise TableError(f"{path}: no rows below the heading")
-    requests = []
+    requests: list[messages.Create] = []
+    faults: list[Fault] = []
     for number, row in enumerate(rows, 2):
         try:
             requests.append(messages.Create(**{**defaults, **_fields(row)}))
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            field = ".".join(str(part) for part in first["loc"])
-            raise TableError(f"{path}: line {number}: {field}: {first['msg']}") from None
         except (TableError, ValueError) as error:
-            raise TableError(f"{path}: line {number}: {error}") from None
+            faults += [Fault(f"line {number}", text) for text in _texts(error)]
+    if faults:
+        raise FileError(str(path), faults)
     return rows, requests
+
+
+def _texts(error: Exception) -> list[str]:
+    """Return the faults of a row as texts."""
+    if not isinstance(error, ValidationError):
+        return [str(error)]
+    found = error.errors(include_url=False)
+    return [f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in found]
 
 
 def closed_codes(path: Path) -> list[str]:
