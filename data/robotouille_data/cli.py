@@ -147,7 +147,7 @@ def index(
     """Update a catalogue from folders of recordings.
 
     New and changed recordings are read, deleted ones are removed. Damaged recordings are reported
-    and left out.
+    and left out. The exit status is 1 if all recordings are damaged.
     """
     with _errors_on_one_line():
         from robotouille_data.database import database_url
@@ -164,6 +164,8 @@ def index(
     tell(f"indexed {found.indexed}, unchanged {found.unchanged}, removed {found.removed}")
     if found.unfinished:
         tell(f"{_counted(found.unfinished, 'unfinished recording')} left out (--unfinished)")
+    if found.faults and not (found.indexed or found.unchanged):
+        raise typer.Exit(1)
 
 
 @data.command()

@@ -29,6 +29,13 @@ def run(*arguments: str | Path) -> Any:
     return CliRunner().invoke(app, ["data", *map(str, arguments)])
 
 
+def test_index_of_only_damaged_recordings_fails(tmp_path: Path) -> None:
+    (tmp_path / "broken.rbt").write_bytes(b"no recording")
+    result = run("index", tmp_path, "--jobs", "1")
+    assert result.exit_code == 1
+    assert "broken.rbt: not a recording" in result.stderr
+
+
 def test_index_reports_faults_and_sql_reads_rows(folder: Path) -> None:
     (folder / "broken.rbt").write_bytes(b"\x1b[2J no recording")
     (folder / "open.rbt.part").write_bytes(b"")
