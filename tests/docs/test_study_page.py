@@ -52,7 +52,8 @@ def commands(section: str) -> list[str]:
     """Return the lines after the prompt in the console blocks without title of a section."""
     part = PAGE.partition(f"\n## {section}\n")[2].partition("\n## ")[0]
     found = re.findall(r"^( *)```console\n(.*?)^\1```$", part, re.DOTALL | re.MULTILINE)
-    return [line.strip().removeprefix("$ ") for _, block in found for line in block.splitlines()]
+    lines = [line.strip() for _, block in found for line in block.splitlines()]
+    return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
 
 
 def terminals() -> list[str]:
@@ -87,7 +88,7 @@ class Terminal:
             "mosquitto_sub -v": f"mosquitto_sub -p {self.broker} -v",
             "--out opened.csv --tokens": f"--out opened.csv --tokens --url ws://127.0.0.1:{self.port}",
             "--out novice.csv": f"--out novice.csv --url ws://127.0.0.1:{self.port}",
-            "bots.py opened.csv": f"bots.py opened.csv --at-once 10 --url ws://127.0.0.1:{self.port}",
+            "bots.py opened.csv": f"bots.py opened.csv --at-once 4 --url ws://127.0.0.1:{self.port}",
         }
         self.changed: set[str] = set()
 
