@@ -127,6 +127,8 @@ def finish(out: Path, recordings: Path, picture: Path) -> None:
     for what, path in (("recording", recording), ("picture", picture), ("video", film)):
         size = f"{path.stat().st_size:,} bytes"
         console.print(f"[bold]{what:10}[/] {path} ({size})", soft_wrap=True)
+    play = f"{os.path.relpath(robotouille)} play multi_agent/01"
+    console.print(f"[bold]next[/]       open the video, or play yourself: {play}", soft_wrap=True)
 
 
 def main() -> None:
