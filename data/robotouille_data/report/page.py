@@ -199,10 +199,11 @@ class _Content:
         )  # fmt: skip
         yield Section(
             "outcomes", "Outcomes",
-            "Intervals that do not overlap are hardly chance; intervals that overlap much leave "
-            "the question open. The intervals of success assume independent episodes, so they are "
-            "too narrow if a pair plays several. The optimality rate is steps / fewest steps, for "
-            "tasks whose shortest plan is known; 1 is best.",
+            "If two intervals do not overlap, chance alone is an unlikely reason for the "
+            "difference. If they overlap much, the data leave the question open. The intervals of "
+            "success assume independent episodes, so they are too narrow if a pair plays several. "
+            "The optimality rate is steps / fewest steps, for tasks whose shortest plan is known; "
+            "1 is best.",
             with_figures(tables.outcomes_table(shown, by), "outcomes"),
         )  # fmt: skip
         yield Section(
