@@ -230,7 +230,9 @@ def test_episodes_saved_while_running_continue_after_restore(tmp_path: Path) -> 
     assert done.returncode == 0, done.stderr
 
     files = sorted((new / "recordings").iterdir())
-    assert len([file for file in files if file.suffix == ".part"]) >= GAMES // 2
+    unfinished = [file for file in files if file.suffix == ".part"]
+    # Includes the episode that the server opens at startup.
+    assert len(unfinished) > GAMES // 2
     verified = robotouille("replay", "verify", *files)
     assert verified.returncode == 0, verified.stdout + verified.stderr
     for file in files:
@@ -241,8 +243,7 @@ def test_episodes_saved_while_running_continue_after_restore(tmp_path: Path) -> 
     keys = "recordings.state/keys.json"
     assert (new / keys).read_bytes() == (old / keys).read_bytes()
     with started(new / "recordings", "--recovery-seconds", "60") as (_, greeting):
-        # Includes the episode that the server opens at startup.
-        assert f"continuing {GAMES // 2 + 1} earlier episodes" in greeting
+        assert f"continuing {len(unfinished)} earlier episodes" in greeting
 
 
 SUBSTITUTE = """#!{python}
