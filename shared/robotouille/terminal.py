@@ -9,7 +9,12 @@ import json
 import re
 import sys
 from collections.abc import Callable
-from typing import Any, get_type_hints
+from enum import StrEnum
+from typing import Any, TypeVar, get_type_hints
+
+from robotouille.errors import did_you_mean
+
+E = TypeVar("E", bound=StrEnum)
 
 
 def printable(text: str) -> str:
@@ -93,6 +98,24 @@ def options_from(options: type[Any]) -> Callable[[Callable[..., Any]], Callable[
         return run
 
     return decorate
+
+
+def one_of(kind: type[E]) -> Callable[[str], E]:
+    """Return a parser for Typer, which reads a value of an enumeration and suggests the nearest.
+
+    Typer's own error has words of pydantic and no suggestion.
+    """
+
+    def parse(text: str) -> E:
+        import typer  # Slow, and unused in processes that only print.
+
+        if text in list(kind):
+            return kind(text)
+        known = [str(each) for each in kind]
+        near = did_you_mean(text, known)
+        raise typer.BadParameter(f"unknown value {text!r}{near} (possible: {', '.join(known)})")
+
+    return parse
 
 
 def version_option() -> Any:

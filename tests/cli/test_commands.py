@@ -105,6 +105,19 @@ def test_invalid_arguments_are_explained(recording: Path, words: list[str], reas
 
 
 @pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--mode", "turns"], "unknown value 'turns'; did you mean 'turn'? (possible: turn, lock"),
+        (["--partner", "plan"], "unknown value 'plan'; did you mean 'planner'? (possible: random"),
+    ],
+)
+def test_unknown_values_suggest_the_nearest(words: list[str], reason: str) -> None:
+    done = robotouille("play", "synchronous/01", *words)
+    assert done.exit_code == 2
+    assert reason in " ".join(done.stderr.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(
     ("name", "content", "kind"),
     [
         ("a.png", b"\x89PNG\r\n\x1a\n", "a PNG picture"),

@@ -35,6 +35,13 @@ def granted(keys: Path, token: str, now: float = NOW) -> RoleGrant:
     return Tokens(FileKeyring(keys), lambda: now).check_role(token)
 
 
+def test_unknown_role_is_explained(keys: Path) -> None:
+    done = command("mint", "hots", "--keys", str(keys))
+    assert done.exit_code == 2
+    said = " ".join(done.stderr.replace("│", " ").split())
+    assert "unknown value 'hots'; did you mean 'host'? (possible: operator, host, player" in said
+
+
 def test_minted_token_is_accepted(keys: Path) -> None:
     options = [
         "--subject",

@@ -37,7 +37,7 @@ from robotouille.planning.plan import Limits, read_plan, write_plan
 from robotouille.planning.plugins import domain_planner
 from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.replay.recording import read_recording
-from robotouille.terminal import options_from, printable_json, tell
+from robotouille.terminal import one_of, options_from, printable_json, tell
 from robotouille.world.lint import sound_task
 from robotouille_client.console import explain, fail
 
@@ -57,9 +57,10 @@ class PlanOptions:
         typer.Option("--from", help="RECORDING@STEP: plan from a state of a recorded game."),
     ] = None
     seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None
-    timing: Annotated[Timing | None, typer.Option(help="Timing profile. Default: benchmark.")] = (
-        None
-    )
+    timing: Annotated[
+        Timing | None,
+        typer.Option(parser=one_of(Timing), help="Timing profile. Default: benchmark."),
+    ] = None
     expansions: Annotated[int | None, typer.Option(min=0, help="Search budget in expansions.")] = (
         None
     )

@@ -11,7 +11,7 @@ import typer
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
-from robotouille.terminal import options_from
+from robotouille.terminal import one_of, options_from
 from robotouille.world.lint import sound_task
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.console import (
@@ -30,11 +30,13 @@ if TYPE_CHECKING:
 class PlayOptions:
     """Options of `robotouille play`."""
 
-    mode: Annotated[Clock, typer.Option(help="Clock of the episode.")] = Clock.REALTIME
-    seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None
-    partner: Annotated[BotKind, typer.Option(help="Bot that plays the other seats.")] = (
-        BotKind.PLANNER
+    mode: Annotated[Clock, typer.Option(parser=one_of(Clock), help="Clock of the episode.")] = (
+        Clock.REALTIME
     )
+    seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None
+    partner: Annotated[
+        BotKind, typer.Option(parser=one_of(BotKind), help="Bot that plays the other seats.")
+    ] = BotKind.PLANNER
     step_rate: Annotated[float, typer.Option(help="Steps per second in real time.")] = 5.0
     timing: Annotated[
         str | None,

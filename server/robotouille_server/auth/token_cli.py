@@ -18,7 +18,14 @@ from typing import Annotated, Any
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.terminal import options_from, printable, printable_json, tell, version_option
+from robotouille.terminal import (
+    one_of,
+    options_from,
+    printable,
+    printable_json,
+    tell,
+    version_option,
+)
 from robotouille_server.auth.keys import (
     KEPT_KEYS,
     MAX_KEYS,
@@ -94,7 +101,10 @@ def _add_mint(app: typer.Typer, wall: Callable[[], float]) -> None:
     @app.command("mint")
     @options_from(MintOptions)
     def mint(
-        role: Annotated[Role, typer.Argument(help="Role of the bearer.", show_default=False)],
+        role: Annotated[
+            Role,
+            typer.Argument(parser=one_of(Role), help="Role of the bearer.", show_default=False),
+        ],
         options: MintOptions,
     ) -> None:
         """Create a role token and print it."""
