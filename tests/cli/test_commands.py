@@ -9,12 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner, Result
 
 from robotouille import task_names
 from robotouille.installation import data_folder
 from robotouille.replay.recording import read_recording
 from robotouille_client.cli.main import app
+from robotouille_client.window.cli import command as client
 from tests.support.games import recorded_game
 from tests.support.processes import process
 
@@ -115,6 +117,14 @@ def test_unknown_values_suggest_the_nearest(words: list[str], reason: str) -> No
     done = robotouille("play", "synchronous/01", *words)
     assert done.exit_code == 2
     assert reason in " ".join(done.stderr.replace("│", " ").split())
+
+
+def test_unknown_value_of_the_window_suggests_the_nearest() -> None:
+    window = typer.Typer()
+    window.command()(client)
+    done = CliRunner().invoke(window, ["--create", "synchronous/01", "--absence", "bots"])
+    assert done.exit_code == 2
+    assert "did you mean 'bot'?" in " ".join(done.stderr.replace("│", " ").split())
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import typer
 
 from robotouille.episode.lifecycle import Absence
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.terminal import options_from
+from robotouille.terminal import one_of, options_from
 from robotouille_client.console import (
     SERVER_HOST,
     SERVER_PORT,
@@ -184,11 +184,16 @@ class ClientOptions:
     seats: Annotated[int | None, typer.Option(help="With --create: the number of seats.")] = None
     absence: Annotated[
         Absence | None,
-        typer.Option(help="With --create: what happens while a participant is away."),
+        typer.Option(
+            parser=one_of(Absence), help="With --create: what happens while a participant is away."
+        ),
     ] = None
     substitute: Annotated[
         SubstituteKind | None,
-        typer.Option(help="With --absence bot: the bot that plays for an absent participant."),
+        typer.Option(
+            parser=one_of(SubstituteKind),
+            help="With --absence bot: the bot that plays for an absent participant.",
+        ),
     ] = None
     grace: Annotated[
         float | None,
