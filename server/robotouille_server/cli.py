@@ -37,7 +37,7 @@ NOT_A = {
     "int_from_float": "a whole number",
     "bool_parsing": "true or false",
 }
-"""What a value should be, by pydantic's type of error."""
+"""Expected values, by pydantic's type of error."""
 SERVER = "<server>"
 """Owner of the episode that the server opens at startup."""
 
