@@ -60,13 +60,18 @@ def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
             return ""
         _left_to_compare.set(left - len(names))
     wanted = str(name).casefold()
-    near = difflib.get_close_matches(wanted, list(names), n=most, cutoff=MISSPELT)
-    near = near or _beginning_with(wanted, names)
-    near = near or difflib.get_close_matches(wanted, list(names), n=most, cutoff=SIMILAR)
+    similar = difflib.get_close_matches(wanted, list(names), n=most, cutoff=SIMILAR)
+    misspelt = [each for each in similar if _likeness(each, wanted) >= MISSPELT]
+    near = misspelt or _beginning_with(wanted, names) or similar
     if not near:
         return ""
     *others, last = [repr(str(names[each])) for each in near]
     return f"; did you mean {', '.join(others)} or {last}?" if others else f"; did you mean {last}?"
+
+
+def _likeness(known: str, wanted: str) -> float:
+    # In this order, as `get_close_matches` compares: the ratio is not symmetric.
+    return difflib.SequenceMatcher(None, known, wanted).ratio()
 
 
 def _beginning_with(text: str, names: Iterable[str]) -> list[str]:
