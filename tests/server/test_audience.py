@@ -202,13 +202,16 @@ async def test_newcomer_receives_no_step_twice(tmp_path: Path) -> None:
 
 
 class Reader:
-    """Connection that counts the messages it receives. `slow` is set if it does not read them."""
+    """Connection that counts the messages it receives. `slow` is set if it does not read them.
+
+    With `broken`, sending raises an error.
+    """
 
     codec = JSON
 
     def __init__(self) -> None:
         self.received: list[int] = []
-        self.slow = False
+        self.slow = self.broken = False
         self.caught_up: Callable[[], None] = lambda: None
 
     @property
@@ -220,6 +223,8 @@ class Reader:
         return not self.slow
 
     def send_frame(self, frame: bytes, count: int) -> None:
+        if self.broken:
+            raise ZeroDivisionError
         self.received.append(count)
 
 
@@ -273,6 +278,19 @@ async def test_spectator_whose_snapshot_is_withheld_misses_no_chat() -> None:
     audience.add(notice())
     await asyncio.sleep(DELIVERY_SECONDS)
     assert eve.received == [1, 1, 1]
+
+
+@virtual
+async def test_error_of_one_spectator_delays_no_update_of_the_others() -> None:
+    audience = audience_with(LoopBudget(asyncio.get_running_loop()))
+    readers = [entered(audience)[1] for _ in range(3)]
+    readers[1].broken = True
+    for _ in range(2):
+        audience.add(notice())
+        await asyncio.sleep(DELIVERY_SECONDS)
+    audience.add(notice())
+    audience.deliver_now()
+    assert [reader.received for reader in readers] == [[1, 1, 1], [], [1, 1, 1]]
 
 
 class BusyLoop(LoopBudget):

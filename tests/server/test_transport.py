@@ -210,6 +210,18 @@ async def test_queue_is_served_in_order_within_the_budget() -> None:
 
 
 @virtual
+async def test_queue_continues_after_an_error() -> None:
+    loop, served, errors = asyncio.get_running_loop(), [], []
+    loop.set_exception_handler(lambda _, context: errors.append(context["exception"]))
+    budget = LoopBudget(loop)
+    budget.wait(lambda: served.append(1 // len(served)))
+    budget.wait(lambda: served.append(2))
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    assert (served, [type(error) for error in errors]) == ([2], [ZeroDivisionError])
+
+
+@virtual
 async def test_turn_ends_after_its_time_though_messages_count_little(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

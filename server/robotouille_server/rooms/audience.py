@@ -18,6 +18,7 @@ from robotouille.episode import Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
 from robotouille_server.rooms.session import Session
+from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget, Peer, frame_of
 
@@ -206,8 +207,9 @@ class Audience:
 
     def deliver_now(self) -> None:
         """Deliver the pending updates to everybody, because the server stops."""
+        batch = Batch(self._updates, self._observe)
         for session in self._places:
-            self.catch_up(session)
+            self._try_deliver_to(session, batch, self._total)
 
     def _schedule(self) -> None:
         if not self._delivering:
@@ -227,7 +229,7 @@ class Audience:
         while targets and not budget.over:
             session = targets.pop()
             if session in self._places:
-                budget.spend(self._deliver_to(session, batch, until))
+                budget.spend(self._try_deliver_to(session, batch, until))
         if targets:
             budget.wait(partial(self._deliver, batch, until, targets))
             return
@@ -236,6 +238,17 @@ class Audience:
         self._delivering = False
         if self._updates or self._stale:
             self._schedule()
+
+    def _try_deliver_to(self, session: Session, batch: Batch, until: int) -> float:
+        """Deliver updates to one spectator; log an error, which must not stop the others' updates.
+
+        A client without its updates notices a gap in the step numbers and asks for a snapshot.
+        """
+        try:
+            return self._deliver_to(session, batch, until)
+        except Exception:
+            get_logger().exception("a delivery failed", session=session.id)
+            return WRITE_COST
 
     def _deliver_to(
         self, session: Session, batch: Batch, until: int, *, steps: bool = True

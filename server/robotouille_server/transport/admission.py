@@ -71,13 +71,17 @@ class LoopBudget:
     def _turn(self) -> None:
         self._scheduled = False
         self._spent = 0.0
-        for _ in range(len(self._waiting)):  # Connections that queue again wait for the next turn.
-            # Without this break, a due step could wait for more than one budget of work.
-            if self.over:
-                break
-            self._waiting.popleft()()
-        if self._waiting:
-            self._schedule()
+        try:
+            # Connections that queue again wait for the next turn.
+            for _ in range(len(self._waiting)):
+                # Without this break, a due step could wait for more than one budget of work.
+                if self.over:
+                    break
+                self._waiting.popleft()()
+        finally:
+            # The event loop logs the error of a connection; the others must still get their turns.
+            if self._waiting:
+                self._schedule()
 
 
 class Handshakes:
@@ -157,7 +161,7 @@ class Handshakes:
 
 
 class Pending(Protocol):
-    """Connection that has not sent anything yet."""
+    """Connection that has not completed its handshake yet."""
 
     def abort(self) -> None:
         """Close the connection at once."""
@@ -170,8 +174,8 @@ class Admission:
         limit: The maximum number of connections.
         tls: The TLS context, if the server uses TLS.
         opening_seconds: The seconds that a client has for its TLS handshake, and again for its
-            first byte.
-        pending: The connections that have not sent anything yet.
+            request.
+        pending: The connections that have not completed their handshake yet.
         admitted: The number of connections.
     """
 
@@ -185,6 +189,7 @@ class Admission:
         self.handshakes = Handshakes(loop)
         self.pending: set[Pending] = set()
         self.admitted = 0
+        self._empty: asyncio.Future[None] | None = None
 
     def admit(self) -> bool:
         """Count a new connection; return False if there are too many."""
@@ -196,7 +201,7 @@ class Admission:
         return True
 
     def close(self) -> None:
-        """Close all connections that have not sent anything."""
+        """Close all connections that have not completed their handshake."""
         self.handshakes.close()
         for one in list(self.pending):
             one.abort()
@@ -204,3 +209,11 @@ class Admission:
     def release(self) -> None:
         """Count a connection as closed."""
         self.admitted -= 1
+        if self._empty is not None and self.admitted == 0 and not self._empty.done():
+            self._empty.set_result(None)
+
+    async def wait_empty(self) -> None:
+        """Wait until all connections are closed."""
+        if self.admitted:
+            self._empty = asyncio.get_running_loop().create_future()
+            await self._empty
