@@ -194,9 +194,8 @@ class Server:
                 room.broadcaster.deliver_now()
             except Exception:
                 get_logger().exception("the episode failed", episode=room.id)
-        for session in list(self.sessions.by_id.values()):
-            if session.peer is not None:
-                notice.send(session.peer)
+        for conversation, _ in list(self.connections.open.values()):
+            notice.send(conversation.peer)
         # This happens before the connections are closed, because sessions must not count as absent
         # while the server stops.
         self.sessions.stop()

@@ -6,19 +6,14 @@ import asyncio
 import contextlib
 import errno
 import ssl
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
-from typing import Any
 
-from websockets.asyncio.server import Server as SocketServer
-from websockets.asyncio.server import ServerConnection
-from websockets.asyncio.server import serve as listen
 from websockets.http11 import Request, Response
-from websockets.typing import Subprotocol
 
 from robotouille.errors import RobotouilleError
-from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
+from robotouille.protocol.codec import codec_for
 from robotouille_server.auth import (
     CountedConnection,
     Visitor,
@@ -34,13 +29,11 @@ from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
 from robotouille_server.transport import (
-    MAX_HELD,
     Admission,
     Connection,
     Peer,
     PendingConnection,
     ServerTLS,
-    cut,
 )
 
 
@@ -65,11 +58,11 @@ class HttpPages:
         self._metrics_from = parse_networks(settings.metrics_from, "--metrics-from")
         self._origins = parse_origins(settings.origins)
 
-    def visitor(self, connection: ServerConnection, request: Request) -> Visitor:
+    def visitor(self, connection: Connection, request: Request) -> Visitor:
         """Return where a request comes from."""
         return visitor(connection.remote_address, request.headers, self._proxies)
 
-    def answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    def answer(self, connection: Connection, request: Request) -> Response | None:
         """Answer a request; return None to go on with the WebSocket handshake."""
         path = request.path.partition("?")[0]
         # This comes before the check for a full server, which is healthy: a restart would end its
@@ -88,7 +81,7 @@ class HttpPages:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal)
         return None
 
-    def _metrics(self, connection: ServerConnection, request: Request) -> Response:
+    def _metrics(self, connection: Connection, request: Request) -> Response:
         peer, headers = connection.remote_address, request.headers
         local = self.visitor(connection, request).local
         if not local and not comes_from(peer, headers, self._metrics_from):
@@ -118,44 +111,46 @@ class Connections:
         pages: HttpPages,
         disconnected: Callable[[Session], None],
     ) -> None:
-        self.open: dict[Connection, None] = {}
+        self.open: dict[Connection, tuple[Conversation, CountedConnection]] = {}
         self.accepted = 0
         self._services = services
         self._admission = admission
         self._pages = pages
         self._disconnected = disconnected
 
-    def accept(self, *arguments: Any, **options: Any) -> PendingConnection:
-        """Return the protocol of a new connection; a `create_connection` for websockets."""
+    def accept(self) -> PendingConnection:
+        """Return the protocol of a new connection."""
         self.accepted += 1
-        return PendingConnection(*arguments, admission=self._admission, **options)
+        return PendingConnection(self, self._admission)
 
-    async def serve(self, socket: ServerConnection) -> None:
-        """Serve a connection after its handshake until it is closed."""
-        # This is for the type checker: `accept` makes no other connections.
-        if not isinstance(socket, Connection) or socket.request is None:
-            raise TypeError("not a connection of this server")
-        services, limiter = self._services, self._services.connection_limiter
-        who = self._pages.visitor(socket, socket.request)
-        codec = codec_for(socket.subprotocol)
-        peer = Peer(socket, codec, services.metrics, services.settings.stall_seconds)
+    def answer(self, connection: Connection, request: Request) -> Response | None:
+        """Answer an HTTP request; return None to go on with the WebSocket handshake."""
+        return self._pages.answer(connection, request)
+
+    def opened(self, connection: Connection, request: Request) -> None:
+        """Serve a connection after its handshake."""
+        services = self._services
+        who = self._pages.visitor(connection, request)
+        codec = codec_for(connection.subprotocol)
+        peer = Peer(connection, codec, services.metrics, services.settings.stall_seconds)
         counted = CountedConnection(who, partial(self._displace, peer))
         conversation = Conversation(services, peer, counted)
-        limiter.arrive(counted)
-        self.open[socket] = None
+        connection.receiver = conversation.receive
+        self.open[connection] = conversation, counted
         services.metrics.connections.set(len(self.open))
-        try:
-            socket.listen(conversation.receive)
-            await socket.wait_closed()
-        finally:
-            self.open.pop(socket, None)
-            services.metrics.connections.set(len(self.open))
-            limiter.release(counted)
-            conversation.close()
-            session = conversation.session
-            # Another connection may have taken the session over.
-            if session is not None and session.peer is peer:
-                self._disconnected(session)
+        services.connection_limiter.arrive(counted)
+
+    def lost(self, connection: Connection) -> None:
+        """Forget a connection that was opened."""
+        conversation, counted = self.open.pop(connection)
+        services = self._services
+        services.metrics.connections.set(len(self.open))
+        services.connection_limiter.release(counted)
+        conversation.close()
+        session = conversation.session
+        # Another connection may have taken the session over.
+        if session is not None and session.peer is conversation.peer:
+            self._disconnected(session)
 
     def _displace(self, peer: Peer) -> None:
         """Close a connection that has not sent hello, because a newer one needs its place."""
@@ -187,7 +182,7 @@ class Listener:
         pages: HttpPages,
         admission: Admission,
     ) -> None:
-        self.sockets: list[SocketServer] = []
+        self.sockets: list[asyncio.Server] = []
         self._settings = settings
         self._worker = worker
         self._connections = connections
@@ -218,27 +213,12 @@ class Listener:
 
     async def _listen(self, port: int, *, shared: bool) -> None:
         try:
-            socket = await listen(
-                self._connections.serve,
+            socket = await asyncio.get_running_loop().create_server(
+                self._connections.accept,
                 self._settings.host,
                 port,
-                create_connection=self._connections.accept,  # type: ignore[arg-type]
-                subprotocols=[Subprotocol(name) for name in SUBPROTOCOLS],
-                select_subprotocol=_select_subprotocol,
-                process_request=self._pages.answer,
-                # Deltas have about a hundred bytes, and each frame is encoded once for all readers
-                # (docs/decisions/0016).
-                compression=None,
-                max_size=2 * MAX_CLIENT_BYTES,
-                open_timeout=self._settings.hello_seconds,
-                # Pings find dead connections within 40 seconds and measure the latency that rosters
-                # show.
-                ping_interval=20,
-                ping_timeout=20,
-                close_timeout=2,
                 # A burst of new connections must not delay the steps of running episodes.
                 backlog=ACCEPTED_AT_ONCE,
-                write_limit=2 * MAX_HELD,
                 reuse_port=shared or None,
             )
         except OSError as error:
@@ -288,30 +268,19 @@ class Listener:
     def refuse(self) -> None:
         """Accept no more connections."""
         for socket in self.sockets:
-            socket.close(close_connections=False)
+            socket.close()
 
     async def close(self, reason: str) -> None:
         """Close all connections politely, then abort those that do not react."""
-        for socket in self.sockets:
-            socket.close(close_connections=True, code=1001, reason=cut(reason))
-        if self.sockets:
-            self._admission.close()
-        # After `refuse`, the first loop does nothing, so connections are closed one by one.
+        self.refuse()
+        self._admission.close()
         for connection in list(self._connections.open):
             connection.say_goodbye(1001, reason)
         for seconds in (CLOSE_SECONDS, ABORT_SECONDS):
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(seconds):
-                    for socket in self.sockets:
-                        await socket.wait_closed()
+                    await self._admission.wait_empty()
             for connection in self._connections.open:
-                connection.transport.abort()
+                connection.abort()
         if self._watching is not None:
             self._watching.cancel()
-
-
-def _select_subprotocol(
-    connection: ServerConnection, offered: Sequence[Subprotocol]
-) -> Subprotocol | None:
-    """Return the first known subprotocol; None means JSON, for simple clients."""
-    return next((name for name in offered if name in SUBPROTOCOLS), None)

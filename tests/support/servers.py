@@ -71,11 +71,10 @@ async def crash(server: Server) -> None:
     server.shutdown.begun = True
     for room in list(server.lobby.rooms.values()):
         room.suspend()
-    for socket in server.listener.sockets:
-        socket.close(close_connections=False)
-        for connection in list(socket.connections):
-            connection.transport.abort()
-        await socket.wait_closed()
+    server.listener.refuse()
+    for connection in list(server.connections.open):
+        connection.abort()
+    await server.admission.wait_empty()
 
 
 class Raw:

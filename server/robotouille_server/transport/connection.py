@@ -1,39 +1,46 @@
 """WebSocket connections, before and after their first byte.
 
 An accepted connection is a `PendingConnection`, which needs little memory, until its first byte
-arrives. A `Connection` then delivers messages at once and limits all other frames.
+arrives. A `Connection` then answers the handshake, delivers messages at once and limits all other
+frames.
 
-There is no queue and no task per message: with a thousand messages a second, waking tasks would
-take more time than the messages. Frames are examined before the library's parser sees them. Whole
-messages go straight to the receiver. All other frames (control frames and fragments) are limited.
+There is no queue and no task, neither for a connection nor for a message: with a thousand messages
+a second, waking tasks would take more time than the messages. The part of the library `websockets`
+without I/O answers the handshake and all rare frames: closing, fragments and errors. Whole
+messages, pings and pongs, which are nearly all frames, do not reach it (docs/decisions/0042).
 """
 
 from __future__ import annotations
 
 import asyncio
+import secrets
 import ssl
-from collections.abc import Callable
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, cast
 
-from websockets.asyncio.server import Server, ServerConnection
 from websockets.frames import Frame
+from websockets.http11 import Request, Response
 from websockets.protocol import State
 from websockets.server import ServerProtocol
+from websockets.typing import Subprotocol
 
-from robotouille.protocol.codec import MAX_CLIENT_BYTES
+from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS
 from robotouille.protocol.frames import (
     BINARY,
     CLOSE,
     CONTINUATION,
     FIN,
     PING,
+    PONG,
     TEXT,
     FrameError,
     FrameReader,
     pack_frame,
 )
 from robotouille_server.runtime.budgets import TokenBucket
+from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.process_limits import few_left
+from robotouille_server.runtime.timer_queue import LATE
 from robotouille_server.transport.admission import TURN_SECONDS, Admission
 
 MAX_OWN = 2 * MAX_CLIENT_BYTES
@@ -46,9 +53,16 @@ MAX_UNSENT = 128 * 1024
 """Unsent bytes above which a client receives no deltas and no pongs."""
 MAX_HELD = 1024 * 1024
 """Unsent bytes above which a client is disconnected."""
+PING_SECONDS = 20.0
+"""Seconds between two pings, and for each answer. Pings find dead connections within 40 seconds and
+measure the latency that rosters show."""
+CLOSE_SECONDS = 2.0
+"""Seconds that a client has to answer a close frame."""
 
 MAX_PARTS = 1024
 """Maximum number of fragments of a message."""
+MAX_CONTROL = 6 + 125
+"""Maximum size of a control frame with its head (RFC 6455, section 5.5)."""
 FRAMES_AT_A_TIME, SECONDS_AT_A_TIME = 32, TURN_SECONDS / 4
 """Frames of one connection, and time for them, after which all others get a turn."""
 FRAMES_A_SECOND = 50.0
@@ -76,17 +90,74 @@ def frame_of(payload: bytes | str) -> bytes:
     return pack_frame(FIN | BINARY, payload)
 
 
-class Connection(ServerConnection):
-    """Connection of the library `websockets` that passes messages straight to a receiver."""
+class Handler(Protocol):
+    """Receives the requests of new connections, and learns when they open and end."""
 
-    def __init__(self, *arguments: Any, admission: Admission, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+    def answer(self, connection: Connection, request: Request) -> Response | None:
+        """Answer an HTTP request; return None to go on with the WebSocket handshake."""
+
+    def opened(self, connection: Connection, request: Request) -> None:
+        """Serve a connection after its handshake."""
+
+    def lost(self, connection: Connection) -> None:
+        """Forget a connection that was opened."""
+
+
+class Connection(asyncio.Protocol):
+    """Connection that passes messages straight to a receiver.
+
+    Attributes:
+        transport: The transport of the socket.
+        open: True after the handshake and until one side begins to close.
+        latency: The round trip of the last ping in seconds; 0 before the first.
+        subprotocol: The subprotocol that both sides have chosen.
+        receiver: Receives each message; set when the connection opens.
+    """
+
+    __slots__ = (
+        "_admission",
+        "_ending",
+        "_excess",
+        "_frames",
+        "_handler",
+        "_is_text",
+        "_library",
+        "_opened",
+        "_parts",
+        "_paused",
+        "_ping",
+        "_ping_at",
+        "_reader",
+        "_request_end",
+        "_request_size",
+        "_requested",
+        "_timer",
+        "latency",
+        "loop",
+        "open",
+        "receiver",
+        "subprotocol",
+        "transport",
+    )
+
+    def __init__(self, handler: Handler, admission: Admission) -> None:
+        self.transport: asyncio.Transport
+        self.loop = asyncio.get_running_loop()
+        self.open = self._opened = self._ending = False
+        self.latency = 0.0
+        self.subprotocol: str | None = None
+        self.receiver: Callable[[bytes | str], None] | None = None
+        self._handler = handler
         self._admission = admission
-        self._loop_budget = admission.loop_budget
-        self._receiver: Callable[[bytes | str], None] | None = None
+        # The library's part is made for the handshake and for rare frames, and is dropped
+        # afterwards: it takes several kilobytes.
+        self._library: ServerProtocol | None = ServerProtocol(
+            subprotocols=[Subprotocol(name) for name in SUBPROTOCOLS],
+            select_subprotocol=_select_subprotocol,
+            max_size=MAX_OWN,
+        )
         self._parts: list[bytes] = []
         self._is_text = False
-        self._leaving: asyncio.Task[None] | None = None
         # The server reads frames itself, because it must charge for them before the library
         # processes them. With this reader, a server with 600 episodes used 0.63 of a core instead
         # of 0.70 (docs/decisions/0025).
@@ -97,35 +168,101 @@ class Connection(ServerConnection):
         self._frames = TokenBucket(FRAMES_A_SECOND, self.loop.time(), FRAMES_BURST)
         self._excess = 0
         self._paused: set[str] = set()
+        # One timer at a time: until the handshake, for the next ping, or until the end.
+        self._timer: asyncio.TimerHandle | None = None
+        self._ping, self._ping_at = b"", 0.0
+
+    @property
+    def remote_address(self) -> Any:
+        """Address of the other side, as its socket reports it."""
+        return self.transport.get_extra_info("peername")
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast("asyncio.Transport", transport)
+        self._admission.pending.add(self)
+        self._set_timer(self._admission.opening_seconds, self.abort)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        super().connection_lost(exc)
+        self.open = False
+        self._admission.pending.discard(self)
+        if self._timer is not None:
+            self._timer.cancel()
+        self._reader.clear()
+        self._parts.clear()
+        if self._opened:
+            self._handler.lost(self)
+        # Without its references, the connection is freed at once. Otherwise clients that come and
+        # go would leave garbage whose collection delays steps.
+        self.receiver = self._library = None
         # Each `admit` needs exactly one `release`. Otherwise, the server would refuse clients after
         # some time.
         self._admission.release()
-        self._reader.clear()
-        self._parts.clear()
 
-    def listen(self, receiver: Callable[[bytes | str], None]) -> None:
-        """Pass all messages to `receiver`, including those that have arrived already."""
-        self._receiver = receiver
-        # A client may send `hello` together with the handshake.
-        if self._reader.rest:
-            self._take(b"")
-
-    def say_goodbye(self, status: int, reason: str) -> None:
-        """Send a close frame, without waiting for the client."""
-        # The close handshake may take seconds; a client that does not read must not delay the
-        # caller.
-        if self._leaving is None:
-            self._leaving = asyncio.create_task(self.close(status, cut(reason)))
+    def abort(self) -> None:
+        """Close the connection at once."""
+        self.transport.abort()
 
     def drop(self, reason: str) -> None:
-        """Abort the connection."""
+        """Abort the connection, and count the reason."""
         if not self.transport.is_closing():
             self._admission.metrics.dropped.labels(reason).inc()
         # Send no close frame: this client is hostile or does not read.
-        self.transport.abort()
+        self.abort()
+
+    def _set_timer(self, seconds: float, callback: Callable[[], None]) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self.loop.call_later(seconds, callback)
+
+    # Closing
+
+    def say_goodbye(self, status: int, reason: str) -> None:
+        """Send a close frame, without waiting for the client."""
+        if self.open:
+            self._rare().send_close(status, cut(reason))
+            self._send_from_library()
+
+    def _send_from_library(self) -> None:
+        """Send what the library has to send, and end the connection if it has closed it."""
+        library = self._rare()
+        for data in library.data_to_send():
+            if data:
+                self.transport.write(data)
+            # The library asks for the end of the stream. Encrypted streams have no half end.
+            elif self.transport.can_write_eof():
+                self.transport.write_eof()
+            else:
+                self.transport.close()
+        if library.state is not State.OPEN:
+            self._begin_to_close()
+
+    def _begin_to_close(self) -> None:
+        self.open = False
+        if not self._ending:
+            self._ending = True
+            # The close handshake may take seconds; a client that does not answer is cut off.
+            self._set_timer(CLOSE_SECONDS, self.abort)
+
+    # Pings
+
+    def _send_ping(self) -> None:
+        now = self.loop.time()
+        late = now - self._ping_at - PING_SECONDS
+        # After a suspension of the server, a pong may have arrived but was not read yet.
+        if self._ping and late < LATE:
+            self._rare().fail(1011, "a ping was not answered")
+            self._send_from_library()
+            return
+        self._ping, self._ping_at = secrets.token_bytes(4), now
+        self.transport.write(pack_frame(FIN | PING, self._ping))
+        self._set_timer(PING_SECONDS, self._send_ping)
+
+    def _take_pong(self, payload: bytes) -> None:
+        if self._ping and payload == self._ping:
+            self.latency = self.loop.time() - self._ping_at
+            self._ping = b""
+
+    # Order among connections
 
     def pause_reading(self, why: str) -> None:
         """Stop reading from the client until every reason for it is gone."""
@@ -147,7 +284,7 @@ class Connection(ServerConnection):
         if GIVE_WAY not in self._paused:
             self.pause_reading(GIVE_WAY)
             # Reading stops, so a flood stays in the kernel's buffers and TCP slows down its sender.
-            self._loop_budget.wait(self._resume_after_others)
+            self._admission.loop_budget.wait(self._resume_after_others)
 
     def _resume_after_others(self) -> None:
         self._paused.discard(GIVE_WAY)
@@ -157,17 +294,7 @@ class Connection(ServerConnection):
         if not self._paused:
             self.transport.resume_reading()
 
-    # Receiving
-
-    def data_received(self, data: bytes) -> None:
-        """Split data into frames; the library's parser gets the request and whole frames."""
-        # Usually the data is processed at once. While other connections wait for their turn, it
-        # queues behind theirs.
-        if self._paused or self._loop_budget.free:
-            self._take(data)
-        else:
-            self._reader.receive(data)
-            self.give_way()
+    # The handshake
 
     def _take_request(self, data: bytes) -> bytes:
         """Pass the HTTP request to the library; return the frames that follow it."""
@@ -182,14 +309,59 @@ class Connection(ServerConnection):
             # slow handshakes.
             if self._request_size > MAX_REQUEST:
                 self.drop("early")
-            else:
-                super().data_received(data)
+                return b""
+            library = self._rare()
+            library.receive_data(data)
+            if library.handshake_exc is not None:
+                self._send_from_library()
             return b""
         # A handshake computes a hash and builds objects, so many at once would delay steps.
-        self._loop_budget.spend(REQUEST_COST)
+        self._admission.loop_budget.spend(REQUEST_COST)
         size = end + len(END_OF_REQUEST) - len(self._request_end)
-        super().data_received(data[:size])
+        self._rare().receive_data(data[:size])
+        self._answer_request()
         return data[size:]
+
+    def _answer_request(self) -> None:
+        library = self._rare()
+        # Without an event, this was no HTTP request, and the library ends the stream.
+        for request in library.events_received():
+            if isinstance(request, Request):
+                try:
+                    answer = self._handler.answer(self, request) or library.accept(request)
+                except Exception:
+                    get_logger().exception("a request failed")
+                    answer = library.reject(500, "the server failed to handle this\n")
+                library.send_response(answer)
+                if library.state is State.OPEN:
+                    self._open(library, request)
+                    return
+        self._send_from_library()
+
+    def _open(self, library: ServerProtocol, request: Request) -> None:
+        self.subprotocol = library.subprotocol
+        self._send_from_library()
+        self._library = None
+        self._admission.pending.discard(self)
+        self.open = self._opened = True
+        self._set_timer(PING_SECONDS, self._send_ping)
+        self._handler.opened(self, request)
+
+    def respond(self, status: int, text: str) -> Response:
+        """Return a plain answer to the request."""
+        return self._rare().reject(status, text)
+
+    # Receiving
+
+    def data_received(self, data: bytes) -> None:
+        """Split data into frames; the library's parser gets the request and whole frames."""
+        # Usually the data is processed at once. While other connections wait for their turn, it
+        # queues behind theirs.
+        if self._paused or self._admission.loop_budget.free:
+            self._take(data)
+        else:
+            self._reader.receive(data)
+            self.give_way()
 
     def _take(self, data: bytes) -> None:
         if not self._paused and not self._requested:
@@ -198,14 +370,8 @@ class Connection(ServerConnection):
             self._reader.clear()
             data = self._take_request(before + data)
         self._reader.receive(data)
-        if self._paused:
-            return
-        if self._receiver is not None:
+        if not self._paused and self._requested:
             self._take_frames()
-        # Until the handshake is answered, a client has nothing to send but `hello`.
-        elif len(self._reader.rest) > MAX_REQUEST:
-            self._reader.clear()
-            self.drop("early")
 
     def _take_frames(self) -> None:
         """Process the whole frames, up to the limits of this turn."""
@@ -215,35 +381,43 @@ class Connection(ServerConnection):
             # The loop checks this for every frame, because a handler may pause reading, for example
             # for `PACED` messages.
             while not self._paused and reader.next_frame():
-                self._loop_budget.spend(1 + reader.size / 1024)
+                self._admission.loop_budget.spend(1 + reader.size / 1024)
                 self._take_frame(reader)
                 # The remaining frames of a client that was just disconnected must not be processed.
                 if self.transport.is_closing():
                     reader.clear()
                 left -= 1
-                if left == 0 or self._loop_budget.over or now() >= until:
+                if left == 0 or self._admission.loop_budget.over or now() >= until:
                     self.give_way()
         except FrameError:
             # Errors are left to the library, which sends the status that RFC 6455 requires for each
             # of them.
-            super().data_received(reader.rest)
+            self._pass_to_library(reader.rest)
             reader.clear()
 
     def _take_frame(self, frame: FrameReader) -> None:
         first = frame.first
         # Whole messages are charged by `MessageBudget`; control frames and fragments have no such
         # budget and are charged here.
-        if first in MESSAGES and self._between_messages:
+        if first in MESSAGES and self.open and not self._parts:
             self._hand_over(frame.content, first == FIN | TEXT)
-        elif first == FIN | CLOSE or self._charge(first, frame.size):
-            super().data_received(frame.raw)
+        elif first == FIN | CLOSE:
+            self._pass_to_library(frame.raw)
+        elif not self._charge(first, frame.size):
+            return
+        elif first == FIN | PING and frame.size <= MAX_CONTROL:
+            self.transport.write(pack_frame(FIN | PONG, frame.content))
+        elif first == FIN | PONG and frame.size <= MAX_CONTROL:
+            self._take_pong(frame.content)
+        else:
+            self._pass_to_library(frame.raw)
 
     def _charge(self, first: int, size: int) -> bool:
         """Charge for a control frame or fragment; return whether it may be processed.
 
         A client that does not read gets no pongs, which would only add to its unsent data.
         """
-        if self.protocol.state is not State.OPEN:
+        if not self.open:
             return False
         unread = first == FIN | PING and self.transport.get_write_buffer_size() > MAX_UNSENT
         if not unread and self._frames.take(self.loop.time(), 1 + size / 1024):
@@ -255,17 +429,25 @@ class Connection(ServerConnection):
             self.drop("flood")
         return False
 
-    @property
-    def _between_messages(self) -> bool:
-        return self.protocol.state is State.OPEN and not self._parts
+    # Rare frames
+
+    def _rare(self) -> ServerProtocol:
+        """Return the library's part, which is made again if it was dropped."""
+        if self._library is None:
+            self._library = ServerProtocol(state=State.OPEN, max_size=MAX_OWN)
+        return self._library
+
+    def _pass_to_library(self, data: bytes) -> None:
+        library = self._rare()
+        library.receive_data(data)
+        for event in library.events_received():
+            if isinstance(event, Frame) and event.opcode in DATA:
+                self._take_part(event)
+        self._send_from_library()
+        if self.open and not self._parts:
+            self._library = None
 
     # Messages
-
-    def process_event(self, event: Any) -> None:
-        if isinstance(event, Frame) and event.opcode in DATA:
-            self._take_part(event)
-        else:
-            super().process_event(event)
 
     def _take_part(self, frame: Frame) -> None:
         if frame.opcode != CONTINUATION:
@@ -285,28 +467,29 @@ class Connection(ServerConnection):
         except UnicodeDecodeError:
             # Status 1007 is for data that does not match the type of the message (RFC 6455, section
             # 7.4.1).
-            self.protocol.fail(1007, "text that is not UTF-8")
-            self.send_data()
+            self._rare().fail(1007, "text that is not UTF-8")
+            self._send_from_library()
             return
-        if self._receiver is not None:
-            self._receiver(payload)
+        if self.receiver is not None:
+            self.receiver(payload)
+
+
+def _select_subprotocol(
+    library: ServerProtocol, offered: Sequence[Subprotocol]
+) -> Subprotocol | None:
+    """Return the first known subprotocol; None means JSON, for simple clients."""
+    return next((name for name in offered if name in SUBPROTOCOLS), None)
 
 
 class PendingConnection(asyncio.Protocol):
     """Protocol that becomes a `Connection` with the first byte."""
 
     __slots__ = (
-        "_admission", "_admitted", "_early", "_encrypting", "_options", "_server", "_timer",
-        "_transport", "protocol",
+        "_admission", "_admitted", "_early", "_encrypting", "_handler", "_timer", "_transport",
     )  # fmt: skip
 
-    def __init__(
-        self, protocol: ServerProtocol, server: Server, *, admission: Admission, **options: Any
-    ) -> None:
-        self.protocol = protocol
-        """Attribute by which the library identifies the connection during the handshake."""
-        self._server = server
-        self._options = options
+    def __init__(self, handler: Handler, admission: Admission) -> None:
+        self._handler = handler
         self._admission = admission
         self._admitted = False
         self._transport: asyncio.Transport | None = None
@@ -373,11 +556,8 @@ class PendingConnection(asyncio.Protocol):
         transport = self._transport
         if transport is None:
             return
-        # From here on, the library's own timeout for the request applies.
         self._forget()
-        connection = Connection(
-            self.protocol, self._server, admission=self._admission, **self._options
-        )
+        connection = Connection(self._handler, self._admission)
         transport.set_protocol(connection)
         connection.connection_made(transport)
         connection.data_received(data)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pydantic import BaseModel
-from websockets.protocol import State as Connected
 
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
@@ -33,7 +32,6 @@ class Peer:
         "_checks_at",
         "_closing",
         "_metrics",
-        "_protocol",
         "_stall_seconds",
         "_transport",
         "_when_caught_up",
@@ -50,7 +48,7 @@ class Peer:
         self, socket: Connection, codec: Codec, metrics: Metrics, stall_seconds: float
     ) -> None:
         self.socket = socket
-        self._transport, self._protocol = socket.transport, socket.protocol
+        self._transport = socket.transport
         self.codec = codec
         self.sent = 0
         self.received = 0
@@ -66,9 +64,7 @@ class Peer:
 
     @property
     def open(self) -> bool:
-        if self._closing:
-            return False
-        return self._protocol.state is Connected.OPEN and not self._transport.is_closing()
+        return self.socket.open and not self._closing and not self._transport.is_closing()
 
     @property
     def unsent(self) -> int:
@@ -89,8 +85,8 @@ class Peer:
 
     def send_frame(self, frame: bytes, count: int = 1) -> None:
         """Send an encoded frame, or several in one write."""
-        transport, closing = self._transport, self._closing
-        if closing or self._protocol.state is not Connected.OPEN or transport.is_closing():
+        transport = self._transport
+        if self._closing or not self.socket.open or transport.is_closing():
             return
         # Chat and rosters are never skipped, so a reader that stops altogether is disconnected
         # (docs/decisions/0006).
