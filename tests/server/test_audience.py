@@ -146,6 +146,37 @@ async def test_snapshot_replaces_too_many_deltas(tmp_path: Path) -> None:
 
 
 @virtual
+async def test_requests_for_snapshots_share_a_delivery(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state", "text") as game:
+        for one in game.spectators:
+            for _ in range(100):
+                await one.send({"type": "resync"})
+                await asyncio.sleep(0.005)
+            await asyncio.sleep(DELIVERY_SECONDS)
+        for one, kind in zip(game.spectators, ("snapshot", "observation"), strict=True):
+            answers = [message["type"] for message in await pending(one)].count(kind)
+            assert 4 <= answers <= 7
+
+
+@virtual
+async def test_chat_before_a_requested_snapshot_is_not_lost(tmp_path: Path) -> None:
+    async with watched(tmp_path, "state") as game:
+        (eve,) = game.spectators
+        await game.act()
+        await pending(eve)
+        await game.player.ask({"type": "say", "text": "hello"}, "said")
+        await eve.send({"type": "resync"})
+        await game.act()
+        await asyncio.sleep(DELIVERY_SECONDS)
+        got = await pending(eve)
+        assert [m["type"] for m in got] == ["said", "snapshot"]
+        assert got[1]["step"] == 2
+        await game.act()
+        await asyncio.sleep(DELIVERY_SECONDS)
+        assert steps(await pending(eve)) == [3]
+
+
+@virtual
 async def test_answer_follows_what_is_pending(tmp_path: Path) -> None:
     async with watched(tmp_path, "state") as game:
         (eve,) = game.spectators

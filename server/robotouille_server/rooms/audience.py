@@ -165,7 +165,7 @@ class Audience:
         self._places: dict[Session, int] = {}
         self._updates: list[SharedMessage] = []
         self._delivered = 0
-        # Spectators who have missed steps and can receive a snapshot now.
+        # Spectators who have asked for a snapshot, or have missed steps and can receive one now.
         self._stale: set[Session] = set()
         self._next_at = 0.0
         # True from the time at which a delivery is scheduled until everybody has received it.
@@ -191,6 +191,12 @@ class Audience:
             return
         self._updates.append(update)
         self._schedule()
+
+    def ask_snapshot(self, session: Session) -> None:
+        """Send a snapshot with the next delivery, so that no spectator gets more than others."""
+        if session in self._places:
+            self._stale.add(session)
+            self._schedule()
 
     def catch_up(self, session: Session, *, steps: bool = True) -> None:
         """Deliver the pending updates to one spectator, because another message must follow.
@@ -280,10 +286,4 @@ class Audience:
 
     def _keeps_up(self, session: Session, peer: Peer) -> bool:
         # Chat, rosters and the end are never skipped (docs/decisions/0006).
-        return not peer.behind or peer.keeps_up(partial(self._caught_up, session))
-
-    def _caught_up(self, session: Session) -> None:
-        # The snapshot waits for the next delivery, so that a slow reader gets no more than others.
-        if session in self._places:
-            self._stale.add(session)
-            self._schedule()
+        return not peer.behind or peer.keeps_up(partial(self.ask_snapshot, session))

@@ -394,14 +394,17 @@ class Broadcaster:
     # Snapshots
 
     def ask_snapshot(self, session: Session) -> None:
-        """Send a snapshot, but at most one in each turn of the event loop.
+        """Send a snapshot: to players at once, to spectators with their next delivery.
 
-        Further requests in the same turn share a snapshot in the next turn. A snapshot can be a
-        hundred times as large as the request, so a flood of requests would otherwise use up the
-        server's time.
+        A player receives at most one in each turn of the event loop; further requests in the same
+        turn share one in the next turn. A snapshot can be a hundred times as large as the request,
+        so a flood of requests would otherwise use up the server's time.
         """
         peer = session.peer
         if peer is None:
+            return
+        if not session.players:
+            self._audience.ask_snapshot(session)
             return
         if peer.snapshot_sent:
             peer.snapshot_due = True

@@ -211,7 +211,7 @@ class Room:
         session.recorded_bytes += len(text.encode())
 
     def ask_snapshot(self, session: Session) -> None:
-        """Send a snapshot, at most one per turn of the event loop."""
+        """Send a snapshot; several requests may share one."""
         self.broadcaster.ask_snapshot(session)
 
     # Connections
