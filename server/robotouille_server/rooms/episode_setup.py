@@ -125,9 +125,15 @@ def _task(
         raise ProtocolError("task/invalid", str(fault), field) from None
 
 
-@lru_cache(maxsize=256)
 def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
-    """Load a shipped task. Its files do not change while the server runs."""
+    """Return a shipped task. Its files do not change while the server runs."""
+    # Rooms usually differ in their seeds, but few tasks depend on the seed.
+    task = _loaded(name, seats, timing, 0)
+    return _loaded(name, seats, timing, seed) if task.seeded else task
+
+
+@lru_cache(maxsize=256)
+def _loaded(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
     return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
 
 

@@ -83,7 +83,8 @@ PROFILES = {
 class Task:
     """Everything that determines an episode except the players' actions.
 
-    `source` is the path of the problem file, or a name for errors.
+    `source` is the path of the problem file, or a name for errors. `seeded` is True if the seed has
+    chosen kinds of objects; otherwise, the task is the same for all seeds.
     """
 
     name: str
@@ -92,6 +93,7 @@ class Task:
     seats: int
     timing: Timing = Timing.BENCHMARK
     source: str = field(default="", compare=False)
+    seeded: bool = field(default=False, compare=False)
 
     @property
     def profile(self) -> TimingProfile:
@@ -182,7 +184,8 @@ def build_task(
         FileError: They are invalid; the error lists all faults.
     """
     domain = complete_domain(domain)
-    problem = resolve_wildcards(problem, domain, seed)
+    resolved = resolve_wildcards(problem, domain, seed)
+    seeded, problem = resolved is not problem, resolved
     faults = _domain_faults(_ByIdentity(domain)) or check_problem(problem, domain)
     errors = [fault for fault in faults if fault.severity == "error"]
     if errors:  # Warnings follow because they may explain the errors.
@@ -196,7 +199,7 @@ def build_task(
         raise FileError(
             source, [Fault("seats", f"the task does not support {seats} seats; possible: {counts}")]
         )
-    return Task(name, domain, problem, seats, timing, source)
+    return Task(name, domain, problem, seats, timing, source, seeded)
 
 
 class _ByIdentity:
