@@ -156,6 +156,14 @@ async def test_metrics_show_the_samples(tmp_path: Path) -> None:
         assert f"\n{line}\n" in page
 
 
+def test_metrics_read_in_a_loop_are_written_once_a_second() -> None:
+    metrics = Metrics()
+    first = metrics.recent_page(5.0)
+    metrics.steps += 1
+    assert metrics.recent_page(5.9) is first
+    assert b"\nrobotouille_steps_total 1.0\n" in metrics.recent_page(6.0)
+
+
 def test_real_machine_reports_disk_and_descriptors(tmp_path: Path) -> None:
     system = System()
     disk, used, most = system.disk(tmp_path), system.descriptors(), system.max_descriptors()

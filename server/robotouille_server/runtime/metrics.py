@@ -29,6 +29,9 @@ DROPPED = (
     "revoked",
 )
 """Reasons for which the server closes connections."""
+PAGE_SECONDS = 1.0
+"""Time for which a page is reused. Writing one takes a millisecond, which would delay steps if many
+clients read the metrics in a loop."""
 BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 1.0)
 """Upper bounds of the histograms' buckets, in seconds."""
 
@@ -76,6 +79,7 @@ class Metrics(Collector):
         self.busiest_participant = 0.0
         self.lateness = Durations()
         self.age = Durations()
+        self._recent: tuple[float, bytes] | None = None
         self.connections = Gauge(
             "robotouille_connections", "Open connections", registry=self.registry
         )
@@ -190,6 +194,12 @@ class Metrics(Collector):
     def page(self) -> bytes:
         """Return the metrics in the exposition format."""
         return generate_latest(self.registry)
+
+    def recent_page(self, now: float) -> bytes:
+        """Return a page that is at most `PAGE_SECONDS` old. `now` is the event loop's time."""
+        if self._recent is None or now - self._recent[0] >= PAGE_SECONDS:
+            self._recent = now, self.page()
+        return self._recent[1]
 
 
 def _known(name: str, text: str, value: int | None) -> GaugeMetricFamily:
