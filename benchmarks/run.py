@@ -21,6 +21,7 @@ from benchmarks import (
     joint,
     model_calls,
     mqtt,
+    peers,
     planning,
     server,
     startup,
@@ -44,6 +45,7 @@ if __name__ == "__main__":
     startup.main()
     endurance.main([])
     server.main()
+    peers.main([])
     mqtt.main([])
     model_calls.main([])
     substitutes.main(["--rooms", "100", "--seconds", "10"])

@@ -15,9 +15,9 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -45,14 +45,30 @@ slightly fewer steps, because ending and starting episodes takes time, too."""
 
 
 @dataclass(frozen=True)
+class Build:
+    """A checkout, the Python that runs it, and extra environment variables and flags."""
+
+    tree: Path = Path(__file__).resolve().parents[1]
+    python: str = sys.executable
+    environment: Mapping[str, str] = field(default_factory=dict)
+    flags: tuple[str, ...] = ()
+
+    def variables(self) -> dict[str, str]:
+        """Return environment variables with which Python imports the packages of the tree."""
+        folders = (str(self.tree / name) for name in ("shared", "server", "client", "data"))
+        return {"PYTHONPATH": os.pathsep.join(folders), **self.environment}
+
+
+@dataclass(frozen=True)
 class Bench:
-    """Duration of a measurement, folder for reports, and the cores of servers and clients."""
+    """Duration of a measurement, folder for reports, the cores, and the build of our server."""
 
     seconds: float
     out: Path | None
     servers: tuple[int, ...]
     clients: tuple[int, ...]
     console: Console
+    build: Build = Build()
 
     @property
     def processes(self) -> int:
@@ -73,23 +89,49 @@ class Row:
 @contextmanager
 def server(which: str, bench: Bench, *flags: str) -> Iterator[tuple[int, str]]:
     """Run a server process on its cores; yield its process id and its URL."""
+    build = bench.build
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "benchmarks.bare"]
+        command = [build.python, "-m", "benchmarks.bare"]
         if which == OURS:
             program = "from robotouille_server.cli import main; main()"
             command = [
-                sys.executable, "-c", program, "--port", "0", "--recordings", f"{folder}/r",
+                build.python, "-c", program, "--port", "0", "--recordings", f"{folder}/r",
                 "--max-episodes", "10000", "--max-spectators", "1000", "--log-level", "error",
-                "--no-operator", *flags,
+                "--no-operator", *flags, *build.flags,
             ]  # fmt: skip
-        root = Path(__file__).resolve().parents[1]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root) as process:
-            try:
-                if hasattr(os, "sched_setaffinity"):
-                    os.sched_setaffinity(process.pid, bench.servers)
-                yield process.pid, _url(process)
-            finally:
-                _stop(process)
+        with running(command, bench, build.tree, build.variables()) as found:
+            yield found
+
+
+@contextmanager
+def running(
+    command: list[str], bench: Bench, folder: Path, environment: Mapping[str, str]
+) -> Iterator[tuple[int, str]]:
+    """Run a program on the servers' cores; yield its process id and the URL that it prints."""
+    with _on_cores(bench.servers):
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, text=True, cwd=folder,
+            env={**os.environ, **environment},
+        )  # fmt: skip
+    with process:
+        try:
+            yield process.pid, _url(process)
+        finally:
+            _stop(process)
+
+
+@contextmanager
+def _on_cores(cores: tuple[int, ...]) -> Iterator[None]:
+    """Start programs on these cores. All their threads inherit the cores."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    own = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, own)
 
 
 def _stop(process: subprocess.Popen[str]) -> None:

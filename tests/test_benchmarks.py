@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import os
 import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
-from benchmarks import batch, core, joint, model_calls, mqtt, planning
+from benchmarks import batch, core, joint, model_calls, mqtt, peers, planning
 from benchmarks.flat import memory_over_steps
 from benchmarks.server import BARE, OURS, Bench, server
 from rich.console import Console
@@ -111,6 +116,52 @@ def test_mqtt(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {row.name.strip(): row for row in mqtt.rows(used)}
     assert found["increase when watched, of a core"].met
     assert 0 < mqtt.tap_seconds(watched=False) < mqtt.tap_seconds(watched=True)
+
+
+def test_peers_run_other_builds_of_the_server(tmp_path: Path) -> None:
+    here = peers.parse_build("")
+    other = peers.parse_build(f"tree={here.tree} python=/bin/python GC=1 --workers 2")
+    assert other.tree == here.tree and other.python == "/bin/python"
+    assert other.variables() == {**here.variables(), "GC": "1"}
+    assert other.flags == ("--workers", "2")
+    with pytest.raises(argparse.ArgumentTypeError, match="not a checkout"):
+        peers.parse_build(f"tree={tmp_path}")
+
+
+def test_peers_measures_in_turns_and_shows_ratios() -> None:
+    order: list[str] = []
+
+    def side(name: str, *cores: float) -> Callable[[], peers.Figures]:
+        figures = iter(cores)
+        return lambda: order.append(name) or {"cores used": next(figures)}  # type: ignore[func-returns-value]
+
+    sides = {"A": side("A", 0.2, 0.3, 0.6), "B": side("B", 0.1, 0.2, 0.2)}
+    results = peers.measure(sides, 3)
+    assert order == ["A", "B", "B", "A", "A", "B"]
+    console = Console(width=100)
+    with console.capture() as shown:
+        console.print(peers.table(results))
+    assert "A / B" in shown.get()
+    assert re.search(r"0\.300 .*0\.200 .*2\.00 \(1\.50–3\.00\)", shown.get())
+
+
+@pytest.mark.process
+def test_colyseus_programs_are_valid() -> None:
+    if shutil.which("node") is None:
+        pytest.skip("Node is not installed")
+    for program in peers.PROGRAMS.glob("*.mjs"):
+        subprocess.run(["node", "--check", program], check=True)
+
+
+@pytest.mark.process
+@pytest.mark.slow
+def test_peers_without_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert peers.install(Console(quiet=True)) is None
+    everyone = tuple(range(os.cpu_count() or 1))
+    bench = Bench(3.0, None, everyone, everyone, Console(quiet=True))
+    figures = peers.measure_ours(bench, peers.Work(rooms=2, rate=5, ramp=0.1), BARE)
+    assert figures["cores used"] > 0 and figures["steps per second"] > 5
 
 
 def test_viewer(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
