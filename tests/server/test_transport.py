@@ -202,7 +202,7 @@ async def test_queue_is_served_in_order_within_the_budget() -> None:
 
     for name in ("ada", "bob", "cy"):
         budget.wait(lambda name=name: serve(name))  # type: ignore[misc]
-    assert not budget.free, "newcomers wait behind them"
+    assert not budget.free(), "newcomers wait behind them"
     await asyncio.sleep(0)
     assert served == ["ada", "bob"]
     await asyncio.sleep(0)
@@ -238,9 +238,9 @@ async def test_turn_ends_after_its_time_though_messages_count_little(
         budget.wait(lambda name=name: serve(name))  # type: ignore[misc]
     await asyncio.sleep(0)
     assert served == ["ada"]
-    assert not budget.free, "newcomers wait for the next turn"
+    assert not budget.free(), "newcomers wait for the next turn"
     await asyncio.sleep(0)
     assert served == ["ada", "bob"]
     await asyncio.sleep(0)
     now[0] += TURN_SECONDS
-    assert budget.free, "time without work does not count"
+    assert budget.free(), "time without work does not count"

@@ -119,8 +119,9 @@ class EpisodeDriver:
 
     def apply(self, change: Callable[..., object], *arguments: Any, **options: Any) -> None:
         """Call `change(*arguments, now, **options)`, then write and publish what happened."""
-        change(*arguments, self.now(), **options)
-        self.flush()
+        now = self.now()
+        change(*arguments, now, **options)
+        self._flush(now)
 
     def abort(self, reason: str) -> None:
         """End the episode."""
@@ -170,7 +171,7 @@ class EpisodeDriver:
             # The maximum is needed, because a timer of the event loop may fire a little before
             # `due`.
             episode.tick(max(now, due))
-            self.flush()
+            self._flush(now)
         except Exception:
             self._fail()
 
@@ -183,9 +184,11 @@ class EpisodeDriver:
 
     def flush(self, *, retry: bool = False) -> None:
         """Write and publish the new events, and set the timer of the next tick."""
+        self._flush(self.now(), retry=retry)
+
+    def _flush(self, begun: float, *, retry: bool = False) -> None:
         if not self._open:
             return
-        begun = self.now()
         events = self._write_ahead.flush(begun, retry=retry)
         if events:
             self._after_publishing(events, begun)

@@ -6,6 +6,7 @@ import asyncio
 import ssl
 from collections import deque
 from collections.abc import Callable
+from math import inf
 from typing import Protocol
 
 from robotouille_server.runtime.metrics import Metrics
@@ -16,6 +17,9 @@ counts as several. A higher budget would delay the steps of episodes."""
 TURN_SECONDS = 0.02
 """Time after which a turn ends although its budget is not used up. Some messages take far longer
 than their share: a misspelt sentence is compared with all valid ones for milliseconds."""
+PAUSE_SECONDS = 0.0002
+"""Time between two reads after which a new turn has begun. Within a turn, the event loop calls one
+connection after the other."""
 HANDSHAKES_AT_ONCE = 16
 """Concurrent handshakes. Each takes half a megabyte and blocks the event loop for milliseconds."""
 MAX_SURPLUS_CONNECTIONS = 1000
@@ -35,23 +39,32 @@ class LoopBudget:
         self._waiting: deque[Callable[[], None]] = deque()
         self._spent = 0.0
         self._scheduled = False
-        self._until = 0.0
+        self._until = inf
+        self._worked = -inf
 
     @property
     def over(self) -> bool:
         """True if the budget or the time of the current turn is used up."""
-        # Without a scheduled turn, nothing has been spent, and `_until` is from an earlier turn.
-        return self._spent >= LOOP_BUDGET or (self._scheduled and self._loop.time() >= self._until)
+        return self._spent >= LOOP_BUDGET or self._loop.time() >= self._until
 
-    @property
     def free(self) -> bool:
-        """True if data that has just arrived may be processed now."""
-        return not self._waiting and not self.over
+        """Return whether data that has just arrived may be processed now; see `rest`."""
+        now = self._loop.time()
+        # The event loop does not tell when a turn begins. A callback for each turn would cost as
+        # much as reading a message, so it is used only when half of the budget is spent.
+        if not self._scheduled and now - self._worked > PAUSE_SECONDS:
+            self._begin(now)
+        return not self._waiting and self._spent < LOOP_BUDGET and now < self._until
+
+    def rest(self) -> None:
+        """Note that the data has been processed."""
+        self._worked = self._loop.time()
 
     def spend(self, cost: float) -> None:
         """Charge work to the current turn."""
         self._spent += cost
-        self._schedule()
+        if self._spent >= LOOP_BUDGET / 2:
+            self._schedule()
 
     def wait(self, resume: Callable[[], None]) -> None:
         """Call `resume` after all connections in the queue have had their turn."""
@@ -63,14 +76,16 @@ class LoopBudget:
     def _schedule(self) -> None:
         if not self._scheduled:
             self._scheduled = True
-            self._until = self._loop.time() + TURN_SECONDS
             # The queue continues in the next turn, which also handles sockets and the timers of due
             # steps.
             self._loop.call_soon(self._turn)
 
+    def _begin(self, now: float) -> None:
+        self._spent, self._until = 0.0, now + TURN_SECONDS
+
     def _turn(self) -> None:
         self._scheduled = False
-        self._spent = 0.0
+        self._begin(self._loop.time())
         try:
             # Connections that queue again wait for the next turn.
             for _ in range(len(self._waiting)):
@@ -82,6 +97,7 @@ class LoopBudget:
             # The event loop logs the error of a connection; the others must still get their turns.
             if self._waiting:
                 self._schedule()
+            self.rest()
 
 
 class Handshakes:

@@ -357,8 +357,10 @@ class Connection(asyncio.Protocol):
         """Split data into frames; the library's parser gets the request and whole frames."""
         # Usually the data is processed at once. While other connections wait for their turn, it
         # queues behind theirs.
-        if self._paused or self._admission.loop_budget.free:
+        budget = self._admission.loop_budget
+        if self._paused or budget.free():
             self._take(data)
+            budget.rest()
         else:
             self._reader.receive(data)
             self.give_way()
@@ -375,19 +377,20 @@ class Connection(asyncio.Protocol):
 
     def _take_frames(self) -> None:
         """Process the whole frames, up to the limits of this turn."""
-        reader, left, now = self._reader, FRAMES_AT_A_TIME, self.loop.time
+        reader, budget = self._reader, self._admission.loop_budget
+        left, now = FRAMES_AT_A_TIME, self.loop.time
         until = now() + SECONDS_AT_A_TIME
         try:
             # The loop checks this for every frame, because a handler may pause reading, for example
             # for `PACED` messages.
             while not self._paused and reader.next_frame():
-                self._admission.loop_budget.spend(1 + reader.size / 1024)
+                budget.spend(1 + reader.size / 1024)
                 self._take_frame(reader)
                 # The remaining frames of a client that was just disconnected must not be processed.
                 if self.transport.is_closing():
                     reader.clear()
                 left -= 1
-                if left == 0 or self._admission.loop_budget.over or now() >= until:
+                if reader.more and (left == 0 or budget.over or now() >= until):
                     self.give_way()
         except FrameError:
             # Errors are left to the library, which sends the status that RFC 6455 requires for each

@@ -112,6 +112,11 @@ class FrameReader:
         return self._data[self._at - self.size : self._at]
 
     @property
+    def more(self) -> bool:
+        """True if there are bytes after the current frame."""
+        return self._at < len(self._data)
+
+    @property
     def rest(self) -> bytes:
         """The bytes received after the current frame."""
         return self._data[self._at :]
