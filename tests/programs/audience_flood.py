@@ -22,6 +22,8 @@ SPECTATORS = 200
 CHUNK = 1024 * 1024
 MESSAGES_A_SECOND = 190.0
 """Slightly less than the server's limit: above it, a player would be disconnected."""
+RESYNCS_A_SECOND = 20.0
+"""Slightly less than the server's limit for messages with so long an answer."""
 
 
 def _message(**fields: object) -> bytes:
@@ -66,18 +68,19 @@ def _room(port: int, name: str, task: str, view: str) -> tuple[list[socket.socke
     return players + spectators, len(players)
 
 
-class _Player:
-    """Player that acts or chats as fast as the server allows."""
+class _Sender:
+    """Player that acts or chats, or spectator that asks for snapshots, as fast as it may."""
 
-    def __init__(self, connection: socket.socket, *, chats: bool) -> None:
+    def __init__(self, connection: socket.socket, kind: str) -> None:
         self._connection = connection
-        self._chats = chats
+        self._kind = kind
+        self._rate = RESYNCS_A_SECOND if kind == "resync" else MESSAGES_A_SECOND
         self._seq = 0
         self._began = time.monotonic()
 
     def push(self) -> None:
         """Send what is due."""
-        due = int((time.monotonic() - self._began) * MESSAGES_A_SECOND)
+        due = int((time.monotonic() - self._began) * self._rate)
         if self._seq == 0:
             self._began, due = time.monotonic(), 1
         # Short messages are sent as a whole or not at all, in practice.
@@ -87,8 +90,10 @@ class _Player:
                 self._connection.send(self._message())
 
     def _message(self) -> bytes:
-        if self._chats:
+        if self._kind == "say":
             return _message(type="say", text="x")
+        if self._kind == "resync":
+            return _message(type="resync")
         return _message(type="act", seq=self._seq, action=None)
 
 
@@ -99,14 +104,19 @@ class AudienceFlood:
         port: The port of the server.
         rooms: The task and the view of each room.
         chats: True if the players chat, False if they act.
+        resyncs: True if the spectators ask for snapshots.
     """
 
-    def __init__(self, port: int, rooms: Sequence[tuple[str, str]], *, chats: bool) -> None:
-        self._players: list[_Player] = []
+    def __init__(
+        self, port: int, rooms: Sequence[tuple[str, str]], *, chats: bool, resyncs: bool = False
+    ) -> None:
+        self._senders: list[_Sender] = []
         self._connections: dict[int, socket.socket] = {}
         for number, (task, view) in enumerate(rooms):
             members, playing = _room(port, f"eve {number}", task, view)
-            self._players += [_Player(one, chats=chats) for one in members[:playing]]
+            self._senders += [_Sender(one, "say" if chats else "act") for one in members[:playing]]
+            if resyncs:
+                self._senders += [_Sender(one, "resync") for one in members[playing:]]
             self._connections |= {one.fileno(): one for one in members}
 
     def run(self) -> None:
@@ -116,8 +126,8 @@ class AudienceFlood:
             connection.setblocking(False)
             poll.register(number, select.EPOLLIN)
         while True:
-            for player in self._players:
-                player.push()
+            for sender in self._senders:
+                sender.push()
             for number, _ in poll.poll(0.01):
                 with suppress(BlockingIOError):
                     if not self._connections[number].recv(CHUNK):

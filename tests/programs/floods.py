@@ -15,6 +15,7 @@ import os
 import resource
 import select
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -59,7 +60,7 @@ def _message(message: Mapping[str, object]) -> bytes:
 
 def _many(piece: bytes) -> bytes:
     """Repeat a piece up to the size of one read."""
-    return piece * max(1, BLOB // len(piece))
+    return piece * max(1, BLOB // max(1, len(piece)))
 
 
 def _fragments(code: str) -> bytes:
@@ -81,10 +82,12 @@ def _in_and_out(code: str) -> bytes:
 class Flood:
     """A message that is repeated, the messages that precede it, and whether replies are read.
 
-    With `silent`, the flood only opens and keeps this many connections. With `watched`, it plays in
-    rooms with 200 spectators each, given by their tasks and views. With `elsewhere`, its
-    connections are remote; new clients are then remote too and have a token. `rooms` is the number
-    of other episodes on the server.
+    With `silent`, the flood only opens and keeps this many connections. With `vanishes`, each
+    connection is reset as soon as its first messages are sent, and opened again. With `watched`, it
+    plays in rooms with 200 spectators each, given by their tasks and views; with `resyncs`, these
+    spectators ask for snapshots. With `elsewhere`, its connections are remote; new clients are then
+    remote too and have a token. `rooms` is the number of other episodes on the server. With `page`,
+    each connection requests this page again and again.
     """
 
     what: str
@@ -92,8 +95,11 @@ class Flood:
     first: tuple[str, ...] = ()
     reads: bool = True
     silent: int = 0
+    vanishes: bool = False
     watched: tuple[tuple[str, str], ...] = ()
     chats: bool = False
+    resyncs: bool = False
+    page: str = ""
     elsewhere: bool = False
     rooms: int = 0
     connections: int = 4
@@ -138,6 +144,16 @@ FLOODS = {
     "crowd": Flood(
         "joining and leaving, from 60 connections", _in_and_out, ("hello",), connections=60
     ),
+    "resets": Flood(
+        "handshakes that are reset, from 60 connections", vanishes=True, connections=60
+    ),
+    "vanishing": Flood(
+        "hello of clients that vanish, from 60 connections",
+        first=("hello",),
+        vanishes=True,
+        connections=60,
+    ),
+    "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "acts": Flood(
         "actions of spectators, from 60 connections",
         lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
@@ -155,6 +171,11 @@ FLOODS = {
     "watched-rooms": Flood(
         "actions of players in 4 rooms with 800 spectators",
         watched=(("synchronous/01", "state"), ("asynchronous/10", "both")) * 2,
+    ),
+    "spectator-resyncs": Flood(
+        "requests for snapshots from 200 spectators",
+        watched=(("synchronous/01", "state"),),
+        resyncs=True,
     ),
     "chat": Flood(
         "chat of 4 players with 200 spectators",
@@ -174,6 +195,8 @@ class Attacker:
         join = {"type": "join", "episode": code, "role": "spectator"}
         preludes = {"hello": _message(HELLO), "join": _message(join)}
         self._opening += b"".join(preludes[name] for name in flood.first)
+        if flood.page:
+            self._opening = f"GET {flood.page} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
         self._blob = _many(flood.piece(code))
         self._socket: socket.socket | None = None
         self._unsent = memoryview(b"")
@@ -184,6 +207,8 @@ class Attacker:
             return False
         assert self._socket is not None
         try:
+            if self.flood.vanishes and not self._unsent:
+                return self._vanish()
             done = self._read() if self.flood.reads else False
             self._unsent = self._unsent or memoryview(self._blob)
             sent = self._socket.send(self._unsent)
@@ -195,6 +220,14 @@ class Attacker:
             self._socket.close()
             self._socket = None
             return False
+
+    def _vanish(self) -> bool:
+        """Reset the connection once the server has answered."""
+        assert self._socket is not None
+        if not self._socket.recv(BLOB):
+            raise ConnectionResetError
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        raise ConnectionResetError
 
     def _open(self) -> bool:
         try:
@@ -213,6 +246,11 @@ class Attacker:
             return True
         return False
 
+    @property
+    def sends(self) -> bool:
+        """True if there is something to send."""
+        return bool(self._unsent or self._blob)
+
     def fileno(self) -> int:
         return self._socket.fileno() if self._socket is not None else -1
 
@@ -221,7 +259,11 @@ def attack(name: str, port: int, code: str) -> None:
     """Flood a server until the process is killed."""
     os.nice(5)
     flood = FLOODS[name]
-    rooms = AudienceFlood(port, flood.watched, chats=flood.chats) if flood.watched else None
+    rooms = (
+        AudienceFlood(port, flood.watched, chats=flood.chats, resyncs=flood.resyncs)
+        if flood.watched
+        else None
+    )
     print(READY, end="", flush=True)
     if name == "none":
         time.sleep(3600)
@@ -235,7 +277,8 @@ def attack(name: str, port: int, code: str) -> None:
             continue
         waiting = [attacker for attacker in attackers if attacker.fileno() >= 0]
         reading = waiting if flood.reads else []
-        select.select(reading, waiting, [], 0.05)
+        writing = [attacker for attacker in waiting if attacker.sends]
+        select.select(reading, writing, [], 0.05)
 
 
 def _keep_silent(port: int, count: int, elsewhere: bool) -> None:
