@@ -86,7 +86,7 @@ class Server:
 
     def _metrics_page(self, now: float) -> bytes:
         self.sample(now)
-        return self.metrics.page()
+        return self.metrics.recent_page(now)
 
     # Life cycle
 

@@ -63,7 +63,7 @@ MAX_PARTS = 1024
 """Maximum number of fragments of a message."""
 MAX_CONTROL = 6 + 125
 """Maximum size of a control frame with its head (RFC 6455, section 5.5)."""
-FRAMES_AT_A_TIME, SECONDS_AT_A_TIME = 32, TURN_SECONDS / 4
+FRAMES_AT_A_TIME, SECONDS_AT_A_TIME = 8, TURN_SECONDS / 4
 """Frames of one connection, and time for them, after which all others get a turn."""
 FRAMES_A_SECOND = 50.0
 """Control frames and fragments per second. Each KiB of a fragment counts as one more."""
@@ -290,7 +290,11 @@ class Connection(asyncio.Protocol):
         self._paused.discard(GIVE_WAY)
         if self._paused or self.transport.is_closing():
             return
-        self._take(b"")
+        try:
+            self._take(b"")
+        except Exception:
+            get_logger().exception("a connection failed")
+            self.abort()
         if not self._paused:
             self.transport.resume_reading()
 
