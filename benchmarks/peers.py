@@ -169,10 +169,7 @@ def measure(sides: dict[str, Callable[[], Figures]], runs: int) -> dict[str, lis
 
 
 def table(results: dict[str, list[Figures]]) -> Table:
-    """Return the medians with their ranges, and the ratios of the first side to the others.
-
-    A ratio is the median of the ratios within each round.
-    """
+    """Return medians with ranges: of each side, and of the ratios within each round."""
     first, *others = results
     shown = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     shown.add_column("", no_wrap=True)
@@ -233,6 +230,9 @@ def main(arguments: list[str] | None = None) -> None:
     keep_to_cores(clients if hasattr(os, "sched_setaffinity") else ())
     work = Work(options.rooms, options.rate, max(1.0, options.rooms / 60))
     builds = {"A": options.a, "B": options.b} if options.b else {"Robotouille": options.a}
+    for name, build in builds.items():
+        variables = map("=".join, build.environment.items())
+        console.print(f"{name}: {build.tree}", *variables, *build.flags, highlight=False)
     sides: dict[str, Callable[[], Figures]] = {
         name: partial(measure_ours, replace(bench, build=build), work)
         for name, build in builds.items()
