@@ -64,6 +64,10 @@ class Rounds(Generic[R]):
 
 AT_ONCE = 50
 """Calls in a row, before data from the network is processed."""
+GRAIN = 0.001
+"""Seconds before its time that a timer may be called together with an earlier one. Waking up for
+each room would take as long as the step itself. Event loops with timers of whole milliseconds would
+wake up too early and spin."""
 TIDY_FROM = 100
 """Cancelled timers above which the heap is cleaned up, if they are half of it."""
 BEAT = 2.0
@@ -116,7 +120,7 @@ class TimerQueue:
         get_logger().warning("the server was suspended", seconds=round(seconds, 1))
 
     def call_at(self, due: float, call: Callable[[float], None]) -> TimerHandle:
-        """Call `call(due)` at `due`, or soon if that time has passed."""
+        """Call `call(due)` at `due`, up to `GRAIN` earlier, or soon if that time has passed."""
         handle = TimerHandle(due, call)
         # The number keeps the order of equal times and stops the comparison before the handle.
         heappush(self._heap, (due, next(self._numbers), handle))
@@ -160,9 +164,7 @@ class TimerQueue:
         self.time()
         try:
             for _ in range(AT_ONCE):
-                # This is the same sum as in `_arm`, because a difference would be rounded
-                # differently.
-                if not self._heap or self._heap[0][0] + self.lost > self._seen:
+                if not self._heap or self._heap[0][0] + self.lost > self._seen + GRAIN:
                     return
                 due, _number, handle = heappop(self._heap)
                 call, handle.call = handle.call, None
