@@ -113,7 +113,7 @@ class Handshakes:
     async def make(
         self,
         raw: asyncio.Transport,
-        protocol: asyncio.Protocol,
+        protocol: asyncio.BaseProtocol,
         tls: ssl.SSLContext,
         seconds: float,
     ) -> asyncio.Transport | None:

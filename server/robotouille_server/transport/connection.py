@@ -103,7 +103,30 @@ class Handler(Protocol):
         """Forget a connection that was opened."""
 
 
-class Connection(asyncio.Protocol):
+READ_BUFFER = memoryview(bytearray(64 * 1024))
+"""Buffer that all connections of a process read into, one after the other."""
+
+
+class BufferedReader(asyncio.BufferedProtocol):
+    """Protocol whose data is read into `READ_BUFFER`.
+
+    With `asyncio.Protocol`, each read allocates 256 KiB, which takes as long as reading a message.
+    """
+
+    __slots__ = ()
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        return READ_BUFFER
+
+    def buffer_updated(self, nbytes: int) -> None:
+        self.data_received(bytes(READ_BUFFER[:nbytes]))
+
+    def data_received(self, data: bytes) -> None:
+        """Take the data that has arrived."""
+        raise NotImplementedError
+
+
+class Connection(BufferedReader):
     """Connection that passes messages straight to a receiver.
 
     Attributes:
@@ -488,7 +511,7 @@ def _select_subprotocol(
     return next((name for name in offered if name in SUBPROTOCOLS), None)
 
 
-class PendingConnection(asyncio.Protocol):
+class PendingConnection(BufferedReader):
     """Protocol that becomes a `Connection` with the first byte."""
 
     __slots__ = (
