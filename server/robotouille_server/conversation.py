@@ -32,6 +32,7 @@ class Conversation:
         "_budget",
         "_connection",
         "_counted",
+        "_hello_due",
         "_hello_task",
         "_hello_timer",
         "_loop",
@@ -52,13 +53,14 @@ class Conversation:
         self._budget = MessageBudget(services.settings.messages_per_second, self._loop.time())
         self._requests: Requests | None = None
         self._hello_timer: asyncio.TimerHandle | None = None
+        self._hello_due = 0.0
         self._hello_task: asyncio.Task[None] | None = None
         self._pace_timer: asyncio.TimerHandle | None = None
         self._await_hello()
 
     def _await_hello(self) -> None:
-        seconds = self._services.settings.hello_seconds
-        self._hello_timer = self._loop.call_later(seconds, self._hello_timeout)
+        self._hello_due = self._loop.time() + self._services.settings.hello_seconds
+        self._hello_timer = self._loop.call_at(self._hello_due, self._hello_timeout)
 
     def close(self) -> None:
         """Cancel all timers, because the connection is gone."""
@@ -70,7 +72,7 @@ class Conversation:
             self._pace_timer.cancel()
 
     def _hello_timeout(self) -> None:
-        if self._hello_timer is not None and self._loop.time() > self._hello_timer.when() + LATE:
+        if self._loop.time() > self._hello_due + LATE:
             # The server was suspended. `hello` may have arrived but was not read yet.
             self._await_hello()
             return

@@ -185,7 +185,7 @@ class ProcessBotWorker:
                 *self._command,
                 stderr=None,
                 env=_environment(),
-                process_group=0,  # Ctrl+C must reach the server only.
+                start_new_session=True,  # Ctrl+C must reach the server only.
             )
         except (OSError, NotImplementedError) as error:
             self._starting = None
