@@ -22,7 +22,6 @@ from typing import Any, BinaryIO
 
 import msgpack
 import psutil
-from websockets.protocol import State
 
 from robotouille.protocol.codec import MSGPACK
 from robotouille_client.loadtest.players import back_and_forth
@@ -129,8 +128,7 @@ class Wire:
 
     def __init__(self, heard: Callable[[dict[str, Any]], None]) -> None:
         self.transport = self
-        self.protocol = self
-        self.state = State.OPEN
+        self.open = True
         self.latency = 0.0
         self.loop = asyncio.get_running_loop()
         self._heard = heard

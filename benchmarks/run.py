@@ -21,6 +21,7 @@ from benchmarks import (
     joint,
     model_calls,
     mqtt,
+    parts,
     peers,
     planning,
     server,
@@ -44,6 +45,7 @@ if __name__ == "__main__":
     idle.main([])
     startup.main()
     endurance.main([])
+    parts.main([])
     server.main()
     peers.main([])
     mqtt.main([])
