@@ -18,6 +18,7 @@ from robotouille_server.auth.visitors import (
     TooManyConnectionsError,
     Visitor,
     counted_as,
+    newcomer_group,
     origin_refusal,
     parse_networks,
     parse_origins,
@@ -252,6 +253,31 @@ def test_slots_per_address_are_limited() -> None:
     assert door.enters(guest(2))
     door.release(first)
     assert [door.enters(guest(1)) for _ in range(2)] == [True, False]
+
+
+def test_repeated_hello_takes_one_slot() -> None:
+    """A `hello` that is refused for another reason, such as its name, may be sent again."""
+    door = Door(2)
+    caller = door.call(guest(1))
+    for _ in range(5):
+        door.admit(caller, guest(1))
+    assert [door.enters(guest(1)) for _ in range(2)] == [True, False]
+    door.release(caller)
+    assert door.enters(guest(1))
+
+
+@pytest.mark.parametrize(
+    ("peer", "group"),
+    [
+        (("203.0.113.9", 4000), "203.0.113.9"),
+        (("2001:db8:1:2:3::4", 4000, 0, 0), "2001:db8:1:2::/64"),
+        (("127.0.0.1", 4000), ""),
+        (("10.0.0.7", 4000), ""),
+        (None, "unknown"),
+    ],
+)
+def test_connections_without_request_count_by_their_socket(peer: object, group: str) -> None:
+    assert newcomer_group(peer, parse_networks("10.0.0.0/8", "--trust-proxy")) == group
 
 
 def test_token_bearers_count_by_subject() -> None:

@@ -15,7 +15,8 @@ from robotouille_server import Server
 from robotouille_server.rooms.audience import DELIVERY_SECONDS
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
-from robotouille_server.transport import LoopBudget
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.transport import Admission, Handshaking, LoopBudget
 from robotouille_server.transport.admission import LOOP_BUDGET, TURN_SECONDS
 from robotouille_server.transport.connection import Connection, PendingConnection
 from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
@@ -190,6 +191,33 @@ async def test_silent_connections_count_towards_the_limit(tmp_path: Path) -> Non
         assert len(over) == 2
         for _, writer in held:
             writer.close()
+
+
+class Caller:
+    """Connection that has sent nothing."""
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    def abort(self) -> None:
+        self.closed = True
+
+
+@virtual
+async def test_silent_connections_of_one_address_replace_each_other() -> None:
+    groups = {"": "", "a": "a", "b": "b"}
+    admission = Admission(Metrics(), 100, SECONDS, Handshaking(2, lambda peer: groups[str(peer)]))
+    here, strangers, other = [Caller() for _ in range(5)], [Caller() for _ in range(4)], Caller()
+    for peer, callers in (("", here), ("a", strangers), ("b", [other])):
+        for caller in callers:
+            admission.enter(caller, peer)
+    assert [caller.closed for caller in strangers] == [True, True, False, False]
+    assert not any(caller.closed for caller in (*here, other))
+    admission.pending.leave(strangers[2])
+    admission.pending.leave(strangers[2])
+    admission.enter(Caller(), "a")
+    assert not strangers[3].closed
+    assert admission.metrics.dropped.labels("displaced")._value.get() == 2
 
 
 @virtual

@@ -139,6 +139,19 @@ def visitor(peer: object, headers: Headers, proxies: Collection[Network] = ()) -
     return Visitor(str(address), local, _group(address))
 
 
+def newcomer_group(peer: object, proxies: Collection[Network]) -> str:
+    """Return the name under which a connection without a request counts; empty for no limit.
+
+    Programs on this machine and trusted proxies are not limited.
+    """
+    address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
+    if address is None:
+        return UNKNOWN
+    if address.is_loopback or any(address in network for network in proxies):
+        return ""
+    return _group(address)
+
+
 def comes_from(peer: object, headers: Headers, networks: Collection[Network]) -> bool:
     """Return whether a request comes directly, without a proxy, from one of these networks."""
     address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
@@ -275,6 +288,8 @@ class ConnectionLimiter:
         """
         if who.local:
             return
+        # The slot of an earlier `hello` that was refused for another reason.
+        self.release(connection)
         # A returning client replaces its own connection, which the server may not know to be dead
         # yet. Without this, a client at the limit could not come back.
         if instead_of is not None and instead_of.slot == who.group:
@@ -282,7 +297,6 @@ class ConnectionLimiter:
         if self._slots[who.group] >= self._limit:
             text = f"you have {self._limit} connections already; close one of them first"
             raise TooManyConnectionsError("rate/connections", text)
-        self._leave_probation(connection)
         self._slots[who.group] += 1
         connection.slot = who.group
 

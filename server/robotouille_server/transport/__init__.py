@@ -1,6 +1,11 @@
 """Transport: WebSocket connections, TLS, and the limits that connections share."""
 
-from robotouille_server.transport.admission import MAX_SURPLUS_CONNECTIONS, Admission, LoopBudget
+from robotouille_server.transport.admission import (
+    MAX_SURPLUS_CONNECTIONS,
+    Admission,
+    Handshaking,
+    LoopBudget,
+)
 from robotouille_server.transport.connection import Connection, PendingConnection, cut, frame_of
 from robotouille_server.transport.peer import MAX_HELD, Peer
 from robotouille_server.transport.tls import ServerTLS
@@ -10,6 +15,7 @@ __all__ = [
     "MAX_SURPLUS_CONNECTIONS",
     "Admission",
     "Connection",
+    "Handshaking",
     "LoopBudget",
     "Peer",
     "PendingConnection",

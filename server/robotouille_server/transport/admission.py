@@ -183,6 +183,53 @@ class Pending(Protocol):
         """Close the connection at once."""
 
 
+class Handshaking:
+    """Connections that have not completed their handshake; few of each address.
+
+    One more than `limit` replaces the oldest, so connections that send nothing do not lock out
+    newcomers.
+
+    Args:
+        limit: The maximum number of connections of a group.
+        group_of: Returns the group of a peer name; an empty one is not limited.
+    """
+
+    def __init__(self, limit: int, group_of: Callable[[object], str]) -> None:
+        self._limit = limit
+        self._group_of = group_of
+        self._groups: dict[Pending, str] = {}
+        self._members: dict[str, dict[Pending, None]] = {}
+
+    def __len__(self) -> int:
+        return len(self._groups)
+
+    def enter(self, one: Pending, peer: object) -> Pending | None:
+        """Add a connection; return the one that it replaces, which must be closed."""
+        group = self._groups[one] = self._group_of(peer)
+        if not group:
+            return None
+        members = self._members.setdefault(group, {})
+        members[one] = None
+        if len(members) <= self._limit:
+            return None
+        oldest = next(iter(members))
+        self.leave(oldest)
+        return oldest
+
+    def leave(self, one: Pending) -> None:
+        """Remove a connection, if it is still there."""
+        group = self._groups.pop(one, "")
+        if members := self._members.get(group):
+            members.pop(one, None)
+            if not members:
+                del self._members[group]
+
+    def close(self) -> None:
+        """Close all connections."""
+        for one in list(self._groups):
+            one.abort()
+
+
 class Admission:
     """Limits of a server's connections.
 
@@ -195,7 +242,9 @@ class Admission:
         admitted: The number of connections.
     """
 
-    def __init__(self, metrics: Metrics, limit: int, opening_seconds: float) -> None:
+    def __init__(
+        self, metrics: Metrics, limit: int, opening_seconds: float, pending: Handshaking
+    ) -> None:
         loop = asyncio.get_running_loop()
         self.metrics = metrics
         self.limit = limit
@@ -203,7 +252,7 @@ class Admission:
         self.opening_seconds = opening_seconds
         self.loop_budget = LoopBudget(loop)
         self.handshakes = Handshakes(loop)
-        self.pending: set[Pending] = set()
+        self.pending = pending
         self.admitted = 0
         self._empty: asyncio.Future[None] | None = None
 
@@ -216,11 +265,17 @@ class Admission:
         self.admitted += 1
         return True
 
+    def enter(self, one: Pending, peer: object) -> None:
+        """Add a connection that has not completed its handshake."""
+        displaced = self.pending.enter(one, peer)
+        if displaced is not None:
+            self.metrics.dropped.labels("displaced").inc()
+            displaced.abort()
+
     def close(self) -> None:
         """Close all connections that have not completed their handshake."""
         self.handshakes.close()
-        for one in list(self.pending):
-            one.abort()
+        self.pending.close()
 
     def release(self) -> None:
         """Count a connection as closed."""

@@ -202,24 +202,26 @@ class Connection(BufferedReader):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast("asyncio.Transport", transport)
-        self._admission.pending.add(self)
+        self._admission.enter(self, self.remote_address)
         self._set_timer(self._admission.opening_seconds, self.abort)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self.open = False
-        self._admission.pending.discard(self)
+        self._admission.pending.leave(self)
         if self._timer is not None:
             self._timer.cancel()
         self._reader.clear()
         self._parts.clear()
-        if self._opened:
-            self._handler.lost(self)
-        # Without its references, the connection is freed at once. Otherwise clients that come and
-        # go would leave garbage whose collection delays steps.
-        self.receiver = self._library = None
-        # Each `admit` needs exactly one `release`. Otherwise, the server would refuse clients after
-        # some time.
-        self._admission.release()
+        try:
+            if self._opened:
+                self._handler.lost(self)
+        finally:
+            # Without its references, the connection is freed at once. Otherwise clients that come
+            # and go would leave garbage whose collection delays steps.
+            self.receiver = self._library = None
+            # Each `admit` needs exactly one `release`. Otherwise, the server would refuse clients
+            # after some time.
+            self._admission.release()
 
     def abort(self) -> None:
         """Close the connection at once."""
@@ -253,11 +255,17 @@ class Connection(BufferedReader):
                 self.transport.write(data)
             # The library asks for the end of the stream. Encrypted streams have no half end.
             elif self.transport.can_write_eof():
-                self.transport.write_eof()
+                self._end_stream()
             else:
                 self.transport.close()
         if library.state is not State.OPEN:
             self._begin_to_close()
+
+    def _end_stream(self) -> None:
+        try:
+            self.transport.write_eof()
+        except OSError:  # The client has reset the connection.
+            self.abort()
 
     def _begin_to_close(self) -> None:
         self.open = False
@@ -369,7 +377,7 @@ class Connection(BufferedReader):
         self.subprotocol = library.subprotocol
         self._send_from_library()
         self._library = None
-        self._admission.pending.discard(self)
+        self._admission.pending.leave(self)
         self.open = self._opened = True
         self._set_timer(PING_SECONDS, self._send_ping)
         self._handler.opened(self, request)
@@ -539,11 +547,11 @@ class PendingConnection(BufferedReader):
             # Send no answer: even a TLS alert or an HTTP 503 would cost a handshake.
             raw.abort()
             return
-        admission.pending.add(self)
+        self._transport = raw
+        admission.enter(self, raw.get_extra_info("peername"))
         if admission.tls is None:
             self._wait(raw)
         else:
-            self._transport = raw
             raw.pause_reading()  # `start_tls` must receive the first byte of the handshake.
             loop = asyncio.get_running_loop()
             self._encrypting = loop.create_task(self._encrypt(raw, admission.tls))
@@ -604,7 +612,7 @@ class PendingConnection(BufferedReader):
             self._admission.release()
 
     def _forget(self) -> None:
-        self._admission.pending.discard(self)
+        self._admission.pending.leave(self)
         self._transport = None
         if self._timer is not None:
             self._timer.cancel()
