@@ -20,6 +20,7 @@ from robotouille_client.mcp_server.open_games import MAX_GAMES_OF_ONE
 from robotouille_client.mcp_server.results import GameView
 from robotouille_client.mcp_server.sessions import (
     CHECKS_AT_ONCE,
+    MAX_CALLS_OF_TOKEN,
     MAX_SESSIONS,
     MAX_SESSIONS_OF_ADDRESS,
     MAX_SESSIONS_OF_TOKEN,
@@ -62,6 +63,7 @@ def test_documented_limits_match_the_code() -> None:
     assert rows["request body (HTTP)"] == f"{MAX_BODY_BYTES // 1024} KiB"
     assert rows["sessions, in MCP versions with a handshake (HTTP)"] == str(MAX_SESSIONS)
     assert rows["sessions with one token"] == str(MAX_SESSIONS_OF_TOKEN)
+    assert rows["calls of one token in progress (HTTP)"] == str(MAX_CALLS_OF_TOKEN)
     assert rows[f"sessions from one {ADDRESS}"] == str(MAX_SESSIONS_OF_ADDRESS)
     checked = "tokens that the game server checks at the same time"
     assert rows[checked] == str(CHECKS_AT_ONCE)

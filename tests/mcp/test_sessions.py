@@ -55,6 +55,15 @@ class Service:
         given = {name: value for name, value in given.items() if value}
         return await self._raw.request(method, self.url, json=content, headers=given)
 
+    @asynccontextmanager
+    async def listening(self, token: str) -> AsyncIterator[None]:
+        """Hold a call of a session of its own in progress."""
+        headers = {**ACCEPT, "mcp-session-id": await self.opened(token)}
+        headers["authorization"] = f"Bearer {token}"
+        async with self._raw.stream("GET", self.url, headers=headers) as answer:
+            assert answer.status_code == 200
+            yield
+
     async def opened(self, token: str = "") -> str:
         """Open a session and return its id."""
         answer = await self.send(HELLO, token)
@@ -137,6 +146,19 @@ async def test_one_token_cannot_displace_the_sessions_of_others(
         many = [await mcp.opened(eve) for _ in range(4)]
         assert await mcp.alive(session, ada)
         assert [await mcp.alive(each, eve) for each in many] == [False, False, True, True]
+
+
+async def test_one_token_cannot_use_up_the_connections_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_CALLS_OF_TOKEN", 2)
+    async with service(tmp_path) as mcp:
+        ada, eve = mcp.token("ada"), mcp.token("eve")
+        session, other = await mcp.opened(ada), await mcp.opened(eve)
+        async with mcp.listening(eve), mcp.listening(eve):
+            answer = await mcp.send(PING, eve, other)
+            assert (answer.status_code, "in progress" in answer.text) == (503, True)
+            assert await mcp.alive(session, ada)
 
 
 async def test_requests_with_unchecked_tokens_displace_no_session(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 MAX_SESSIONS = 256
 MAX_SESSIONS_OF_TOKEN = 32
 MAX_SESSIONS_OF_ADDRESS = 64
+MAX_CALLS_OF_TOKEN = 64
+"""Requests of a token in progress. Calls of the tool `wait` take a minute each and would otherwise
+use up the connections of all."""
 CHECKS_AT_ONCE = 8
 """Tokens that the game server checks at the same time."""
 CHECK_SECONDS = 10.0
@@ -90,6 +94,7 @@ class SessionKeeper:
         self._sessions: dict[str, McpSession] = {}
         self._opening: list[McpSession] = []
         self._checks = asyncio.Semaphore(CHECKS_AT_ONCE)
+        self._calls: Counter[str] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -97,6 +102,22 @@ class SessionKeeper:
             return
         headers = Headers(scope=scope)
         caller = Caller(bearer(headers.get("authorization")), alone=False)
+        if caller.token and self._calls[caller.owner] >= MAX_CALLS_OF_TOKEN:
+            refusal = _unavailable(f"{MAX_CALLS_OF_TOKEN} calls of this token are in progress")
+            await refusal(scope, receive, send)
+            return
+        self._calls[caller.owner] += 1
+        try:
+            await self._serve(caller, headers, (scope, receive, send))
+        finally:
+            self._calls[caller.owner] -= 1
+            if not self._calls[caller.owner]:
+                del self._calls[caller.owner]
+
+    async def _serve(
+        self, caller: Caller, headers: Headers, request: tuple[Scope, Receive, Send]
+    ) -> None:
+        scope, receive, send = request
         scope = {**scope, **_identity(caller)}
         if session := headers.get(SESSION_HEADER):
             await self._use(session, caller, (scope, receive, send))
