@@ -138,24 +138,11 @@ def run(settings: BaseSettings) -> None:
         worker = this_worker(settings)
         if settings.workers > 1 and worker is None:
             raise typer.Exit(supervise(settings))
-        with asyncio.Runner(loop_factory=_fastest_loop(settings)) as runner:
-            runner.run(serve_until_stopped(settings, worker))
+        asyncio.run(serve_until_stopped(settings, worker))
     except RobotouilleError as error:
         message = error.message if isinstance(error, ProtocolError) else str(error)
         tell(f"{PROGRAM}: {message}", err=True)
         raise typer.Exit(1 if isinstance(error, CannotListenError) else 2) from None
-
-
-def _fastest_loop(settings: ServerSettings) -> Callable[[], asyncio.AbstractEventLoop] | None:
-    """Return the event loop of the extra `speed`, or None for Python's own."""
-    # A connection of uvloop reads the first bytes of a TLS handshake before `start_tls` can.
-    if settings.tls_cert is not None:
-        return None
-    try:
-        import uvloop
-    except ImportError:
-        return None
-    return uvloop.new_event_loop
 
 
 def _check_task(settings: ServerSettings) -> None:
