@@ -14,7 +14,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from benchmarks import batch, core, joint, model_calls, mqtt, peers, planning
+from benchmarks import batch, core, joint, model_calls, mqtt, parts, peers, planning
 from benchmarks.flat import memory_over_steps
 from benchmarks.server import BARE, OURS, Bench, server
 from rich.console import Console
@@ -182,3 +182,9 @@ def test_window_start() -> None:
     first, kitchen = startup.first_pictures(startup.COMMANDS["robotouille-client"])
     assert first == kitchen
     assert min(first) > 0
+
+
+async def test_parts_of_a_step_are_measured(tmp_path: Path) -> None:
+    rows = dict(await parts.measure(10, 2, tmp_path))
+    assert len(rows) == 3 + len(parts.PARTS)
+    assert all(seconds > 0 for seconds in rows.values())

@@ -136,13 +136,15 @@ class Connections:
         peer = Peer(connection, codec, services.metrics, services.settings.stall_seconds)
         counted = CountedConnection(who, partial(self._displace, peer))
         conversation = Conversation(services, peer, counted)
-        connection.receiver = conversation.receive
         self.open[connection] = conversation, counted
+        connection.receiver = conversation.receive
         services.metrics.connections.set(len(self.open))
         services.connection_limiter.arrive(counted)
 
     def lost(self, connection: Connection) -> None:
         """Forget a connection that was opened."""
+        if connection not in self.open:  # `opened` has failed.
+            return
         conversation, counted = self.open.pop(connection)
         services = self._services
         services.metrics.connections.set(len(self.open))

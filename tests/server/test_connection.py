@@ -206,6 +206,17 @@ async def test_request_without_end_is_bounded(tmp_path: Path) -> None:
 
 
 @virtual
+async def test_long_request_is_refused_although_it_ends(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        wire = await Wire.open(server.port)
+        await wire.write(request()[:-2] + b"X-More: x\r\n" * (MAX_REQUEST // 10) + b"\r\n")
+        with pytest.raises(Closed):
+            await wire.response()
+        wire.cut()
+        assert dropped(server, "early") == 1
+
+
+@virtual
 async def test_invalid_frames_close_with_the_right_status(tmp_path: Path) -> None:
     cases = {
         1002: [frame(LIST, masked=False), frame(LIST, 3), frame(LIST, reserved=4)],

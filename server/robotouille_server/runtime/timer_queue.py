@@ -66,8 +66,7 @@ AT_ONCE = 50
 """Calls in a row, before data from the network is processed."""
 GRAIN = 0.001
 """Seconds before its time that a timer may be called together with an earlier one. Waking up for
-each room would take as long as the step itself. Event loops with timers of whole milliseconds would
-wake up too early and spin."""
+each room takes as long as the step itself."""
 TIDY_FROM = 100
 """Cancelled timers above which the heap is cleaned up, if they are half of it."""
 BEAT = 2.0

@@ -46,7 +46,7 @@ from robotouille_server.transport.admission import TURN_SECONDS, Admission
 MAX_OWN = 2 * MAX_CLIENT_BYTES
 """Maximum size of a frame; larger messages are answered by an error."""
 MAX_REQUEST = 16 * 1024
-"""Maximum size of the HTTP request, and of the data that follows before it is answered."""
+"""Maximum size of the HTTP request, and of data that arrives during a TLS handshake."""
 REQUEST_COST = 4.0
 """Cost of a handshake, in frames."""
 MAX_UNSENT = 128 * 1024
@@ -336,15 +336,16 @@ class Connection(BufferedReader):
         seen = self._request_end + data
         end = seen.find(END_OF_REQUEST)
         self._requested = end >= 0
+        size = end + len(END_OF_REQUEST) - len(self._request_end) if end >= 0 else len(data)
+        self._request_size += size
+        # The limit is lower than the library's (128 lines of 8 KiB), because there may be many slow
+        # handshakes.
+        if self._request_size > MAX_REQUEST:
+            self.drop("early")
+            return b""
         if not self._requested:
             # The end mark has four bytes and may be split over two packets.
             self._request_end = seen[-3:]
-            self._request_size += len(data)
-            # The limit is lower than the library's (128 lines of 8 KiB), because there may be many
-            # slow handshakes.
-            if self._request_size > MAX_REQUEST:
-                self.drop("early")
-                return b""
             library = self._rare()
             library.receive_data(data)
             if library.handshake_exc is not None:
@@ -352,7 +353,6 @@ class Connection(BufferedReader):
             return b""
         # A handshake computes a hash and builds objects, so many at once would delay steps.
         self._admission.loop_budget.spend(REQUEST_COST)
-        size = end + len(END_OF_REQUEST) - len(self._request_end)
         self._rare().receive_data(data[:size])
         self._answer_request()
         return data[size:]
@@ -389,7 +389,7 @@ class Connection(BufferedReader):
     # Receiving
 
     def data_received(self, data: bytes) -> None:
-        """Split data into frames; the library's parser gets the request and whole frames."""
+        """Split data into frames; the library gets the request and rare frames."""
         # Usually the data is processed at once. While other connections wait for their turn, it
         # queues behind theirs.
         budget = self._admission.loop_budget
@@ -566,7 +566,11 @@ class PendingConnection(BufferedReader):
                 raw.abort()
                 self._end()
         if encrypted is not None:
-            self._wait(encrypted)
+            try:
+                self._wait(encrypted)
+            except Exception:
+                get_logger().exception("a connection failed")
+                encrypted.abort()
 
     def _wait(self, transport: asyncio.Transport) -> None:
         self._transport = transport

@@ -184,8 +184,8 @@ class Peer:
     def _check_later(self) -> None:
         loop = self.socket.loop
         self._checks_at = loop.time() + CHECK_SECONDS
-        # The buffer is polled, because the library uses the transport's own callback for a drained
-        # buffer.
+        # The buffer is polled, because there are two thresholds and a time-out, and transports call
+        # back for one threshold only.
         loop.call_at(self._checks_at, self._check)
 
     def close(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:

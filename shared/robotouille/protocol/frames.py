@@ -5,8 +5,9 @@ reader.receive(data)
 while reader.next_frame():
     ...  # reader.first, reader.content
 
-The server and the load tester use this for data frames, which they handle a hundred thousand times
-a second. Handshakes, closing and everything rare are left to the `websockets` library.
+The server and the load tester use this for data frames, pings and pongs, of which they handle a
+hundred thousand a second. Handshakes, closing and everything rare are left to the `websockets`
+library.
 """
 
 from __future__ import annotations

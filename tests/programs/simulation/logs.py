@@ -19,7 +19,7 @@ EXPECTED = (
     "episode not restored yet",
 )
 """Messages that a server must log when the disk is full."""
-LIBRARY_FAULTS = ("connection handler failed", "process_request failed", "unexpected internal")
+LIBRARY_FAULTS = ("parser failed", "opening handshake failed", "unexpected internal")
 
 _report: list[Callable[[str], None]] = []
 

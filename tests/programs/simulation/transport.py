@@ -333,7 +333,15 @@ class Transport(asyncio.Transport):
                 self.close()
             return
         self._into.taken(len(data))
-        self._protocol.data_received(data)
+        if isinstance(self._protocol, asyncio.BufferedProtocol):
+            while data:
+                buffer = memoryview(self._protocol.get_buffer(len(data)))
+                size = min(len(buffer), len(data))
+                buffer[:size] = data[:size]
+                self._protocol.buffer_updated(size)
+                data = data[size:]
+        else:
+            self._protocol.data_received(data)
 
     def has_room(self) -> None:
         """Continue to write, because the other end has read something."""
