@@ -5,7 +5,7 @@ reader.receive(data)
 while reader.next_frame():
     ...  # reader.first, reader.content
 
-The server and the load tester use this for data frames, pings and pongs, of which they handle a
+The server and the load tester use this for data frames, pings and pongs, because they handle a
 hundred thousand a second. Handshakes, closing and everything rare are left to the `websockets`
 library.
 """
