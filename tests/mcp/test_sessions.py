@@ -148,6 +148,20 @@ async def test_one_token_cannot_displace_the_sessions_of_others(
         assert [await mcp.alive(each, eve) for each in many] == [False, False, True, True]
 
 
+async def test_token_at_its_own_limit_displaces_no_neighbour(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "MAX_SESSIONS_OF_TOKEN", 2)
+    monkeypatch.setattr(sessions, "MAX_SESSIONS_OF_ADDRESS", 3)
+    monkeypatch.setattr(sessions, "address_group", lambda address: "here")
+    async with service(tmp_path) as mcp:
+        ada, eve = mcp.token("ada"), mcp.token("eve")
+        session = await mcp.opened(ada)
+        many = [await mcp.opened(eve) for _ in range(3)]
+        assert await mcp.alive(session, ada)
+        assert [await mcp.alive(each, eve) for each in many] == [False, True, True]
+
+
 async def test_one_token_cannot_use_up_the_connections_of_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

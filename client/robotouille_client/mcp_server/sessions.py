@@ -182,14 +182,15 @@ class SessionKeeper:
     async def _make_room(self, new: McpSession, scope: Scope) -> Response | None:
         """End sessions without a game until the new one is within all limits."""
         self._forget_idle()
-        limits: list[tuple[int, Callable[[McpSession], bool]]] = [
-            (MAX_SESSIONS, lambda _: True),
-        ]
+        # The narrowest limit comes first: a token at its own limit ends its own session, and then
+        # the sessions of its neighbours are within theirs.
+        limits: list[tuple[int, Callable[[McpSession], bool]]] = []
         if new.caller.token:
             limits.append((MAX_SESSIONS_OF_TOKEN, lambda s: s.caller.owner == new.caller.owner))
         if new.group:
             limits.append((MAX_SESSIONS_OF_ADDRESS, lambda s: s.group == new.group))
-        for limit, counts in reversed(limits):
+        limits.append((MAX_SESSIONS, lambda _: True))
+        for limit, counts in limits:
             while len(list(filter(counts, [*self._sessions.values(), *self._opening]))) > limit:
                 playing = self._games.sessions()
                 unused = [s for s in self._sessions.values() if counts(s) and s.id not in playing]
