@@ -46,7 +46,8 @@ DEPARTURES = {
 class Episode:
     """One play of a task under given rules.
 
-    All methods take `now`: seconds on a clock that the caller reads and that never goes back.
+    All methods take `now`: seconds on a clock that the caller reads and that never goes back, except
+    by the moment by which a tick may come early.
     Methods that name a player raise ProtocolError `seat/unknown` if there is no such seat.
 
     Args:
