@@ -46,8 +46,9 @@ DEPARTURES = {
 class Episode:
     """One play of a task under given rules.
 
-    All methods take `now`: seconds on a clock that the caller reads and that never goes back, except
-    by the moment by which a tick may come early.
+    All methods take `now`: seconds on a clock that the caller reads. The clock never goes back,
+    except by the moment by which a tick may come early.
+
     Methods that name a player raise ProtocolError `seat/unknown` if there is no such seat.
 
     Args:
