@@ -192,7 +192,7 @@ async def measure(rooms: int, rounds: int, folder: Path) -> list[tuple[str, floa
         messages_per_second=1000.0, countdown=0.0,
     )  # fmt: skip
     with (
-        patch.object(LoopBudget, "free", lambda self: True),
+        patch.object(LoopBudget, "start", lambda self: True),
         patch.object(LoopBudget, "over", False),
         patch.object(LoopBudget, "wait", lambda self, resume: resume()),
     ):

@@ -7,7 +7,6 @@ import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from functools import partial
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RobotouilleError
@@ -17,8 +16,6 @@ from robotouille_server.auth import (
     Credentials,
     Role,
     RoleGrant,
-    newcomer_group,
-    parse_networks,
 )
 from robotouille_server.health import Alert, Health, alerts
 from robotouille_server.listener import CannotListenError, Connections, HttpPages, Listener
@@ -31,7 +28,7 @@ from robotouille_server.rooms.storage import Folder
 from robotouille_server.runtime.logs import AuditLog, get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.transport import MAX_SURPLUS_CONNECTIONS, Admission, Handshaking
+from robotouille_server.transport import MAX_SURPLUS_CONNECTIONS, Admission, Newcomers
 
 __all__ = ["CannotListenError", "Server", "Surroundings", "serve"]
 
@@ -62,11 +59,9 @@ class Server:
         self._used_tokens = credentials.used
         self.sessions = Sessions(settings, self.metrics, credentials, around.randomness)
         limit = settings.max_connections + MAX_SURPLUS_CONNECTIONS
-        proxies = parse_networks(settings.trust_proxy, "--trust-proxy")
-        pending = Handshaking(
-            settings.max_connections_per_address, partial(newcomer_group, proxies=proxies)
-        )
-        self.admission = Admission(self.metrics, limit, settings.hello_seconds, pending)
+        pages = HttpPages(settings, self._full, self._metrics_page)
+        newcomers = Newcomers(settings.max_connections_per_address, pages.newcomer_group)
+        self.admission = Admission(self.metrics, limit, settings.hello_seconds, newcomers)
         loop_budget = self.admission.loop_budget
         self.lobby = Lobby(settings, self.metrics, self.sessions, loop_budget, around)
         self.shutdown = Shutdown()
@@ -83,7 +78,6 @@ class Server:
             shutdown=self.shutdown,
             worker=self.worker,
         )
-        pages = HttpPages(settings, self._full, self._metrics_page)
         self.connections = Connections(self.services, self.admission, pages, self._disconnected)
         self.listener = Listener(settings, self.worker, self.connections, pages, self.admission)
 

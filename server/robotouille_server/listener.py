@@ -19,6 +19,7 @@ from robotouille_server.auth import (
     CountedConnection,
     Visitor,
     comes_from,
+    newcomer_group,
     origin_refusal,
     parse_networks,
     parse_origins,
@@ -62,6 +63,10 @@ class HttpPages:
     def visitor(self, connection: Connection, request: Request) -> Visitor:
         """Return where a request comes from."""
         return visitor(connection.remote_address, request.headers, self._proxies)
+
+    def newcomer_group(self, peer: object) -> str:
+        """Return what a connection without a request counts as; empty for no limit."""
+        return newcomer_group(peer, self._proxies)
 
     def answer(self, connection: Connection, request: Request) -> Response | None:
         """Answer a request; return None to go on with the WebSocket handshake."""
@@ -142,10 +147,11 @@ class Connections:
         services.connection_limiter.arrive(counted)
 
     def lost(self, connection: Connection) -> None:
-        """Forget a connection that was opened."""
-        if connection not in self.open:  # `opened` has failed.
+        """Forget a connection, which may not have been opened."""
+        served = self.open.pop(connection, None)
+        if served is None:
             return
-        conversation, counted = self.open.pop(connection)
+        conversation, counted = served
         services = self._services
         services.metrics.connections.set(len(self.open))
         services.connection_limiter.release(counted)

@@ -16,7 +16,7 @@ from robotouille_server.rooms.audience import DELIVERY_SECONDS
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.metrics import Metrics
-from robotouille_server.transport import Admission, Handshaking, LoopBudget
+from robotouille_server.transport import Admission, LoopBudget, Newcomers
 from robotouille_server.transport.admission import LOOP_BUDGET, TURN_SECONDS
 from robotouille_server.transport.connection import Connection, PendingConnection
 from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
@@ -136,7 +136,7 @@ async def test_silent_connection_creates_no_library_connection(tmp_path: Path) -
     async with serving(tmp_path) as server:
         connections = NewOnes(Connection)
         held = await silent(server.port, 20)
-        assert len(server.admission.pending) == 20
+        assert len(server.admission.newcomers) == 20
         assert connections.count() == 0
         for _, writer in held:
             writer.close()
@@ -154,7 +154,7 @@ async def test_silent_connection_is_closed_and_freed(tmp_path: Path) -> None:
             writer.close()
         assert asyncio.get_running_loop().time() - begun == pytest.approx(SECONDS, abs=0.5)
         await asyncio.sleep(1)
-        assert not server.admission.pending
+        assert not server.admission.newcomers
         assert server.admission.admitted == 0
         gc.collect()
         assert pending.count() == 0
@@ -206,15 +206,15 @@ class Caller:
 @virtual
 async def test_silent_connections_of_one_address_replace_each_other() -> None:
     groups = {"": "", "a": "a", "b": "b"}
-    admission = Admission(Metrics(), 100, SECONDS, Handshaking(2, lambda peer: groups[str(peer)]))
+    admission = Admission(Metrics(), 100, SECONDS, Newcomers(2, lambda peer: groups[str(peer)]))
     here, strangers, other = [Caller() for _ in range(5)], [Caller() for _ in range(4)], Caller()
     for peer, callers in (("", here), ("a", strangers), ("b", [other])):
         for caller in callers:
             admission.enter(caller, peer)
     assert [caller.closed for caller in strangers] == [True, True, False, False]
     assert not any(caller.closed for caller in (*here, other))
-    admission.pending.leave(strangers[2])
-    admission.pending.leave(strangers[2])
+    admission.newcomers.leave(strangers[2])
+    admission.newcomers.leave(strangers[2])
     admission.enter(Caller(), "a")
     assert not strangers[3].closed
     assert admission.metrics.dropped.labels("displaced")._value.get() == 2
@@ -230,7 +230,7 @@ async def test_queue_is_served_in_order_within_the_budget() -> None:
 
     for name in ("ada", "bob", "cy"):
         budget.wait(lambda name=name: serve(name))  # type: ignore[misc]
-    assert not budget.free(), "newcomers wait behind them"
+    assert not budget.start(), "newcomers wait behind them"
     await asyncio.sleep(0)
     assert served == ["ada", "bob"]
     await asyncio.sleep(0)
@@ -266,9 +266,9 @@ async def test_turn_ends_after_its_time_though_messages_count_little(
         budget.wait(lambda name=name: serve(name))  # type: ignore[misc]
     await asyncio.sleep(0)
     assert served == ["ada"]
-    assert not budget.free(), "newcomers wait for the next turn"
+    assert not budget.start(), "newcomers wait for the next turn"
     await asyncio.sleep(0)
     assert served == ["ada", "bob"]
     await asyncio.sleep(0)
     now[0] += TURN_SECONDS
-    assert budget.free(), "time without work does not count"
+    assert budget.start(), "time without work does not count"

@@ -120,7 +120,7 @@ def visitor(peer: object, headers: Headers, proxies: Collection[Network] = ()) -
         headers: The headers of the request.
         proxies: The trusted proxies.
     """
-    address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
+    address = _peer_address(peer)
     if address is None:
         return Visitor(UNKNOWN, local=False, group=UNKNOWN)
     forwarded = any(name in headers for name in PROXY_HEADERS)
@@ -144,7 +144,7 @@ def newcomer_group(peer: object, proxies: Collection[Network]) -> str:
 
     Programs on this machine and trusted proxies are not limited.
     """
-    address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
+    address = _peer_address(peer)
     if address is None:
         return UNKNOWN
     if address.is_loopback or any(address in network for network in proxies):
@@ -154,11 +154,15 @@ def newcomer_group(peer: object, proxies: Collection[Network]) -> str:
 
 def comes_from(peer: object, headers: Headers, networks: Collection[Network]) -> bool:
     """Return whether a request comes directly, without a proxy, from one of these networks."""
-    address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
+    address = _peer_address(peer)
     # The metrics may not be read through a proxy, whose address could be in the allowed network.
     if address is None or any(name in headers for name in PROXY_HEADERS):
         return False
     return any(address in network for network in networks)
+
+
+def _peer_address(peer: object) -> Address | None:
+    return _address(peer[0]) if isinstance(peer, tuple) and peer else None
 
 
 def _address(text: object) -> Address | None:

@@ -3,8 +3,8 @@
 from robotouille_server.transport.admission import (
     MAX_SURPLUS_CONNECTIONS,
     Admission,
-    Handshaking,
     LoopBudget,
+    Newcomers,
 )
 from robotouille_server.transport.connection import Connection, PendingConnection, cut, frame_of
 from robotouille_server.transport.peer import MAX_HELD, Peer
@@ -15,8 +15,8 @@ __all__ = [
     "MAX_SURPLUS_CONNECTIONS",
     "Admission",
     "Connection",
-    "Handshaking",
     "LoopBudget",
+    "Newcomers",
     "Peer",
     "PendingConnection",
     "ServerTLS",

@@ -47,8 +47,8 @@ class LoopBudget:
         """True if the budget or the time of the current turn is used up."""
         return self._spent >= LOOP_BUDGET or self._loop.time() >= self._until
 
-    def free(self) -> bool:
-        """Return whether data that has just arrived may be processed now; see `rest`."""
+    def start(self) -> bool:
+        """Return whether data that has just arrived may be processed now; then call `done`."""
         now = self._loop.time()
         # The event loop does not tell when a turn begins. A callback for each turn would cost as
         # much as reading a message, so it is used only when half of the budget is spent.
@@ -56,7 +56,7 @@ class LoopBudget:
             self._begin(now)
         return not self._waiting and self._spent < LOOP_BUDGET and now < self._until
 
-    def rest(self) -> None:
+    def done(self) -> None:
         """Note that the data has been processed."""
         self._worked = self._loop.time()
 
@@ -97,7 +97,7 @@ class LoopBudget:
             # The event loop logs the error of a connection; the others must still get their turns.
             if self._waiting:
                 self._schedule()
-            self.rest()
+            self.done()
 
 
 class Handshakes:
@@ -176,14 +176,14 @@ class Handshakes:
             self._timer = self._loop.call_at(max(due, now + 0.1), self._abort_slow)
 
 
-class Pending(Protocol):
+class Newcomer(Protocol):
     """Connection that has not completed its handshake yet."""
 
     def abort(self) -> None:
         """Close the connection at once."""
 
 
-class Handshaking:
+class Newcomers:
     """Connections that have not completed their handshake; few of each address.
 
     One more than `limit` replaces the oldest, so connections that send nothing do not lock out
@@ -197,13 +197,13 @@ class Handshaking:
     def __init__(self, limit: int, group_of: Callable[[object], str]) -> None:
         self._limit = limit
         self._group_of = group_of
-        self._groups: dict[Pending, str] = {}
-        self._members: dict[str, dict[Pending, None]] = {}
+        self._groups: dict[Newcomer, str] = {}
+        self._members: dict[str, dict[Newcomer, None]] = {}
 
     def __len__(self) -> int:
         return len(self._groups)
 
-    def enter(self, one: Pending, peer: object) -> Pending | None:
+    def enter(self, one: Newcomer, peer: object) -> Newcomer | None:
         """Add a connection; return the one that it replaces, which must be closed."""
         group = self._groups[one] = self._group_of(peer)
         if not group:
@@ -216,7 +216,7 @@ class Handshaking:
         self.leave(oldest)
         return oldest
 
-    def leave(self, one: Pending) -> None:
+    def leave(self, one: Newcomer) -> None:
         """Remove a connection, if it is still there."""
         group = self._groups.pop(one, "")
         if members := self._members.get(group):
@@ -238,12 +238,12 @@ class Admission:
         tls: The TLS context, if the server uses TLS.
         opening_seconds: The seconds that a client has for its TLS handshake, and again for its
             request.
-        pending: The connections that have not completed their handshake yet.
+        newcomers: The connections that have not completed their handshake yet.
         admitted: The number of connections.
     """
 
     def __init__(
-        self, metrics: Metrics, limit: int, opening_seconds: float, pending: Handshaking
+        self, metrics: Metrics, limit: int, opening_seconds: float, newcomers: Newcomers
     ) -> None:
         loop = asyncio.get_running_loop()
         self.metrics = metrics
@@ -252,7 +252,7 @@ class Admission:
         self.opening_seconds = opening_seconds
         self.loop_budget = LoopBudget(loop)
         self.handshakes = Handshakes(loop)
-        self.pending = pending
+        self.newcomers = newcomers
         self.admitted = 0
         self._empty: asyncio.Future[None] | None = None
 
@@ -265,9 +265,9 @@ class Admission:
         self.admitted += 1
         return True
 
-    def enter(self, one: Pending, peer: object) -> None:
+    def enter(self, one: Newcomer, peer: object) -> None:
         """Add a connection that has not completed its handshake."""
-        displaced = self.pending.enter(one, peer)
+        displaced = self.newcomers.enter(one, peer)
         if displaced is not None:
             self.metrics.dropped.labels("displaced").inc()
             displaced.abort()
@@ -275,7 +275,7 @@ class Admission:
     def close(self) -> None:
         """Close all connections that have not completed their handshake."""
         self.handshakes.close()
-        self.pending.close()
+        self.newcomers.close()
 
     def release(self) -> None:
         """Count a connection as closed."""

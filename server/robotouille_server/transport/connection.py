@@ -100,7 +100,7 @@ class Handler(Protocol):
         """Serve a connection after its handshake."""
 
     def lost(self, connection: Connection) -> None:
-        """Forget a connection that was opened."""
+        """Forget a connection, which may not have been opened."""
 
 
 READ_BUFFER = memoryview(bytearray(64 * 1024))
@@ -144,8 +144,7 @@ class Connection(BufferedReader):
         "_frames",
         "_handler",
         "_is_text",
-        "_library",
-        "_opened",
+        "_kept_library",
         "_parts",
         "_paused",
         "_ping",
@@ -166,7 +165,7 @@ class Connection(BufferedReader):
     def __init__(self, handler: Handler, admission: Admission) -> None:
         self.transport: asyncio.Transport
         self.loop = asyncio.get_running_loop()
-        self.open = self._opened = self._ending = False
+        self.open = self._ending = False
         self.latency = 0.0
         self.subprotocol: str | None = None
         self.receiver: Callable[[bytes | str], None] | None = None
@@ -174,7 +173,7 @@ class Connection(BufferedReader):
         self._admission = admission
         # The library's part is made for the handshake and for rare frames, and is dropped
         # afterwards: it takes several kilobytes.
-        self._library: ServerProtocol | None = ServerProtocol(
+        self._kept_library: ServerProtocol | None = ServerProtocol(
             subprotocols=[Subprotocol(name) for name in SUBPROTOCOLS],
             select_subprotocol=_select_subprotocol,
             max_size=MAX_OWN,
@@ -207,18 +206,17 @@ class Connection(BufferedReader):
 
     def connection_lost(self, exc: Exception | None) -> None:
         self.open = False
-        self._admission.pending.leave(self)
+        self._admission.newcomers.leave(self)
         if self._timer is not None:
             self._timer.cancel()
         self._reader.clear()
         self._parts.clear()
         try:
-            if self._opened:
-                self._handler.lost(self)
+            self._handler.lost(self)
         finally:
             # Without its references, the connection is freed at once. Otherwise clients that come
             # and go would leave garbage whose collection delays steps.
-            self.receiver = self._library = None
+            self.receiver = self._kept_library = None
             # Each `admit` needs exactly one `release`. Otherwise, the server would refuse clients
             # after some time.
             self._admission.release()
@@ -244,12 +242,12 @@ class Connection(BufferedReader):
     def say_goodbye(self, status: int, reason: str) -> None:
         """Send a close frame, without waiting for the client."""
         if self.open:
-            self._rare().send_close(status, cut(reason))
+            self._library.send_close(status, cut(reason))
             self._send_from_library()
 
     def _send_from_library(self) -> None:
         """Send what the library has to send, and end the connection if it has closed it."""
-        library = self._rare()
+        library = self._library
         for data in library.data_to_send():
             if data:
                 self.transport.write(data)
@@ -281,7 +279,7 @@ class Connection(BufferedReader):
         late = now - self._ping_at - PING_SECONDS
         # After a suspension of the server, a pong may have arrived but was not read yet.
         if self._ping and late < LATE:
-            self._rare().fail(1011, "a ping was not answered")
+            self._library.fail(1011, "a ping was not answered")
             self._send_from_library()
             return
         self._ping, self._ping_at = secrets.token_bytes(4), now
@@ -346,19 +344,19 @@ class Connection(BufferedReader):
         if not self._requested:
             # The end mark has four bytes and may be split over two packets.
             self._request_end = seen[-3:]
-            library = self._rare()
+            library = self._library
             library.receive_data(data)
             if library.handshake_exc is not None:
                 self._send_from_library()
             return b""
         # A handshake computes a hash and builds objects, so many at once would delay steps.
         self._admission.loop_budget.spend(REQUEST_COST)
-        self._rare().receive_data(data[:size])
+        self._library.receive_data(data[:size])
         self._answer_request()
         return data[size:]
 
     def _answer_request(self) -> None:
-        library = self._rare()
+        library = self._library
         # Without an event, this was no HTTP request, and the library ends the stream.
         for request in library.events_received():
             if isinstance(request, Request):
@@ -376,15 +374,15 @@ class Connection(BufferedReader):
     def _open(self, library: ServerProtocol, request: Request) -> None:
         self.subprotocol = library.subprotocol
         self._send_from_library()
-        self._library = None
-        self._admission.pending.leave(self)
-        self.open = self._opened = True
+        self._kept_library = None
+        self._admission.newcomers.leave(self)
+        self.open = True
         self._set_timer(PING_SECONDS, self._send_ping)
         self._handler.opened(self, request)
 
     def respond(self, status: int, text: str) -> Response:
         """Return a plain answer to the request."""
-        return self._rare().reject(status, text)
+        return self._library.reject(status, text)
 
     # Receiving
 
@@ -393,9 +391,9 @@ class Connection(BufferedReader):
         # Usually the data is processed at once. While other connections wait for their turn, it
         # queues behind theirs.
         budget = self._admission.loop_budget
-        if self._paused or budget.free():
+        if self._paused or budget.start():
             self._take(data)
-            budget.rest()
+            budget.done()
         else:
             self._reader.receive(data)
             self.give_way()
@@ -469,21 +467,22 @@ class Connection(BufferedReader):
 
     # Rare frames
 
-    def _rare(self) -> ServerProtocol:
-        """Return the library's part, which is made again if it was dropped."""
-        if self._library is None:
-            self._library = ServerProtocol(state=State.OPEN, max_size=MAX_OWN)
-        return self._library
+    @property
+    def _library(self) -> ServerProtocol:
+        """The library's part, which is made again if it was dropped."""
+        if self._kept_library is None:
+            self._kept_library = ServerProtocol(state=State.OPEN, max_size=MAX_OWN)
+        return self._kept_library
 
     def _pass_to_library(self, data: bytes) -> None:
-        library = self._rare()
+        library = self._library
         library.receive_data(data)
         for event in library.events_received():
             if isinstance(event, Frame) and event.opcode in DATA:
                 self._take_part(event)
         self._send_from_library()
         if self.open and not self._parts:
-            self._library = None
+            self._kept_library = None
 
     # Messages
 
@@ -505,7 +504,7 @@ class Connection(BufferedReader):
         except UnicodeDecodeError:
             # Status 1007 is for data that does not match the type of the message (RFC 6455, section
             # 7.4.1).
-            self._rare().fail(1007, "text that is not UTF-8")
+            self._library.fail(1007, "text that is not UTF-8")
             self._send_from_library()
             return
         if self.receiver is not None:
@@ -616,7 +615,7 @@ class PendingConnection(BufferedReader):
             self._admission.release()
 
     def _forget(self) -> None:
-        self._admission.pending.leave(self)
+        self._admission.newcomers.leave(self)
         self._transport = None
         if self._timer is not None:
             self._timer.cancel()
