@@ -57,6 +57,7 @@ RECEIVED = (
         grace=30.0,
         readiness=True,
         workers=[m.WorkerAddress(port=8766), m.WorkerAddress(port=8767)],
+        nodes=["wss://node2.kitchen.example.org"],
     ),
     m.Episodes(
         ref=1,

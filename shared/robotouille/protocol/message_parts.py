@@ -16,6 +16,7 @@ from robotouille.world.unmet import Unmet, UnmetKind
 
 Identifier = Annotated[str, Field(min_length=1, max_length=64)]
 Token = Annotated[str, Field(min_length=1, max_length=2000)]
+NodeAddress = Annotated[str, Field(min_length=1, max_length=300)]
 # JSON numbers are doubles in many languages, which are exact up to 2**53.
 Position = Annotated[int, Field(ge=0, le=2**53)]
 Ref = Annotated[

@@ -49,6 +49,7 @@ from robotouille.protocol.message_parts import (
     Line,
     Message,
     NamedAction,
+    NodeAddress,
     OutcomeRow,
     Pause,
     PlainText,
@@ -440,6 +441,11 @@ class Welcome(FromServer):
         description="For hosts and operators of a server with several processes: all of them. "
         "Each opens, lists and closes only its own episodes.",
     )
+    nodes: Annotated[list[NodeAddress], Field(max_length=64)] = Field(
+        default=[],
+        description="Addresses of the other nodes of a cluster. A client that loses its node "
+        "tries them.",
+    )
 
 
 class Episodes(FromServer):
@@ -536,11 +542,13 @@ class Joined(FromServer):
 
 
 class Moved(FromServer):
-    """The answer to `join` or `hello` if another process of the server has the episode."""
+    """Another process or node has the episode. Answers `join` or `hello`, or comes by itself."""
 
     type: Literal["moved"] = "moved"
     ref: Ref = None
-    episode: Identifier = Field(description="The id or code of the request.")
+    episode: Identifier = Field(
+        description="The id or code of the request; without a request, the episode's id."
+    )
     port: int = Field(description="The other process's port on the same host.")
     url: str = Field(default="", description="The address to connect to instead of `port`, if set.")
 
