@@ -112,6 +112,9 @@ class Conversation:
             self._answer_error(error, ref)
         except Exception:
             self._answer_failure(ref)
+        session = self.session
+        if session is not None and session.room is not None and session.room.writing:
+            session.room.hold(peer.socket)
         peer.throttle()
 
     def _decode(self, payload: bytes | str) -> messages.ClientMessage:

@@ -14,7 +14,7 @@ from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restoring
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.journal import Journal, name_in
+from robotouille_server.rooms.journal import EpisodeJournal, name_in
 from robotouille_server.rooms.storage import Storage
 from robotouille_server.runtime.logs import get_logger
 
@@ -41,7 +41,7 @@ class ArchivedEpisode:
     head: dict[str, Any]
     restored: Restored
     recorder: Recorder
-    journal: Journal | None
+    journal: EpisodeJournal | None
 
 
 class TooLongError(RecordingError):

@@ -10,9 +10,9 @@ from typing import Any
 from robotouille.episode import Episode, Event, Phase, Stepped
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.journal import Journal
+from robotouille_server.rooms.journal import EpisodeJournal
 from robotouille_server.rooms.membership import Membership
-from robotouille_server.rooms.publisher import Publisher, SpectatorRosters
+from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.seat_limits import RoundTrips
 from robotouille_server.rooms.substitutes import BotScheduler
 from robotouille_server.rooms.write_ahead import CommitGate, WriteAhead
@@ -40,11 +40,10 @@ class EpisodeParts:
     """Parts of one room that its driver connects."""
 
     episode: Episode
-    journal: Journal | None
+    journal: EpisodeJournal | None
     gate: CommitGate
     broadcaster: Broadcaster
     membership: Membership
-    rosters: SpectatorRosters
 
 
 class EpisodeDriver:
@@ -71,7 +70,6 @@ class EpisodeDriver:
         "_published",
         "_publisher",
         "_retry",
-        "_rosters",
         "_round_trips",
         "_timer",
         "_timers",
@@ -93,7 +91,6 @@ class EpisodeDriver:
         self._journal = parts.journal
         self._gate = parts.gate
         self._broadcaster = parts.broadcaster
-        self._rosters = parts.rosters
         self._metrics = machinery.metrics
         self._timers = machinery.timers
         self.now = machinery.timers.time
@@ -116,6 +113,8 @@ class EpisodeDriver:
             parts.episode, parts.journal, parts.gate, self._publisher.publish, self._failing_changed
         )
         self._open = True
+        if parts.journal is not None:
+            parts.journal.listen(self._journal_changed)
 
     def apply(self, change: Callable[..., object], *arguments: Any, **options: Any) -> None:
         """Call `change(*arguments, now, **options)`, then write and publish what happened."""
@@ -162,6 +161,9 @@ class EpisodeDriver:
 
     def _on_time(self, due: float) -> None:
         self._timer = None
+        # The step waits for the last one to be written; `_flush` then sets the timer again.
+        if self._gate.closed:
+            return
         now = self.now()
         episode = self._episode
         # Only the lateness of real-time steps is measured: no player notices other late timers.
@@ -198,6 +200,8 @@ class EpisodeDriver:
             # The episode needs no timer: it is paused while the recording cannot be written.
             self._retry_later()
             return
+        if self._gate.closed:
+            return
         self._schedule()
         self._publisher.follow_up()
 
@@ -218,6 +222,9 @@ class EpisodeDriver:
 
     def _write_again(self) -> None:
         self._retry = None
+        self._journal_changed()
+
+    def _journal_changed(self) -> None:
         try:
             self.flush(retry=True)
         except Exception:
@@ -231,7 +238,6 @@ class EpisodeDriver:
             self._broadcaster.publish_unwritable()
         else:
             self._metrics.failing.dec()
-            self._rosters.released()
 
     # The end
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, Protocol
 
 from robotouille.episode import Event
@@ -12,6 +14,7 @@ from robotouille.replay.container import MAGIC, compress, frame_ends, frame_valu
 from robotouille.replay.file_names import CLOSED, OPEN, file_name
 from robotouille.replay.recorder import Recorder
 from robotouille_server.rooms.storage import Appender, FileCondition, Storage
+from robotouille_server.rooms.write_ahead import EventLog
 from robotouille_server.runtime.logs import get_logger
 
 MAX_RECORDING_BYTES = 192 * 1024 * 1024
@@ -23,6 +26,37 @@ MAX_RECORDING_FRAMES = 1_200_000
 def name_in(head: dict[str, Any]) -> str:
     """Return the original file name of the recording with this header."""
     return file_name(head["created"], head["task"]["name"], head["episode"])
+
+
+class EpisodeJournal(EventLog, Protocol):
+    """Recording of a running episode: a file (`Journal`), or a replicated one."""
+
+    @property
+    def name(self) -> str:
+        """File name, with the suffix of an open recording."""
+
+    @property
+    def size(self) -> int:
+        """Number of written bytes."""
+
+    @property
+    def full(self) -> bool:
+        """True if the recording has reached its maximum size."""
+
+    def listen(self, changed: Callable[[], None]) -> None:
+        """Call `changed` when a write that took longer has succeeded, or when it has failed."""
+
+    def repair_if_changed(self) -> bool:
+        """Repair the recording if another program has changed it; see `Journal`."""
+
+    def finish(self, *, kept: bool) -> asyncio.Future[str]:
+        """Close the recording and return its final name, or delete it if it is not `kept`."""
+
+    def discard(self) -> None:
+        """Delete the recording, because nobody took part in the episode."""
+
+    def release(self) -> None:
+        """Stop writing, so that another process can continue the recording."""
 
 
 class Journal:
@@ -113,6 +147,13 @@ class Journal:
         self._unwritten = ""
         return True
 
+    def check_ownership(self) -> bool:
+        """Return True: the file is locked as long as it is open."""
+        return True
+
+    def listen(self, changed: Callable[[], None]) -> None:
+        """Do nothing, because every write succeeds or fails at once."""
+
     def repair_if_changed(self) -> bool:
         """Check whether another program has changed the file; write a removed file again.
 
@@ -164,6 +205,12 @@ class Journal:
             get_logger().error("recording damaged", file=self.name, error=damage)
         self._damage = damage
 
+    def finish(self, *, kept: bool) -> asyncio.Future[str]:
+        """Close the recording and return its final name, or delete it if it is not `kept`."""
+        # A thread closes the file, because compressing a long recording would delay steps.
+        loop = asyncio.get_running_loop()
+        return loop.run_in_executor(None, partial(_finish, self, kept=kept))
+
     def close(self) -> str:
         """Compress the recording and give it its final name.
 
@@ -205,11 +252,18 @@ class Journal:
             self._file = None
 
 
+def _finish(journal: Journal, *, kept: bool) -> str:
+    if kept:
+        return journal.close()
+    journal.discard()
+    return ""
+
+
 class RecordedRoom(Protocol):
     """Part of a room that its recording needs; see `Room`."""
 
     @property
-    def journal(self) -> Journal | None: ...
+    def journal(self) -> EpisodeJournal | None: ...
 
     def players_of(self, session_id: str) -> tuple[str, ...]: ...
 

@@ -20,7 +20,6 @@ from robotouille_server.rooms.episode_setup import (
     Rematches,
     check_alone,
 )
-from robotouille_server.rooms.journal import Journal
 from robotouille_server.rooms.recovery import Recovery
 from robotouille_server.rooms.room import Room, RoomObserver
 from robotouille_server.rooms.room_factory import (
@@ -390,14 +389,11 @@ class Lobby:
         if room.reserved:
             self._codes.close_unused(UnusedCode(info(room, room.labels), room.owner))
             get_logger().info("episode closed unused", episode=room.id, code=room.code)
-        loop = asyncio.get_running_loop()
         if room.journal is not None:
             # A researcher expects a file for every labelled or reserved episode, played or not.
             # Other unplayed episodes would only fill the folder with empty recordings.
             kept = room.episode.record.used or room.reserved or bool(room.labels)
-            # A thread closes the file, because compressing a long recording would delay steps.
-            finish = partial(_finish, room.journal, kept=kept)
-            closing = loop.run_in_executor(None, finish)
+            closing = room.journal.finish(kept=kept)
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
             closing.add_done_callback(partial(_name_recording, room))
@@ -499,14 +495,6 @@ def _inspect(room: Room) -> bool:
 
 def _measure_round_trips(room: Room) -> bool:
     return room.driver.measure_round_trips()
-
-
-def _finish(journal: Journal, *, kept: bool) -> str:
-    """Close a recording and return its name, or delete it if it is not `kept`."""
-    if kept:
-        return journal.close()
-    journal.discard()
-    return ""
 
 
 def _name_recording(room: Room, closing: asyncio.Future[str]) -> None:

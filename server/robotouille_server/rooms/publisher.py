@@ -131,11 +131,6 @@ class SpectatorRosters:
         self._wanted = True
         self._schedule()
 
-    def released(self) -> None:
-        """Schedule the roster that was withheld while writing failed."""
-        if self._wanted:
-            self._schedule()
-
     def _schedule(self) -> None:
         if self._timer is None:
             # A timer is used even if the roster is due now, so that all changes in one turn of the
@@ -145,9 +140,10 @@ class SpectatorRosters:
 
     def _on_time(self, due: float) -> None:
         self._timer = None
-        # While writing fails, a roster would show unwritten changes. `released` is called when
-        # writing works again.
-        if self._wanted and not self._gate.failing:
+        # Until everything is written, a roster would show unwritten changes.
+        if self._gate.closed:
+            self._gate.when_committed(self, self._schedule)
+        elif self._wanted:
             self._wanted = False
             self._rested_at = max(due, self._timers.time()) + ROSTER_SECONDS
             self._publish()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -15,12 +15,12 @@ from robotouille_server.rooms.episode_driver import EpisodeDriver, EpisodeParts,
 from robotouille_server.rooms.membership import Membership
 from robotouille_server.rooms.publisher import SpectatorRosters
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.rooms.write_ahead import CommitGate, Readable
 
 if TYPE_CHECKING:
     from robotouille.episode import Episode
     from robotouille.protocol.states import StateWriter
-    from robotouille_server.rooms.journal import Journal
+    from robotouille_server.rooms.journal import EpisodeJournal
     from robotouille_server.rooms.sessions import Sessions
 
 
@@ -99,7 +99,7 @@ class Room:
         facts: RoomFacts,
         episode: Episode,
         writer: StateWriter,
-        journal: Journal | None,
+        journal: EpisodeJournal | None,
         machinery: Machinery,
         sessions: Sessions,
         keeper: RoomKeeper,
@@ -126,9 +126,7 @@ class Room:
         self.membership = Membership(
             episode, self.broadcaster, self._gate, rosters, sessions, self.labels, now()
         )
-        parts = EpisodeParts(
-            episode, journal, self._gate, self.broadcaster, self.membership, rosters
-        )
+        parts = EpisodeParts(episode, journal, self._gate, self.broadcaster, self.membership)
         self.driver = EpisodeDriver(
             self.id, parts, machinery, published=self._published, ended=self._ended
         )
@@ -153,6 +151,19 @@ class Room:
     def problem(self) -> str:
         """Problem with the recording, for the operator, or empty."""
         return self.journal.problem if self.journal is not None else ""
+
+    @property
+    def writing(self) -> bool:
+        """True while a replicated recording is being written; see `CommitGate.hold`."""
+        return self._gate.writing
+
+    def hold(self, connection: Readable) -> None:
+        """Read no more from a connection until the recording is written."""
+        self._gate.hold(connection)
+
+    def when_committed(self, recipient: Hashable, send: Callable[[], None]) -> None:
+        """Call `send` when everything so far is recorded."""
+        self._gate.when_committed(recipient, send)
 
     @property
     def reserved(self) -> bool:

@@ -20,7 +20,7 @@ from robotouille_server.rooms.archive import ArchivedEpisode
 from robotouille_server.rooms.bot_worker import BotWorker, ProcessBotWorker
 from robotouille_server.rooms.episode_driver import Machinery
 from robotouille_server.rooms.episode_setup import EpisodeSetup
-from robotouille_server.rooms.journal import Journal
+from robotouille_server.rooms.journal import EpisodeJournal, Journal
 from robotouille_server.rooms.room import Room, RoomFacts, RoomKeeper
 from robotouille_server.rooms.storage import Storage
 from robotouille_server.runtime.logs import get_logger
@@ -209,7 +209,7 @@ class RoomFactory:
         code: str,
         episode: Episode,
         recorder: Recorder,
-        journal: Journal | None,
+        journal: EpisodeJournal | None,
     ) -> Room:
         facts = RoomFacts(
             head["episode"],

@@ -9,6 +9,7 @@ from robotouille.episode import Departure, Episode
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import CountedConnection, Role, Visitor
+from robotouille_server.rooms.write_ahead import Readable
 from robotouille_server.transport import Peer
 
 
@@ -24,6 +25,11 @@ class JoinedRoom(Protocol):
 
     @property
     def spectators(self) -> int: ...
+
+    @property
+    def writing(self) -> bool: ...
+
+    def hold(self, connection: Readable) -> None: ...
 
     def set_ready(self, session: Session, ready: bool) -> None: ...
 

@@ -1,9 +1,10 @@
 """Write-ahead rule: events are published only after they have been written to the recording.
 
 Without this rule, a restarted server could continue from an earlier state than the one that
-participants have seen. While the recording cannot be written, the episode is paused, and answers
-that would show an unwritten state are held back. Time is an argument: the caller decides when to
-retry.
+participants have seen. A file is written at once; a replicated recording (`robotouille_server.
+cluster`) is written when a quorum has it. Until then, answers that would show an unwritten state
+are held back, and no more is read from the participants. While the recording cannot be written, the
+episode is paused. Time is an argument: the caller decides when to retry.
 """
 
 from __future__ import annotations
@@ -20,8 +21,12 @@ MAX_UNWRITTEN = 64 * 1024
 """Unwritten bytes above which participants cannot come back. Each return adds to them."""
 
 
+WRITING = "writing"
+"""Reason for which a connection is not read; see `Connection.pause_reading`."""
+
+
 class EventLog(Protocol):
-    """Log that events are written to; see `Journal`."""
+    """Log that events are written to; see `EpisodeJournal`."""
 
     @property
     def waiting(self) -> int:
@@ -35,22 +40,63 @@ class EventLog(Protocol):
         """Add events for the next `write`."""
 
     def write(self) -> bool:
-        """Write everything; return False if that failed and can be retried."""
+        """Write everything; return False if that failed (see `problem`) or takes longer."""
+
+    def check_ownership(self) -> bool:
+        """Return whether this process certainly still owns the episode; if not, find out.
+
+        The log then reports a change, as after a write.
+        """
+
+
+class Readable(Protocol):
+    """Connection that can stop reading; see `Connection`."""
+
+    def pause_reading(self, why: str) -> None: ...
+
+    def resume_reading(self, why: str) -> None: ...
 
 
 class CommitGate:
-    """Holds back answers that would show an unwritten state, while writing fails."""
+    """Holds back answers that would show an unwritten state.
 
-    __slots__ = ("_deferred", "_log", "failing")
+    Attributes:
+        closed: True while events are not written.
+        failing: True while they cannot be written.
+    """
+
+    __slots__ = ("_deferred", "_held", "_log", "closed", "failing")
 
     def __init__(self, log: EventLog | None) -> None:
-        self.failing = False
+        self.closed = self.failing = False
         self._log = log
         self._deferred: dict[Hashable, list[Callable[[], None]]] = {}
+        self._held: list[Readable] = []
+
+    @property
+    def writing(self) -> bool:
+        """True while a write takes longer, but has not failed."""
+        return self.closed and not self.failing
+
+    def hold(self, connection: Readable) -> None:
+        """Read no more from a connection until everything is written.
+
+        Otherwise, participants who send all the time could keep the gate closed for the others.
+        """
+        connection.pause_reading(WRITING)
+        self._held.append(connection)
+
+    def let_go(self) -> None:
+        """Read from all connections again."""
+        held, self._held = self._held, []
+        for connection in held:
+            connection.resume_reading(WRITING)
 
     def when_committed(self, recipient: Hashable, send: Callable[[], None]) -> None:
-        """Call `send` now or, while writing fails, when everything is written."""
-        if not self.failing:
+        """Call `send` now or, while events are not written, when everything is written."""
+        if not self.closed and self._log is not None and not self._log.check_ownership():
+            self.closed = True
+        if not self.closed:
             send()
         # Further answers are dropped, not queued: a client that asks in a loop must not use up the
         # memory while the disk is full. Clients repeat requests that were not answered.
@@ -62,12 +108,14 @@ class CommitGate:
         self._deferred.pop(recipient, None)
 
     def release(self) -> None:
-        """Send all deferred answers."""
+        """Open the gate, send all deferred answers, and read from all connections again."""
+        self.closed = False
         # The dictionary is replaced first, because an answer may defer another one.
         deferred, self._deferred = self._deferred, {}
         for waiting in deferred.values():
             for send in waiting:
                 send()
+        self.let_go()
 
     def check(self) -> None:
         """Raise ProtocolError `server/recording` while writing fails."""
@@ -115,12 +163,17 @@ class WriteAhead:
     def flush(self, now: float, *, retry: bool = False) -> list[Event]:
         """Collect, write and publish events; return the published ones."""
         self._collect()
+        gate = self._gate
         # The log tries again once per `RETRY_SECONDS`, not at each event, because a failing disk is
         # often slow, too.
-        if not self._uncommitted or (self._gate.failing and not retry) or not self._commit(now):
+        if not (self._uncommitted or gate.closed) or (gate.failing and not retry):
+            return []
+        if not self._commit(now):
+            gate.closed = True
             return []
         # Answers deferred earlier are about states before these events.
-        self._gate.release()
+        if gate.closed:
+            gate.release()
         events, self._uncommitted = self._uncommitted, []
         for event in events:
             self._publish(event)
@@ -136,10 +189,18 @@ class WriteAhead:
                 self._log.add(events)
 
     def _commit(self, now: float) -> bool:
+        """Write all events; return False if some are not written yet."""
         if self._log is None or self._log.write():
             return self._committed(now)
+        if self._log.problem:
+            self._fail(now)
+        return False
+
+    def _fail(self, now: float) -> None:
         begins = not self._gate.failing
         self._gate.failing = True
+        # The participants are answered that nothing can be recorded.
+        self._gate.let_go()
         episode = self._episode
         # The pause is an event like any other (docs/decisions/0015): it is recorded once writing
         # works, so the recording explains the gap.
@@ -148,7 +209,6 @@ class WriteAhead:
             self._collect()
         if begins:
             self._failing_changed(True)
-        return False
 
     def _committed(self, now: float) -> bool:
         if self._gate.failing:
