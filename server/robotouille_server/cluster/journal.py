@@ -1,0 +1,280 @@
+"""Recording of an episode as a journal that all nodes share.
+
+Each write names the journal's last message that its writer knows, and NATS refuses it if there is a
+later one. So a node that was stopped, and continues after another one has taken its episode over,
+cannot write; and because events are published after they are written, it cannot send anything
+either. One write is under way at a time: what happens meanwhile goes into the next one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from robotouille.episode import Event
+from robotouille.replay.recorder import Recorder
+from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError, Stored
+from robotouille_server.rooms.journal import MAX_RECORDING_BYTES, MAX_RECORDING_FRAMES
+from robotouille_server.runtime.logs import get_logger
+
+MAX_PIECE = 512 * 1024
+"""Bytes in one message. NATS refuses messages above 1 MiB, unless it is configured otherwise."""
+LATE_SECONDS = 0.5
+"""Seconds without a quorum after which the episode is paused."""
+RETRY_SECONDS = 0.5
+"""Seconds between two attempts of a write that has failed."""
+
+
+class JournalKeeper(Protocol):
+    """Node, as its journals see it; see `ClusterNode`."""
+
+    @property
+    def bus(self) -> Bus: ...
+
+    @property
+    def name(self) -> str:
+        """Name of the node."""
+
+    @property
+    def lease_certain(self) -> bool:
+        """Whether no other node can have taken over this node's episodes."""
+
+    def begun(self, journal: ReplicatedJournal) -> None:
+        """Watch a journal: call its `look` from time to time."""
+
+    def written(self, journal: ReplicatedJournal, seconds: float) -> None:
+        """Count a write that has taken `seconds`."""
+
+    def fenced(self, journal: ReplicatedJournal) -> None:
+        """Give an episode up that another node has taken over."""
+
+    def finish(self, journal: ReplicatedJournal, *, kept: bool) -> asyncio.Future[str]:
+        """Turn a complete journal into a file, or delete it."""
+
+    def released(self, journal: ReplicatedJournal) -> None:
+        """Stop watching a journal."""
+
+
+@dataclass(frozen=True, slots=True)
+class JournalEnd:
+    """Where a journal ends.
+
+    Attributes:
+        sequence: The sequence number of its last message.
+        size: The number of bytes that are valid.
+        cut: True if it has more bytes than that.
+    """
+
+    sequence: int = 0
+    size: int = 0
+    cut: bool = False
+
+
+@dataclass(slots=True)
+class _Write:
+    """A write under way."""
+
+    message: Append
+    begun: float
+    retry_at: float = 0.0
+    asking: bool = field(default=False)
+
+
+class ReplicatedJournal:
+    """`EpisodeJournal` that a quorum of NATS servers stores.
+
+    Args:
+        keeper: The node that writes it.
+        episode: The episode's id, which is the journal's subject.
+        name: The file name of the recording.
+        recorder: Encodes events.
+        begin: The first bytes of a new journal, or bytes that an existing one lacks.
+        end: The end of an existing journal.
+    """
+
+    def __init__(
+        self,
+        keeper: JournalKeeper,
+        episode: str,
+        name: str,
+        recorder: Recorder,
+        *,
+        begin: bytes = b"",
+        end: JournalEnd | None = None,
+    ) -> None:
+        end = end or JournalEnd()
+        self.episode = episode
+        self.name = name
+        self.recorder = recorder
+        self.size = end.size
+        self.problem = ""
+        self._keeper = keeper
+        self._loop = asyncio.get_running_loop()
+        self._pending = begin
+        self._sequence = end.sequence
+        self._keep = end.size if end.cut else None
+        self._count = 0
+        self._write: _Write | None = None
+        self._checking = False
+        self._released = False
+        self._changed: Callable[[], None] = _nothing
+        keeper.begun(self)
+
+    @property
+    def full(self) -> bool:
+        """True if the recording has reached its maximum size."""
+        return self.size > MAX_RECORDING_BYTES or self.recorder.frames > MAX_RECORDING_FRAMES
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that no quorum has yet."""
+        return len(self._pending) + (len(self._write.message.data) if self._write else 0)
+
+    @property
+    def settled(self) -> bool:
+        """True if a quorum has everything."""
+        return self._write is None and not self._pending
+
+    def listen(self, changed: Callable[[], None]) -> None:
+        """Call `changed` when everything is written, and when writing takes too long."""
+        self._changed = changed
+
+    def add(self, events: Iterable[Event]) -> None:
+        """Encode events for the next `write`."""
+        self._pending += self.recorder.record(events)
+
+    def write(self) -> bool:
+        """Begin to write everything, unless a write is under way; return whether all is written."""
+        if self._released:
+            return False
+        if self._write is None and (self._pending or self._checking):
+            self._begin_write()
+        return self._write is None
+
+    def _begin_write(self) -> None:
+        data, self._pending = self._pending[:MAX_PIECE], self._pending[MAX_PIECE:]
+        self._count += 1
+        # The name of the node is new in every process, so no two writes ever have one id.
+        name = f"{self.episode}.{self._keeper.name}.{self._count}"
+        message = Append(self.episode, data, self._sequence, name, self._keep)
+        self._write = _Write(message, self._loop.time())
+        self._send(self._write)
+
+    def _send(self, write: _Write) -> None:
+        write.retry_at = float("inf")
+        self._keeper.bus.append(write.message, lambda result: self._answered(write, result))
+
+    def check_ownership(self) -> bool:
+        """Return whether this node certainly owns the episode; if not, write to find out."""
+        if self._keeper.lease_certain or self._checking:
+            return not self._checking
+        # An empty message is refused like any other if another node has the episode.
+        self._checking = True
+        self.write()
+        return False
+
+    # Answers
+
+    def _answered(self, write: _Write, result: int | BusError) -> None:
+        # The episode may have been given up, and an earlier attempt may have been answered.
+        if self._released or self._write is not write:
+            return
+        if isinstance(result, int):
+            self._written(write, result)
+        elif isinstance(result, ConflictError):
+            if not write.asking:
+                write.asking = True
+                self._loop.create_task(self._ask(write))
+        else:
+            write.retry_at = self._loop.time() + RETRY_SECONDS
+            self._fails(str(result))
+
+    def _written(self, write: _Write, sequence: int) -> None:
+        self._write = None
+        self._checking = False
+        self._sequence = sequence
+        self._keep = None
+        self.size += len(write.message.data)
+        self._keeper.written(self, self._loop.time() - write.begun)
+        if self._pending:
+            self._begin_write()
+            return
+        if self.problem:
+            get_logger().info("recording works again", file=self.name)
+        self.problem = ""
+        self._changed()
+
+    async def _ask(self, write: _Write) -> None:
+        """Find out whether a refused write was stored by an earlier attempt, or is too late."""
+        try:
+            last = await self._keeper.bus.last(self.episode)
+        except BusError as error:
+            write.asking = False
+            self._answered(write, error)
+            return
+        write.asking = False
+        if self._released or self._write is not write:
+            return
+        if last is not None and last.id == write.message.id:
+            self._written(write, last.sequence)
+        elif last is not None and last.sequence <= write.message.expected:
+            # The answer comes from a server that is behind the others.
+            write.retry_at = self._loop.time() + RETRY_SECONDS
+        else:
+            self._keeper.fenced(self)
+
+    def look(self, now: float) -> None:
+        """Notice that a write takes too long, and try again if it has failed."""
+        write = self._write
+        if write is None or self._released:
+            return
+        if now >= write.retry_at:
+            self._send(write)
+        if now >= write.begun + LATE_SECONDS:
+            self._fails("NATS has no quorum, or cannot be reached")
+
+    def _fails(self, why: str) -> None:
+        problem = f"the recording cannot be written: {why}"
+        if not self.problem:
+            get_logger().error("recording failed", file=self.name, error=problem)
+        first, self.problem = not self.problem, problem
+        if first:
+            self._changed()
+
+    # The end
+
+    def repair_if_changed(self) -> bool:
+        """Return False: no other program writes to the journal."""
+        return False
+
+    def finish(self, *, kept: bool) -> asyncio.Future[str]:
+        """Store the recording as a file and return its name, or delete it if it is not `kept`."""
+        self.release()
+        return self._keeper.finish(self, kept=kept)
+
+    def discard(self) -> None:
+        """Delete the journal, because nobody took part in the episode."""
+        self.finish(kept=False)
+
+    def release(self) -> None:
+        """Write nothing more, so that another node can continue the journal."""
+        if not self._released:
+            self._released = True
+            self._keeper.released(self)
+
+
+def _nothing() -> None:
+    pass
+
+
+def assembled(messages: Iterable[Stored]) -> bytes:
+    """Return the bytes of a journal."""
+    content = bytearray()
+    for message in messages:
+        # A node that takes over cuts off what its predecessor has not written completely.
+        if message.keep is not None:
+            del content[message.keep :]
+        content += message.data
+    return bytes(content)

@@ -1,0 +1,518 @@
+"""Connection to NATS JetStream."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import ssl
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from nats.aio.client import Client
+from nats.aio.msg import Msg
+from nats.errors import Error as NatsError
+from nats.errors import NoRespondersError
+from nats.js import JetStreamContext
+from nats.js.api import (
+    ConsumerConfig,
+    DeliverPolicy,
+    DiscardPolicy,
+    Header,
+    KeyValueConfig,
+    ObjectStoreConfig,
+    RetentionPolicy,
+    StorageType,
+    StreamConfig,
+)
+from nats.js.errors import (
+    APIError,
+    KeyDeletedError,
+    KeyNotFoundError,
+    KeyWrongLastSequenceError,
+    NotFoundError,
+)
+from nats.js.kv import KeyValue
+
+from robotouille.errors import RobotouilleError
+from robotouille_server.cluster.bus import (
+    Append,
+    Bucket,
+    BusError,
+    ConflictError,
+    Entry,
+    Stored,
+    UnavailableError,
+)
+from robotouille_server.runtime.logs import get_logger
+
+OLDEST_SERVER = (2, 9)
+"""Oldest version of nats-server that the tests use."""
+REPLICAS = 3
+ANSWER_SECONDS = 2.0
+"""Seconds after which an append without an answer counts as failed."""
+SWEEP_SECONDS = 0.25
+CONNECT_SECONDS = 10.0
+NODE_KEY_SECONDS = 10.0
+"""Seconds after which NATS deletes the key of a node that does not renew it."""
+KEEP = "Robotouille-Keep"
+EXPECTED = str(Header.EXPECTED_LAST_SUBJECT_SEQUENCE.value)
+MESSAGE_ID = str(Header.MSG_ID.value)
+WRONG_SEQUENCE = (10071, 10164)
+"""NATS's error codes for an unexpected last sequence number."""
+IN_USE, NO_CLUSTER = 10058, 10074
+
+
+@dataclass(frozen=True, slots=True)
+class NatsAddress:
+    """How to reach NATS.
+
+    Attributes:
+        servers: The URLs of its servers.
+        prefix: The first word of all subjects, streams and buckets, so that several clusters can
+            share a NATS.
+        password: The password of the user in the URLs.
+        credentials: A file with a JWT and its key, as `nsc` makes it.
+        tls: The context for `tls://` addresses.
+    """
+
+    servers: tuple[str, ...]
+    prefix: str
+    password: str = field(default="", repr=False)
+    credentials: str = ""
+    tls: ssl.SSLContext | None = None
+
+
+@asynccontextmanager
+async def nats_bus(address: NatsAddress) -> AsyncIterator[NatsBus]:
+    """Connect to NATS, and create the streams and buckets that do not exist.
+
+    Raises:
+        RobotouilleError: NATS cannot be reached, refuses the credentials, or has no JetStream.
+    """
+    bus = NatsBus(address)
+    try:
+        await bus.open()
+        yield bus
+    finally:
+        await bus.close()
+
+
+class NatsBus:
+    """`Bus` on NATS JetStream. Use `nats_bus`."""
+
+    def __init__(self, address: NatsAddress) -> None:
+        self._address = address
+        self._prefix = address.prefix
+        self._nats = Client()
+        self._js: JetStreamContext = self._nats.jetstream(timeout=ANSWER_SECONDS)
+        self._buckets: dict[Bucket, KeyValue] = {}
+        self._outgoing: deque[tuple[Append, bytes]] = deque()
+        self._wake = asyncio.Event()
+        self._waiting: dict[str, tuple[float, Callable[[int | BusError], None]]] = {}
+        self._count = 0
+        self._inbox = ""
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._lost_reason = ""
+
+    @property
+    def connected(self) -> bool:
+        return self._nats.is_connected
+
+    # Opening
+
+    async def open(self) -> None:
+        await self._connect()
+        self._check_server()
+        await self.prepare()
+        self._inbox = self._nats.new_inbox()
+        await self._nats.subscribe(f"{self._inbox}.*", cb=self._answered)
+        self._start(self._send())
+        self._start(self._sweep())
+
+    async def _connect(self) -> None:
+        address = self._address
+        options: dict[str, Any] = {}
+        if address.password:
+            options["password"] = address.password
+        if address.credentials:
+            options["user_credentials"] = address.credentials
+        if address.tls is not None:
+            options["tls"] = address.tls
+        servers = ", ".join(_without_password(server) for server in address.servers)
+        try:
+            async with asyncio.timeout(CONNECT_SECONDS):
+                await self._nats.connect(
+                    servers=list(address.servers),
+                    name="robotouille-server",
+                    max_reconnect_attempts=-1,
+                    reconnect_time_wait=0,
+                    connect_timeout=2,
+                    ping_interval=2,
+                    max_outstanding_pings=2,
+                    allow_reconnect=True,
+                    error_cb=self._failed,
+                    disconnected_cb=self._disconnected,
+                    reconnected_cb=self._reconnected,
+                    **options,
+                )
+        except (TimeoutError, OSError, NatsError, ValueError) as error:
+            reason = self._lost_reason or str(error) or "no answer"
+            raise RobotouilleError(
+                f"--cluster: cannot connect to NATS at {servers}: {reason}"
+            ) from None
+
+    def _check_server(self) -> None:
+        version = self._nats.connected_server_version
+        if (version.major, version.minor) < OLDEST_SERVER:
+            needed = ".".join(map(str, OLDEST_SERVER))
+            raise RobotouilleError(
+                f"--cluster: NATS has version {version.major}.{version.minor}.{version.patch}; "
+                f"at least {needed} is required"
+            )
+        if not self._info.get("jetstream"):
+            raise RobotouilleError(
+                "--cluster: this NATS has no JetStream; start nats-server with -js"
+            )
+
+    @property
+    def _info(self) -> dict[str, Any]:
+        info: dict[str, Any] = self._nats._server_info
+        return info
+
+    async def prepare(self) -> None:
+        """Create the stream, buckets and files that do not exist.
+
+        Raises:
+            RobotouilleError: JetStream refuses, or has too few servers for three replicas.
+        """
+        # A single server is enough to try a cluster, but then its disk is all there is.
+        replicas = REPLICAS if self._info.get("cluster") else 1
+        if replicas == 1:
+            get_logger().warning("NATS is a single server, so recordings have one replica")
+        journal = StreamConfig(
+            name=self._stream,
+            subjects=[f"{self._prefix}.journal.*"],
+            retention=RetentionPolicy.LIMITS,
+            # A full stream refuses messages, and the games pause. Dropping old messages would
+            # destroy recordings.
+            discard=DiscardPolicy.NEW,
+            storage=StorageType.FILE,
+            num_replicas=replicas,
+            allow_direct=False,
+        )
+        async with _create_errors():
+            with contextlib.suppress(_InUseError):
+                await _or_in_use(self._js.add_stream(journal))
+        for bucket in Bucket:
+            leases = bucket is Bucket.NODES
+            config = KeyValueConfig(
+                bucket=f"{self._prefix}_{bucket}",
+                ttl=NODE_KEY_SECONDS if leases else None,
+                storage=StorageType.MEMORY if leases else StorageType.FILE,
+                replicas=replicas,
+                direct=False,
+            )
+            async with _create_errors():
+                try:
+                    self._buckets[bucket] = await _or_in_use(self._js.create_key_value(config))
+                except _InUseError:
+                    self._buckets[bucket] = await self._js.key_value(config.bucket)
+        files = ObjectStoreConfig(
+            bucket=self._recordings, storage=StorageType.FILE, replicas=replicas
+        )
+        async with _create_errors():
+            with contextlib.suppress(_InUseError):
+                await _or_in_use(self._js.create_object_store(self._recordings, files))
+
+    @property
+    def _stream(self) -> str:
+        return f"{self._prefix}_journal"
+
+    @property
+    def _recordings(self) -> str:
+        return f"{self._prefix}_recordings"
+
+    def _start(self, work: Any) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def close(self) -> None:
+        for task in list(self._tasks):
+            task.cancel()
+        for _, done in self._waiting.values():
+            done(UnavailableError("the server stops"))
+        self._waiting.clear()
+        if not self._nats.is_closed:
+            with contextlib.suppress(NatsError, OSError, TimeoutError):
+                async with asyncio.timeout(ANSWER_SECONDS):
+                    await self._nats.close()
+
+    # Connection
+
+    async def _failed(self, error: Exception) -> None:
+        reason = str(error) or type(error).__name__
+        if reason != self._lost_reason:
+            get_logger().warning("NATS", error=reason)
+        self._lost_reason = reason
+
+    async def _disconnected(self) -> None:
+        if not self._nats.is_closed:
+            get_logger().error("connection to NATS lost")
+
+    async def _reconnected(self) -> None:
+        self._lost_reason = ""
+        get_logger().info("connected to NATS again", server=_netloc(self._nats))
+
+    # Journals
+
+    def append(self, message: Append, done: Callable[[int | BusError], None]) -> None:
+        self._count += 1
+        token = str(self._count)
+        self._waiting[token] = asyncio.get_running_loop().time() + ANSWER_SECONDS, done
+        self._outgoing.append((message, token.encode()))
+        self._wake.set()
+
+    async def _send(self) -> None:
+        """Send appends in order. One task for all: a task for each would cost more than sending."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while self._outgoing:
+                message, token = self._outgoing.popleft()
+                if token.decode() not in self._waiting:  # It has taken too long already.
+                    continue
+                headers = {
+                    EXPECTED: str(message.expected),
+                    MESSAGE_ID: message.id,
+                }
+                if message.keep is not None:
+                    headers[KEEP] = str(message.keep)
+                try:
+                    await self._nats.publish(
+                        f"{self._prefix}.journal.{message.subject}",
+                        message.data,
+                        reply=f"{self._inbox}.{token.decode()}",
+                        headers=headers,
+                    )
+                except (NatsError, OSError) as error:
+                    self._finish(token.decode(), UnavailableError(str(error)))
+
+    async def _answered(self, answer: Msg) -> None:
+        self._finish(answer.subject.rpartition(".")[2], _acknowledged(answer))
+
+    def _finish(self, token: str, result: int | BusError) -> None:
+        waiting = self._waiting.pop(token, None)
+        if waiting is None:
+            return
+        try:
+            waiting[1](result)
+        except Exception:
+            # One failing episode must not stop the answers to the others.
+            get_logger().exception("the answer to an append failed")
+
+    async def _sweep(self) -> None:
+        """Fail the appends that were not answered in time."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(SWEEP_SECONDS)
+            now = loop.time()
+            # Tokens are in the order of their deadlines.
+            late = []
+            for token, (due, _) in self._waiting.items():
+                if due > now:
+                    break
+                late.append(token)
+            for token in late:
+                self._finish(token, UnavailableError("NATS does not answer"))
+
+    async def last(self, subject: str) -> Stored | None:
+        async with _errors():
+            try:
+                found = await self._js.get_last_msg(
+                    self._stream, f"{self._prefix}.journal.{subject}"
+                )
+            except NotFoundError as error:
+                if error.err_code != 10037:  # Any other means that the stream is gone.
+                    raise
+                return None
+            return _stored(found.seq or 0, found.headers, found.data or b"")
+
+    async def read(self, subject: str) -> list[Stored]:
+        last = await self.last(subject)
+        if last is None:
+            return []
+        found: list[Stored] = []
+        async with _errors():
+            messages = await self._js.subscribe(
+                f"{self._prefix}.journal.{subject}",
+                stream=self._stream,
+                ordered_consumer=True,
+                config=ConsumerConfig(deliver_policy=DeliverPolicy.ALL),
+            )
+            try:
+                while not found or found[-1].sequence < last.sequence:
+                    message = await messages.next_msg(timeout=ANSWER_SECONDS)
+                    sequence = message.metadata.sequence.stream
+                    found.append(_stored(sequence, message.headers, message.data))
+            finally:
+                with contextlib.suppress(NatsError):
+                    await messages.unsubscribe()
+        return found
+
+    async def purge(self, subject: str) -> None:
+        async with _errors():
+            await self._js.purge_stream(self._stream, subject=f"{self._prefix}.journal.{subject}")
+
+    # Buckets
+
+    async def get(self, bucket: Bucket, key: str) -> Entry | None:
+        async with _errors():
+            try:
+                entry = await self._buckets[bucket].get(key)
+            except (KeyNotFoundError, KeyDeletedError):
+                return None
+            return Entry(entry.value or b"", entry.revision or 0)
+
+    async def put(self, bucket: Bucket, key: str, value: bytes) -> int:
+        async with _errors():
+            return await self._buckets[bucket].put(key, value)
+
+    async def create(self, bucket: Bucket, key: str, value: bytes) -> int:
+        async with _errors():
+            return await self._buckets[bucket].create(key, value)
+
+    async def update(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int:
+        async with _errors():
+            return await self._buckets[bucket].update(key, value, revision)
+
+    async def delete(self, bucket: Bucket, key: str) -> None:
+        async with _errors():
+            await self._buckets[bucket].delete(key)
+
+    async def watch(self, bucket: Bucket, changed: Callable[[str, Entry | None], None]) -> None:
+        async with _errors():
+            watcher = await self._buckets[bucket].watchall()
+        complete = asyncio.Event()
+        self._start(_follow(watcher, changed, complete))
+        await complete.wait()
+
+    # Files and requests
+
+    async def store(self, name: str, content: bytes) -> None:
+        async with _errors():
+            files = await self._js.object_store(self._recordings)
+            await files.put(name, content)
+
+    async def request(self, subject: str, data: bytes, seconds: float) -> bytes:
+        async with _errors():
+            answer = await self._nats.request(f"{self._prefix}.{subject}", data, timeout=seconds)
+            return answer.data
+
+    async def answer(self, subject: str, handler: Callable[[str, bytes], Awaitable[bytes]]) -> None:
+        async def serve(request: Msg) -> None:
+            try:
+                answer = await handler(request.subject.rpartition(".")[2], request.data)
+                await request.respond(answer)
+            except (NatsError, OSError) as error:
+                get_logger().warning("request of another node not answered", error=str(error))
+            except Exception:
+                get_logger().exception("request of another node failed")
+
+        async def begin(request: Msg) -> None:
+            # Requests of different episodes must not wait for each other.
+            self._start(serve(request))
+
+        async with _errors():
+            await self._nats.subscribe(f"{self._prefix}.{subject}.*", cb=begin)
+
+
+async def _follow(
+    watcher: Any, changed: Callable[[str, Entry | None], None], complete: asyncio.Event
+) -> None:
+    async for entry in watcher:
+        if entry is None:
+            complete.set()
+            continue
+        try:
+            deleted = entry.operation is not None
+            changed(entry.key, None if deleted else Entry(entry.value, entry.revision))
+        except Exception:
+            get_logger().exception("a change of the cluster was not processed", key=entry.key)
+
+
+def _acknowledged(answer: Msg) -> int | BusError:
+    """Return the sequence number in an answer to an append, or the error."""
+    if answer.headers and answer.headers.get("Status") == "503":
+        return UnavailableError("NATS has no JetStream or no quorum")
+    try:
+        content = json.loads(answer.data)
+    except ValueError:
+        return UnavailableError("NATS has sent an answer that is not JSON")
+    error = content.get("error")
+    if error is None:
+        return int(content["seq"])
+    text = str(error.get("description", error))
+    if error.get("err_code") in WRONG_SEQUENCE:
+        return ConflictError(text)
+    return UnavailableError(f"NATS: {text}")
+
+
+def _stored(sequence: int, headers: dict[str, str] | None, data: bytes) -> Stored:
+    headers = headers or {}
+    keep = headers.get(KEEP)
+    return Stored(sequence, headers.get(MESSAGE_ID, ""), data, int(keep) if keep else None)
+
+
+@asynccontextmanager
+async def _errors() -> AsyncIterator[None]:
+    """Turn errors of the library into `BusError`."""
+    try:
+        yield
+    except KeyWrongLastSequenceError as error:
+        raise ConflictError(str(error)) from None
+    except NoRespondersError:
+        raise UnavailableError("NATS has no JetStream, or no node answers") from None
+    except (NatsError, OSError, TimeoutError) as error:
+        text = str(error) or type(error).__name__
+        raise UnavailableError(f"NATS: {text}") from None
+
+
+class _InUseError(Exception):
+    """The stream exists already, possibly with other settings."""
+
+
+async def _or_in_use(creating: Awaitable[Any]) -> Any:
+    try:
+        return await creating
+    except APIError as error:
+        if error.err_code == IN_USE:
+            raise _InUseError from None
+        raise
+
+
+@asynccontextmanager
+async def _create_errors() -> AsyncIterator[None]:
+    try:
+        yield
+    except (NatsError, OSError, TimeoutError) as error:
+        text = str(error) or type(error).__name__
+        hint = "" if text.startswith("nats:") else "nats: "
+        raise RobotouilleError(
+            f"--cluster: JetStream is not ready ({hint}{text}); with several NATS servers it needs "
+            f"{REPLICAS} of them and a leader"
+        ) from None
+
+
+def _netloc(client: Client) -> str:
+    url = client.connected_url
+    return url.netloc if url is not None else ""
+
+
+def _without_password(server: str) -> str:
+    scheme, _, rest = server.rpartition("://")
+    return f"{scheme}://{rest.rpartition('@')[2]}"
