@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ssl
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
@@ -38,6 +38,9 @@ DRAIN_CHECK_SECONDS = 0.2
 class Server:
     """One server process. Use `serve()`, which starts and stops it.
 
+    Attributes:
+        settle: Waits until everything is recorded; set by a cluster.
+
     Raises:
         RobotouilleError: The keys, the list of revoked tokens or a setting cannot be used.
     """
@@ -65,6 +68,7 @@ class Server:
         loop_budget = self.admission.loop_budget
         self.lobby = Lobby(settings, self.metrics, self.sessions, loop_budget, around)
         self.shutdown = Shutdown()
+        self.settle: Callable[[], Awaitable[None]] = _nothing_to_settle
         self.services = Services(
             settings=settings,
             metrics=self.metrics,
@@ -195,6 +199,8 @@ class Server:
                 room.broadcaster.deliver_now()
             except Exception:
                 get_logger().exception("the episode failed", episode=room.id)
+        # The end of an episode is sent once it is recorded.
+        await self.settle()
         for conversation, _ in list(self.connections.open.values()):
             notice.send(conversation.peer)
         # This happens before the connections are closed, because sessions must not count as absent
@@ -253,6 +259,10 @@ class Server:
         if self.audit.problem:
             found.insert(0, Alert("audit", self.audit.problem, "critical"))
         return found
+
+
+async def _nothing_to_settle() -> None:
+    """Return at once: files are written when events happen."""
 
 
 def _with_storage(settings: ServerSettings, around: Surroundings) -> Surroundings:

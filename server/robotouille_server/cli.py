@@ -25,6 +25,8 @@ from robotouille_server.runtime.settings import ServerSettings
 
 if TYPE_CHECKING:
     from robotouille_server.app import Server
+    from robotouille_server.cluster.joining import Cluster
+    from robotouille_server.cluster.service import ClusterService
     from robotouille_server.rooms.room import Room
     from robotouille_server.runtime.workers import WorkerSlot
 
@@ -175,21 +177,60 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, signals.put_nowait, number)
-    async with (
-        serve(settings, Surroundings(worker=worker) if worker else None) as server,
-        _operator(server) as operator,
-        _broker(server),
-        rare_collections(lambda: server.open_count, lambda: server.closed_count),
-    ):
+    async with AsyncExitStack() as stack:
+        around = Surroundings(worker=worker) if worker else None
+        cluster = await stack.enter_async_context(_cluster(settings))
+        if cluster is not None:
+            around = cluster.around
+        server = await stack.enter_async_context(serve(settings, around))
+        service = None
+        if cluster is not None:
+            service = await stack.enter_async_context(cluster.serving(server))
+        operator = await stack.enter_async_context(_operator(server))
+        await stack.enter_async_context(_broker(server))
+        collections = rare_collections(lambda: server.open_count, lambda: server.closed_count)
+        await stack.enter_async_context(collections)
         loop.set_exception_handler(LoopErrors(loop.time, server.metrics).handle)
-        if worker is None or worker.index == 0:
+        if service is not None:
+            tell(_greeting(server, await _first_of_cluster(service), operator))
+        elif worker is None or worker.index == 0:
             restored = len(server.lobby.rooms)
             tell(_greeting(server, first_room(server), operator, restored))
         if await signals.get() is signal.SIGTERM:
+            if cluster is not None:
+                await cluster.node.leave()
             await _drain(server, signals)
             await server.stop("the server is restarted", hand_over=True)
         else:
             await server.stop()
+
+
+@asynccontextmanager
+async def _cluster(settings: ServerSettings) -> AsyncIterator[Cluster | None]:
+    """Join a cluster, if the settings name one."""
+    if not settings.cluster:
+        yield None
+        return
+    try:
+        import cryptography  # noqa: F401
+        import nats  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("--cluster", "cluster") from None
+    from robotouille_server.cluster.joining import joined
+
+    async with joined(settings) as cluster:
+        yield cluster
+
+
+async def _first_of_cluster(service: ClusterService) -> Room | None:
+    """Open the server's own episode, if the cluster has no episode."""
+    from robotouille.protocol import messages
+    from robotouille_server.requests import Opening
+
+    if len(service.node.directory):
+        return None
+    created = await service.create(Opening(request=messages.Create(), owner=SERVER))
+    return service.services.lobby.rooms.get(created.episode)
 
 
 @asynccontextmanager

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Coroutine
+from typing import Any
 
 from robotouille.errors import ProtocolError
 from robotouille.installation import RELEASE
 from robotouille.protocol import messages
 from robotouille_server.auth import CountedConnection, Role, TooManyConnectionsError, counted_as
-from robotouille_server.requests import Requests, Services, unheard
+from robotouille_server.requests import AnswerLater, Requests, Services, unheard
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.budgets import COSTS, PACED, FloodError, MessageBudget
 from robotouille_server.runtime.logs import get_logger
@@ -29,6 +31,7 @@ class Conversation:
     """Receives the messages of one connection and answers each."""
 
     __slots__ = (
+        "_answering",
         "_budget",
         "_connection",
         "_counted",
@@ -56,6 +59,7 @@ class Conversation:
         self._hello_due = 0.0
         self._hello_task: asyncio.Task[None] | None = None
         self._pace_timer: asyncio.TimerHandle | None = None
+        self._answering: asyncio.Task[None] | None = None
         self._await_hello()
 
     def _await_hello(self) -> None:
@@ -70,6 +74,8 @@ class Conversation:
             self._hello_task.cancel()
         if self._pace_timer is not None:
             self._pace_timer.cancel()
+        if self._answering is not None:
+            self._answering.cancel()
 
     def _hello_timeout(self) -> None:
         if self._loop.time() > self._hello_due + LATE:
@@ -105,6 +111,8 @@ class Conversation:
             # line runs for every message.
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
             self._handle(message, affordable)
+        except AnswerLater as later:
+            self._await_answer(later.work, ref)
         except FloodError:
             services.metrics.dropped.labels("flood").inc()
             peer.close("rate/limited", "far too many messages")
@@ -116,6 +124,21 @@ class Conversation:
         if session is not None and session.room is not None and session.room.writing:
             session.room.hold(peer.socket)
         peer.throttle()
+
+    def _await_answer(self, work: Coroutine[Any, Any, None], ref: int | None) -> None:
+        """Read nothing more from the client until a request is answered."""
+        self.peer.socket.pause_reading("answer")
+        self._answering = self._loop.create_task(self._answer_when_done(work, ref))
+
+    async def _answer_when_done(self, work: Coroutine[Any, Any, None], ref: int | None) -> None:
+        try:
+            await work
+        except ProtocolError as error:
+            self._answer_error(error, ref)
+        except Exception:
+            self._answer_failure(ref)
+        self._answering = None
+        self.peer.socket.resume_reading("answer")
 
     def _decode(self, payload: bytes | str) -> messages.ClientMessage:
         """Decode a message; record an unreadable one of a player."""
@@ -233,6 +256,7 @@ class Conversation:
             grace=room.episode.rules.grace if room is not None else services.settings.grace,
             readiness=True,
             workers=services.worker.addresses() if session.role.includes(Role.HOST) else [],
+            nodes=services.cluster.nodes if services.cluster is not None else [],
         )
         self.peer.send(welcome)
         if resumed:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from base64 import b64encode
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
+
+from pydantic import BaseModel
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
@@ -24,7 +26,7 @@ from robotouille_server.auth import (
 )
 from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import JoinedRoom, Session
+from robotouille_server.rooms.session import JoinedRoom, Session, SessionLimits
 from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
@@ -60,9 +62,54 @@ class Shutdown:
     notice: ShutdownNotice | None = None
 
 
-@dataclass(frozen=True, slots=True)
+class AnswerLater(Exception):  # noqa: N818
+    """Not an error: `work` answers the request, and nothing is read from the client until then."""
+
+    def __init__(self, work: Coroutine[Any, Any, None]) -> None:
+        super().__init__("the answer comes later")
+        self.work = work
+
+
+class Opening(BaseModel):
+    """Request to open an episode.
+
+    Attributes:
+        request: The options of the episode.
+        owner: The pseudonym of the participant who opens it.
+        asker: The session and the pseudonym of the participant.
+    """
+
+    request: messages.Create
+    owner: str = ""
+    asker: tuple[str, ...] = ()
+
+
+class ClusterRequests(Protocol):
+    """Requests that any node of a cluster answers; see `ClusterService`."""
+
+    @property
+    def nodes(self) -> list[str]:
+        """Addresses of the other nodes."""
+
+    async def look(self, code: str) -> None: ...
+
+    async def create(self, opening: Opening) -> messages.Created: ...
+
+    async def close(self, message: messages.Close, owner: str, *, operator: bool) -> str: ...
+
+    async def list(
+        self, request: messages.ListEpisodes, only: str, owner: str, *, operator: bool
+    ) -> messages.Episodes: ...
+
+    async def use_token(self, session: str, limits: SessionLimits) -> None: ...
+
+
+@dataclass(slots=True)
 class Services:
-    """Parts of a server that all its connections use."""
+    """Parts of a server that all its connections use.
+
+    `cluster` is None unless the server is a node of a cluster.
+    """
 
     settings: ServerSettings
     metrics: Metrics
@@ -75,6 +122,7 @@ class Services:
     loop_budget: LoopBudget
     shutdown: Shutdown
     worker: WorkerSlot
+    cluster: ClusterRequests | None = None
 
     def seat_tokens(
         self, room: Room, participants: Mapping[str, str], owner: str
@@ -99,6 +147,14 @@ class Services:
             )
             for number, player in enumerate(room.world.players, 1)
         }
+
+
+def open_episode(services: Services, opening: Opening) -> tuple[Room, messages.Created]:
+    """Open an episode in this process; return its room, and the answer without a `ref`."""
+    message, owner = opening.request, opening.owner
+    room = services.lobby.create(message, owner=owner, asker=opening.asker)
+    tokens = services.seat_tokens(room, message.participants, owner) if message.tokens else {}
+    return room, messages.Created(ref=message.ref, episode=room.id, code=room.code, tokens=tokens)
 
 
 def _pseudonym(owner: str, participant: str) -> str:
@@ -136,35 +192,53 @@ class Requests:
 
     def _list(self, message: messages.ListEpisodes) -> None:
         only, operator = self._session.limits.only_episode, self._session.role is Role.OPERATOR
-        lobby = self._services.lobby
-        self._peer.answer(lobby.infos(message, only, self._owner, operator=operator))
+        cluster, lobby, owner = self._services.cluster, self._services.lobby, self._owner
+        if cluster is not None:
+            listing = cluster.list(message, only, owner, operator=operator)
+            raise AnswerLater(self._answer_with(listing))
+        self._peer.answer(lobby.infos(message, only, owner, operator=operator))
+
+    async def _answer_with(self, work: Awaitable[messages.Message]) -> None:
+        self._peer.answer(await work)
 
     def _create(self, message: messages.Create) -> None:
         session, services = self._session, self._services
         check_opening(session.limits.only_episode)
         asker = (session.id, session.participant)
+        opening = Opening(request=message, owner=self._owner, asker=asker)
+        if services.cluster is not None:
+            raise AnswerLater(self._answer_with(services.cluster.create(opening)))
         try:
-            room = services.lobby.create(message, owner=self._owner, asker=asker)
+            _, created = open_episode(services, opening)
         except ElsewhereError as error:
             self._peer.send(error.moved(message.ref))
             return
-        tokens = (
-            services.seat_tokens(room, message.participants, self._owner) if message.tokens else {}
-        )
-        created = messages.Created(ref=message.ref, episode=room.id, code=room.code, tokens=tokens)
         self._peer.send(created)
 
     def _close(self, message: messages.Close) -> None:
         role = self._session.role
         check_opening(self._session.limits.only_episode)
         reason = message.reason or f"closed by the {role}"
-        lobby, operator = self._services.lobby, role is Role.OPERATOR
+        cluster, lobby, operator = (
+            self._services.cluster,
+            self._services.lobby,
+            role is Role.OPERATOR,
+        )
+        if cluster is not None:
+            closing = message.model_copy(update={"reason": reason})
+            raise AnswerLater(self._close_anywhere(cluster, closing, operator=operator))
         try:
             room = lobby.close(message.episode, reason, self._owner, operator=operator)
         except ElsewhereError as error:
             self._peer.send(error.moved(message.ref))
             return
         self._peer.send(messages.Closed(ref=message.ref, episode=room.id))
+
+    async def _close_anywhere(
+        self, cluster: ClusterRequests, message: messages.Close, *, operator: bool
+    ) -> None:
+        episode = await cluster.close(message, self._owner, operator=operator)
+        self._peer.send(messages.Closed(ref=message.ref, episode=episode))
 
     @property
     def _owner(self) -> str:
@@ -174,13 +248,15 @@ class Requests:
 
     # Joining and leaving
 
-    def _join(self, message: messages.Join) -> None:
-        session = self._session
+    def _join(self, message: messages.Join, *, prepared: bool = False) -> None:
+        session, cluster = self._session, self._services.cluster
         if session.room is not None:
             where = session.room.code
             raise ProtocolError(
                 "episode/joined", f"you are in {where} already; leave it first", "type"
             )
+        if cluster is not None and not prepared and (session.limits.once or self._unknown(message)):
+            raise AnswerLater(self._join_later(cluster, message))
         try:
             room = self._find(message.episode)
         except ElsewhereError as error:
@@ -191,6 +267,24 @@ class Requests:
         # again. See `UsedTokens`.
         with self._using_token():
             room.enter(session, request, self._services.settings.max_spectators)
+
+    def _unknown(self, message: messages.Join) -> bool:
+        """Return whether this node of a cluster does not know an episode (yet)."""
+        try:
+            self._services.lobby.find(message.episode)
+        except ElsewhereError:
+            return False
+        except ProtocolError as error:
+            return error.code == "episode/unknown"
+        return False
+
+    async def _join_later(self, cluster: ClusterRequests, message: messages.Join) -> None:
+        self._services.code_guesses.check(self._counted, self._now())
+        await cluster.look(message.episode)
+        if self._session.limits.once:
+            await cluster.use_token(self._session.id, self._session.limits)
+        if self._peer.open:
+            self._join(message, prepared=True)
 
     def _using_token(self) -> AbstractContextManager[None]:
         """Return a context for a join that uses up a token for one session."""

@@ -10,7 +10,14 @@ from robotouille_server.auth.roles import (
     check_scope,
     same_episode,
 )
-from robotouille_server.auth.tokens import Credentials, ResumeGrant, RoleGrant, Tokens
+from robotouille_server.auth.tokens import (
+    Credentials,
+    ResumeGrant,
+    RoleGrant,
+    Tokens,
+    key_file,
+    revoked_file,
+)
 from robotouille_server.auth.visitors import (
     PROXY_HEADERS,
     CodeGuessLimiter,
@@ -46,11 +53,13 @@ __all__ = [
     "check_scope",
     "comes_from",
     "counted_as",
+    "key_file",
     "newcomer_group",
     "origin_refusal",
     "parse_networks",
     "parse_origins",
     "read_private",
+    "revoked_file",
     "same_episode",
     "visitor",
 ]

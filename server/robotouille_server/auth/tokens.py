@@ -365,7 +365,7 @@ class Credentials:
         Raises:
             RobotouilleError: The keys or the list of revoked tokens cannot be used.
         """
-        revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
+        revoked = Revocations(revoked_file(settings))
         tokens = Tokens(_keyring(settings), wall, revoked)
         return cls(tokens, UsedTokens(settings.state_folder / "used-tokens", wall), revoked)
 
@@ -373,8 +373,14 @@ class Credentials:
 def _keyring(settings: ServerSettings) -> Keyring:
     if settings.signing_keys is not None:
         return Keyring.parse(settings.signing_keys.get_secret_value())
-    return FileKeyring(_key_file(settings))
+    return FileKeyring(key_file(settings))
 
 
-def _key_file(settings: ServerSettings) -> Path:
+def revoked_file(settings: ServerSettings) -> Path:
+    """Return the file with the ids of revoked tokens."""
+    return key_file(settings).with_name(REVOKED_FILE)
+
+
+def key_file(settings: ServerSettings) -> Path:
+    """Return the file with the keys that sign tokens, which may not exist yet."""
     return settings.keys or settings.state_folder / "keys.json"

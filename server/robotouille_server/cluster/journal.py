@@ -15,7 +15,14 @@ from typing import Protocol
 
 from robotouille.episode import Event
 from robotouille.replay.recorder import Recorder
-from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError, Stored
+from robotouille_server.cluster.bus import (
+    Append,
+    Bus,
+    BusError,
+    ConflictError,
+    Stored,
+    UnavailableError,
+)
 from robotouille_server.rooms.journal import MAX_RECORDING_BYTES, MAX_RECORDING_FRAMES
 from robotouille_server.runtime.logs import get_logger
 
@@ -23,6 +30,8 @@ MAX_PIECE = 512 * 1024
 """Bytes in one message. NATS refuses messages above 1 MiB, unless it is configured otherwise."""
 LATE_SECONDS = 0.5
 """Seconds without a quorum after which the episode is paused."""
+SETTLE_SECONDS = 3.0
+"""Seconds to wait for a quorum before an episode is opened or handed over."""
 RETRY_SECONDS = 0.5
 """Seconds between two attempts of a write that has failed."""
 
@@ -120,6 +129,7 @@ class ReplicatedJournal:
         self._checking = False
         self._released = False
         self._changed: Callable[[], None] = _nothing
+        self._settling: list[asyncio.Future[None]] = []
         keeper.begun(self)
 
     @property
@@ -136,6 +146,18 @@ class ReplicatedJournal:
     def settled(self) -> bool:
         """True if a quorum has everything."""
         return self._write is None and not self._pending
+
+    async def stored(self, seconds: float = SETTLE_SECONDS) -> None:
+        """Wait until a quorum has everything; raise UnavailableError after `seconds`."""
+        if self.settled:
+            return
+        done: asyncio.Future[None] = self._loop.create_future()
+        self._settling.append(done)
+        try:
+            async with asyncio.timeout(seconds):
+                await done
+        except TimeoutError:
+            raise UnavailableError(self.problem or "NATS has no quorum") from None
 
     def listen(self, changed: Callable[[], None]) -> None:
         """Call `changed` when everything is written, and when writing takes too long."""
@@ -205,6 +227,14 @@ class ReplicatedJournal:
             get_logger().info("recording works again", file=self.name)
         self.problem = ""
         self._changed()
+        if self.settled:
+            self._wake()
+
+    def _wake(self) -> None:
+        settling, self._settling = self._settling, []
+        for done in settling:
+            if not done.done():
+                done.set_result(None)
 
     async def _ask(self, write: _Write) -> None:
         """Find out whether a refused write was stored by an earlier attempt, or is too late."""
@@ -263,6 +293,7 @@ class ReplicatedJournal:
         if not self._released:
             self._released = True
             self._keeper.released(self)
+            self._wake()
 
 
 def _nothing() -> None:

@@ -181,12 +181,12 @@ class Archive:
         # A thread reads and decompresses the file, because both block. Replaying frames is Python
         # code, so the event loop does it in small parts.
         content = await loop.run_in_executor(None, self._content, name)
-        recording = await _in_turns(_opening(content, name))
+        recording = await in_turns(_opening(content, name))
         original = name_in(recording.header).removesuffix(OPEN) + CLOSED
         # A renamed copy may have been changed, and must not be shown instead of the original.
         if name != original:
             raise RecordingError(f"a copy of {original}")
-        restored = await _in_turns(restoring(recording, loop.time(), 0.0, shared_world))
+        restored = await in_turns(restoring(recording, loop.time(), 0.0, shared_world))
         recorder = Recorder(restored.episode.world)
         return ArchivedEpisode(recording.header, restored, recorder, None)
 
@@ -221,7 +221,7 @@ def _expired(why: str) -> ProtocolError:
     return ProtocolError("auth/expired", f"{why}; send hello without 'resume'", "resume")
 
 
-async def _in_turns(work: Generator[None, None, T]) -> T:
+async def in_turns(work: Generator[None, None, T]) -> T:
     """Do some work in small parts, and let others run in between."""
     while True:
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import NoReturn
 
@@ -56,6 +56,7 @@ class Lobby:
         rooms: The rooms by id, those of recently ended episodes included.
         tasks: The operator's own tasks.
         dropped: The number of rooms that no longer exist.
+        owned_elsewhere: Returns the number of an owner's episodes on other nodes, reserved or not.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Lobby:
         self.rooms: dict[str, Room] = {}
         self.tasks = read_task_folder(settings.tasks) if settings.tasks else TaskFolder()
         self.dropped = 0
+        self.owned_elsewhere: Callable[[str, bool], int] = _none_elsewhere
         self._settings = settings
         self._metrics = metrics
         self._sessions = sessions
@@ -92,8 +94,13 @@ class Lobby:
             # an unknown episode is refused at once.
             now, seconds = self._timers.time, settings.recovery_seconds
             self._recovery = Recovery(
-                around.storage, around.worker, seconds, self._adopt, now, around.wall
+                around.storage, around.worker, seconds, self.adopt, now, around.wall
             )
+
+    @property
+    def seats_in_use(self) -> int:
+        """Seats in episodes that have not ended."""
+        return sum(len(room.world.players) for room in self._live)
 
     # Observers
 
@@ -181,7 +188,7 @@ class Lobby:
         if not owner:
             return
         alike = (room.owner == owner and room.reserved == reserved for room in self._live)
-        own, settings = sum(alike), self._settings
+        own, settings = sum(alike) + self.owned_elsewhere(owner, reserved), self._settings
         if reserved and own >= settings.max_reserved_per_owner:
             message = f"{own} of your episodes wait for their first player; close one of them first"
             raise ProtocolError("rate/episodes", message)
@@ -239,7 +246,7 @@ class Lobby:
             return {}
         return {**self._recovery.unrestored, **self._recovery.problems}
 
-    def _adopt(self, found: ArchivedEpisode) -> Room:
+    def adopt(self, found: ArchivedEpisode) -> Room:
         """Make a room for an episode that began in another process."""
         room = self._add(self._factory.restored(found))
         if found.journal is None:
@@ -422,6 +429,20 @@ class Lobby:
         self._drop(room)
         return list(room.members)
 
+    def give_up(self, episode: str) -> list[Session]:
+        """Drop an episode that another node has; return the sessions that were in it."""
+        room = self.rooms.get(episode)
+        if room is None:
+            return []
+        members = list(room.members)
+        room.suspend()
+        self._drop(room)
+        for session in members:
+            session.room, session.players = None, ()
+            # The other node has the session now. If it comes back here, it comes with its seats.
+            self._sessions.drop(session)
+        return members
+
     def stop(self) -> None:
         """Cancel all timers."""
         self._timers.clear()
@@ -452,6 +473,10 @@ class Lobby:
 
     def _count(self) -> None:
         self._metrics.episodes.set(len(self._live))
+
+
+def _none_elsewhere(owner: str, reserved: bool) -> int:
+    return 0
 
 
 def _unknown(name: str) -> ProtocolError:

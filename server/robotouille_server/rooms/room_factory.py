@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from robotouille.episode import Episode, Rules
 from robotouille.errors import ProtocolError
@@ -104,6 +104,13 @@ def _timestamp() -> str:
     return datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
 
 
+class Cluster(Protocol):
+    """Cluster of servers, as its rooms see it; see `ClusterNode`."""
+
+    def journal(self, episode: str, name: str, recorder: Recorder, begin: bytes) -> EpisodeJournal:
+        """Return the recording of a new episode, which begins with some bytes."""
+
+
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """Sources of time and chance, and other parts of the outside world that tests replace.
@@ -115,6 +122,7 @@ class Surroundings:
         wall: Returns the seconds since 1970, for tokens, the audit log and recordings.
         worker: The position of this process among several that share a port.
         bot_worker: Makes the worker in which substitutes plan, when the first one is needed.
+        cluster: The cluster that stores recordings; None keeps them in files.
     """
 
     randomness: random.Random = field(default_factory=_system_randomness)
@@ -123,6 +131,7 @@ class Surroundings:
     wall: Callable[[], float] = time.time
     worker: WorkerSlot = field(default_factory=WorkerSlot)
     bot_worker: Callable[[], BotWorker] = ProcessBotWorker
+    cluster: Cluster | None = None
 
 
 class RoomFactory:
@@ -164,15 +173,7 @@ class RoomFactory:
             task, rules, episode=episode_id, seed=setup.seed, created=created, details=details
         )
         recorder = Recorder(world, around.wall, self._machinery.timers.time)
-        journal = None
-        if around.storage is not None:
-            name = file_name(created, task.name, episode_id)
-            journal = Journal(around.storage, name, recorder, begin=recorder.begin(head))
-            # The header is written before any client knows the code, because an episode whose
-            # recording fails at once must not begin.
-            if not journal.write():
-                journal.discard()
-                raise ProtocolError("server/recording", f"no episode: {journal.problem}")
+        journal = self._journal(file_name(created, task.name, episode_id), head, recorder)
         now = self._machinery.timers.time()
         episode = Episode(world, rules, now, treatments=setup.treatments)
         room = self._room(head, code, episode, recorder, journal)
@@ -180,6 +181,23 @@ class RoomFactory:
             "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
         )
         return room
+
+    def _journal(
+        self, name: str, head: dict[str, Any], recorder: Recorder
+    ) -> EpisodeJournal | None:
+        """Return the recording of a new episode, or None if episodes are not recorded."""
+        around = self._around
+        if around.cluster is not None:
+            return around.cluster.journal(head["episode"], name, recorder, recorder.begin(head))
+        if around.storage is None:
+            return None
+        journal = Journal(around.storage, name, recorder, begin=recorder.begin(head))
+        # The header is written before any client knows the code, because an episode whose
+        # recording fails at once must not begin.
+        if not journal.write():
+            journal.discard()
+            raise ProtocolError("server/recording", f"no episode: {journal.problem}")
+        return journal
 
     def _open_until(self, rules: Rules) -> int | None:
         """Return the end of a reservation in milliseconds since 1970."""

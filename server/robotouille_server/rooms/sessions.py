@@ -255,6 +255,11 @@ class Sessions:
             # The timer would keep the session in memory for the grace, which may be a day.
             self._keep(session)
 
+    def drop(self, session: Session) -> None:
+        """Forget a session that another node has, even if it has a connection."""
+        self.by_id.pop(session.id, None)
+        self._keep(session)
+
     def _keep(self, session: Session) -> None:
         """Cancel the expiry of a session."""
         expiry = self._expiries.pop(session, None)

@@ -59,6 +59,42 @@ class Durations:
         return HistogramMetricFamily(name, text, buckets=rows, sum_value=self.total)
 
 
+class ClusterMetrics:
+    """Metrics of a node of a cluster."""
+
+    def __init__(self) -> None:
+        self.nodes = 0
+        self.lease_age = 0.0
+        self.uncommitted = 0
+        self.takeovers = self.fenced = 0
+        self.commit = Durations()
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield the metrics."""
+        yield GaugeMetricFamily(
+            "robotouille_cluster_nodes", "Nodes that are alive, as this node sees them", self.nodes
+        )
+        yield GaugeMetricFamily(
+            "robotouille_cluster_lease_age_seconds",
+            "Seconds since this node's lease was renewed",
+            self.lease_age,
+        )
+        yield GaugeMetricFamily(
+            "robotouille_cluster_uncommitted",
+            "Episodes that wait for a quorum for more than half a second",
+            self.uncommitted,
+        )
+        yield CounterMetricFamily(
+            "robotouille_cluster_takeovers", "Episodes taken over", value=self.takeovers
+        )
+        yield CounterMetricFamily(
+            "robotouille_cluster_fenced", "Episodes lost to other nodes", value=self.fenced
+        )
+        yield self.commit.family(
+            "robotouille_cluster_commit_seconds", "Time until a quorum has a write"
+        )
+
+
 class Metrics(Collector):
     """Metrics of one server, in a registry of its own.
 
@@ -79,6 +115,7 @@ class Metrics(Collector):
         self.busiest_participant = 0.0
         self.lateness = Durations()
         self.age = Durations()
+        self.cluster: ClusterMetrics | None = None
         self._recent: tuple[float, bytes] | None = None
         self.connections = Gauge(
             "robotouille_connections", "Open connections", registry=self.registry
@@ -190,6 +227,9 @@ class Metrics(Collector):
             "robotouille_delta_age_seconds",
             "Time from taking a step to sending its last delta, recording included",
         )
+
+        if self.cluster is not None:
+            yield from self.cluster.collect()
 
     def page(self) -> bytes:
         """Return the metrics in the exposition format."""

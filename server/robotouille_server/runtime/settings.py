@@ -165,6 +165,36 @@ class ServerSettings(BaseSettings):
     worker_url: str = Field(
         "", description="Public URL of a worker behind a proxy, such as wss://HOST/w{worker}."
     )
+    cluster: str = Field(
+        "",
+        description="NATS servers that connect this server with others to a cluster, as "
+        "nats://[USER@]HOST[:PORT],… or tls://….",
+    )
+    cluster_name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = Field(
+        "robotouille",
+        description="Name of the cluster, so that several clusters can share the NATS servers.",
+    )
+    cluster_url: str = Field(
+        "",
+        description="Address at which clients reach this node, such as wss://HOST. Default: the "
+        "certificate's or the machine's name and the port.",
+    )
+    cluster_key: Path | None = Field(
+        None,
+        description="File with 32 bytes, the same on all nodes, that encrypts the signing keys in "
+        "NATS.",
+    )
+    cluster_ca: Path | None = Field(
+        None,
+        description="Certificate authority of the NATS servers (PEM). Default: the system's "
+        "authorities.",
+    )
+    cluster_credentials: Path | None = Field(
+        None, description="Credentials file for NATS, as nsc makes it."
+    )
+    cluster_password_file: Path | None = Field(
+        None, description="File with the password of the NATS user."
+    )
     operator: bool = Field(True, description="Serve the operator page and API.")
     operator_host: str = Field("127.0.0.1", description="Address of the operator page.")
     operator_names: str = Field(

@@ -1,0 +1,166 @@
+"""Start of a server as a node of a cluster."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+from robotouille.errors import RobotouilleError
+from robotouille.installation import RELEASE
+from robotouille_server.app import Server
+from robotouille_server.auth import key_file, read_private, revoked_file
+from robotouille_server.cluster.bus import Bus, BusError
+from robotouille_server.cluster.members import NodeReport
+from robotouille_server.cluster.nats_bus import NatsAddress, nats_bus
+from robotouille_server.cluster.node import ClusterNode, NodeParts
+from robotouille_server.cluster.secrets import SharedSecrets, read_cluster_key
+from robotouille_server.cluster.service import ClusterService
+from robotouille_server.rooms.room_factory import Surroundings
+from robotouille_server.rooms.storage import Folder
+from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.metrics import ClusterMetrics
+from robotouille_server.runtime.settings import ServerSettings
+
+MAX_PASSWORD_BYTES = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """A cluster that this process has joined, before its server starts.
+
+    Attributes:
+        around: The surroundings with which the server must be started.
+        node: This node.
+    """
+
+    around: Surroundings
+    node: ClusterNode
+    metrics: ClusterMetrics
+    secrets: SharedSecrets
+
+    @asynccontextmanager
+    async def serving(self, server: Server) -> AsyncIterator[ClusterService]:
+        """Let a server that listens take part for the time of an `async with` block."""
+        service = ClusterService(self.node, server.services, self.secrets)
+        server.metrics.cluster = self.metrics
+        server.settle = self.node.settled
+        try:
+            await self.node.serve(server.lobby, _url(server))
+            await service.start()
+        except BusError as error:
+            raise RobotouilleError(f"--cluster: {error}") from None
+        server.services.cluster = service
+        get_logger().info("joined the cluster", node=self.node.name, others=len(service.nodes))
+        yield service
+
+
+@asynccontextmanager
+async def joined(settings: ServerSettings) -> AsyncIterator[Cluster]:
+    """Connect to NATS and join the cluster of the settings.
+
+    Raises:
+        RobotouilleError: A setting is invalid, NATS cannot be used, or the other nodes have other
+            keys.
+    """
+    if settings.workers > 1:
+        text = "--cluster needs --workers 1; start one server for each core instead"
+        raise RobotouilleError(text)
+    if not settings.record:
+        raise RobotouilleError("--cluster needs recordings: other nodes continue from them")
+    async with nats_bus(_address(settings)) as bus, joined_through(bus, settings) as cluster:
+        yield cluster
+
+
+@asynccontextmanager
+async def joined_through(
+    bus: Bus, settings: ServerSettings, around: Surroundings | None = None
+) -> AsyncIterator[Cluster]:
+    """Join the cluster that a bus connects."""
+    around = around or Surroundings()
+    given = settings.keys is not None or settings.signing_keys is not None
+    shared = SharedSecrets(
+        bus,
+        None if given else key_file(settings),
+        revoked_file(settings),
+        read_cluster_key(settings.cluster_key) if settings.cluster_key is not None else None,
+    )
+    metrics = ClusterMetrics()
+    storage = around.storage or Folder(settings.recordings)
+    parts = NodeParts(
+        storage, metrics, around.wall, settings.recovery_seconds, shared.share_changes
+    )
+    name = f"{around.randomness.getrandbits(64):016x}"
+    try:
+        await shared.join()
+        report = NodeReport(name=name, url="", release=RELEASE, keys=shared.digest())
+        node = ClusterNode(bus, report, parts)
+        await node.join()
+    except BusError as error:
+        raise RobotouilleError(f"--cluster: {error}") from None
+    try:
+        around = Surroundings(
+            randomness=around.randomness,
+            timestamp=around.timestamp,
+            storage=storage,
+            wall=around.wall,
+            worker=node.slot,
+            bot_worker=around.bot_worker,
+            cluster=node,
+        )
+        yield Cluster(around, node, metrics, shared)
+    finally:
+        await node.close()
+
+
+def _address(settings: ServerSettings) -> NatsAddress:
+    servers = tuple(_server(part.strip()) for part in settings.cluster.split(",") if part.strip())
+    if not servers:
+        raise RobotouilleError("--cluster: no address of a NATS server")
+    password = ""
+    if (file := settings.cluster_password_file) is not None:
+        password = read_private(file, MAX_PASSWORD_BYTES).decode("utf-8", "replace").strip()
+    tls = None
+    if any(server.startswith("tls://") for server in servers) or settings.cluster_ca is not None:
+        tls = _tls(settings)
+    credentials = str(settings.cluster_credentials or "")
+    return NatsAddress(servers, settings.cluster_name, password, credentials, tls)
+
+
+def _server(text: str) -> str:
+    try:
+        parts = urlsplit(text)
+        valid = parts.scheme in ("nats", "tls") and parts.hostname and parts.port != 0
+    except ValueError:
+        valid = False
+    if not valid:
+        raise RobotouilleError(
+            f"--cluster: {text!r} is not nats://[USER@]HOST[:PORT] or tls://[USER@]HOST[:PORT]"
+        )
+    return text
+
+
+def _tls(settings: ServerSettings) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=settings.cluster_ca)
+    except (OSError, ssl.SSLError) as error:
+        raise RobotouilleError(f"--cluster-ca: {settings.cluster_ca}: {error}") from None
+
+
+def _url(server: Server) -> str:
+    """Return the address at which clients reach a server."""
+    settings = server.settings
+    if settings.cluster_url:
+        parts = urlsplit(settings.cluster_url)
+        if parts.scheme not in ("ws", "wss") or not parts.hostname:
+            raise RobotouilleError(
+                f"--cluster-url: {settings.cluster_url!r} is not ws://HOST or wss://HOST"
+            )
+        return settings.cluster_url
+    everywhere = settings.host in ("0.0.0.0", "::")  # noqa: S104
+    if everywhere and server.public_url == server.url:
+        return f"{urlsplit(server.url).scheme}://{socket.gethostname()}:{server.port}"
+    return server.public_url

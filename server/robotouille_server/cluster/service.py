@@ -1,0 +1,219 @@
+"""Requests that any node answers, wherever the episode is: open, close and list episodes."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+from pydantic import BaseModel, ValidationError
+
+from robotouille.episode import Phase
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
+from robotouille_server.cluster.bus import Bus, BusError, ConflictError
+from robotouille_server.cluster.directory import EpisodeRecord
+from robotouille_server.cluster.journal import ReplicatedJournal
+from robotouille_server.cluster.node import ClusterNode, other_nodes
+from robotouille_server.cluster.secrets import SharedSecrets
+from robotouille_server.requests import Opening, Services, open_episode
+from robotouille_server.rooms.lobby import MAX_LISTED
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import SessionLimits
+
+ANSWER_SECONDS = 5.0
+"""Seconds that another node has to open or close an episode."""
+LIST_SECONDS = 1.0
+"""Seconds after which a list is complete without the nodes that do not answer."""
+MAX_NODES = 64
+PHASES = {Phase.WAITING: 0, Phase.RUNNING: 1, Phase.PAUSED: 1, Phase.ENDED: 2}
+
+
+class _Listing(BaseModel):
+    """Request for a list of episodes, from one node to another."""
+
+    request: messages.ListEpisodes
+    only: str
+    owner: str
+    operator: bool
+
+
+class _Closing(BaseModel):
+    """Request to close an episode, from one node to another."""
+
+    episode: str
+    reason: str
+    owner: str
+    operator: bool
+
+
+class _Answer(BaseModel):
+    """Answer of another node: an error, or one of the others."""
+
+    error: messages.Error | None = None
+    created: messages.Created | None = None
+    episodes: messages.Episodes | None = None
+    closed: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterService:
+    """What clients may ask of any node. Nodes ask each other by the same methods."""
+
+    node: ClusterNode
+    services: Services
+    secrets: SharedSecrets
+
+    @property
+    def _bus(self) -> Bus:
+        return self.node.bus
+
+    async def start(self) -> None:
+        """Answer the requests of other nodes."""
+        self.services.lobby.owned_elsewhere = self._owned_elsewhere
+        await self._bus.answer(f"node.{self.node.name}", self._asked)
+
+    @property
+    def nodes(self) -> list[str]:
+        """Addresses of the other nodes, for clients that lose this one."""
+        return other_nodes(self.node.members.alive(), self.node.members.own)[:MAX_NODES]
+
+    def _owned_elsewhere(self, owner: str, reserved: bool) -> int:
+        return sum(
+            record.owner == owner and record.reserved == reserved and not record.ended
+            for record in self.node.directory
+            if record.node != self.node.name
+        )
+
+    async def use_token(self, session: str, limits: SessionLimits) -> None:
+        """Use up a token for one session, on all nodes."""
+        await self.secrets.use(limits.token_id, session, limits.role_expires)
+
+    async def look(self, code: str) -> None:
+        """Look again where the episode with a code is."""
+        try:
+            await self.node.directory.look(code)
+        except BusError as error:
+            raise _unavailable(error) from None
+
+    # Opening
+
+    async def create(self, opening: Opening) -> messages.Created:
+        """Open an episode on the node with the least load."""
+        # Only this node knows the game of a rematch.
+        own = self.node.members.own
+        place = own if opening.request.rematch is not None else self.node.members.place(1)
+        if place.name == self.node.name:
+            return await self._create_here(opening)
+        data = opening.model_dump_json().encode()
+        answer = await self._ask(place.name, "create", data, ANSWER_SECONDS)
+        if answer.created is None:
+            raise ProtocolError("server/internal", "another node failed to open the episode")
+        return answer.created
+
+    async def _create_here(self, opening: Opening) -> messages.Created:
+        room, created = open_episode(self.services, opening)
+        if self.node.directory.find(room.id) is None:
+            await self._register(room)
+        return created
+
+    async def _register(self, room: Room) -> None:
+        """Let all nodes know a new room, once its recording has begun."""
+        journal = room.journal
+        if not isinstance(journal, ReplicatedJournal):
+            return
+        record = EpisodeRecord(
+            episode=room.id,
+            code=room.code,
+            node=self.node.name,
+            file=journal.name,
+            owner=room.owner,
+            reserved=room.reserved,
+        )
+        try:
+            await journal.stored()
+            await self.node.directory.add(record)
+        except (BusError, ConflictError) as error:
+            room.abort("its recording could not be begun")
+            raise _unavailable(error) from None
+
+    # Closing and listing
+
+    async def close(self, message: messages.Close, owner: str, *, operator: bool) -> str:
+        """Close an episode, wherever it is; return its id."""
+        record = self.node.directory.find(message.episode)
+        reason = message.reason or ""
+        if record is None or record.node == self.node.name or record.ended:
+            lobby = self.services.lobby
+            return lobby.close(message.episode, reason, owner, operator=operator).id
+        data = _Closing(episode=record.episode, reason=reason, owner=owner, operator=operator)
+        answer = await self._ask(
+            record.node, "close", data.model_dump_json().encode(), ANSWER_SECONDS
+        )
+        return answer.closed
+
+    async def list(
+        self, request: messages.ListEpisodes, only: str, owner: str, *, operator: bool
+    ) -> messages.Episodes:
+        """List the episodes of all nodes, those that wait for players first."""
+        # Every node returns its first episodes, up to the end of the page.
+        wanted = request.model_copy(update={"skip": 0})
+        listing = _Listing(request=wanted, only=only, owner=owner, operator=operator)
+        own = self.services.lobby.infos(wanted, only, owner, operator=operator)
+        others = [r for r in self.node.members.alive() if r.name != self.node.name]
+        data = listing.model_dump_json().encode()
+        answers = await asyncio.gather(
+            *(self._ask(report.name, "list", data, LIST_SECONDS) for report in others),
+            return_exceptions=True,
+        )
+        found, total = list(own.episodes), own.total
+        for answer in answers:
+            if isinstance(answer, _Answer) and answer.episodes is not None:
+                found += answer.episodes.episodes
+                total += answer.episodes.total
+        found.sort(key=lambda info: (PHASES.get(Phase(info.phase), 3), info.created))
+        page = found[request.skip : request.skip + MAX_LISTED]
+        return messages.Episodes(ref=request.ref, episodes=page, total=total)
+
+    # Between nodes
+
+    async def _ask(self, node: str, what: str, data: bytes, seconds: float) -> _Answer:
+        try:
+            answer = await self._bus.request(f"node.{node}.{what}", data, seconds)
+            found = _Answer.model_validate_json(answer)
+        except BusError as error:
+            raise _unavailable(error) from None
+        except ValidationError:
+            message = "another node has sent an answer that this one cannot read"
+            raise ProtocolError("server/internal", message) from None
+        if found.error is not None:
+            raise ProtocolError(found.error.code, found.error.message, found.error.field)
+        return found
+
+    async def _asked(self, what: str, data: bytes) -> bytes:
+        try:
+            answer = await self._answer(what, data)
+        except ProtocolError as error:
+            refused = messages.Error(code=error.code, message=error.message, field=error.field)
+            answer = _Answer(error=refused)
+        except ValidationError:
+            text = "another node cannot read this request"
+            answer = _Answer(error=messages.Error(code="server/internal", message=text))
+        return answer.model_dump_json().encode()
+
+    async def _answer(self, what: str, data: bytes) -> _Answer:
+        if what == "create":
+            return _Answer(created=await self._create_here(Opening.model_validate_json(data)))
+        if what == "close":
+            closing = _Closing.model_validate_json(data)
+            lobby, operator = self.services.lobby, closing.operator
+            room = lobby.close(closing.episode, closing.reason, closing.owner, operator=operator)
+            return _Answer(closed=room.id)
+        listing = _Listing.model_validate_json(data)
+        infos = self.services.lobby.infos(
+            listing.request, listing.only, listing.owner, operator=listing.operator
+        )
+        return _Answer(episodes=infos)
+
+
+def _unavailable(error: BusError) -> ProtocolError:
+    return ProtocolError("server/recording", f"the cluster has no answer: {error}; try again later")
