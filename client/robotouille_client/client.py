@@ -23,7 +23,6 @@ from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
-from robotouille_client.sansio.addresses import moved_url
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.client_state import ClientState, Request, RequestDone
 from robotouille_client.sockets import connection_error, open_socket, server_uri
@@ -79,7 +78,7 @@ class Client:
 
     @property
     def url(self) -> str:
-        """The address of the server process to connect to. Redirects change it."""
+        """The address to connect to. Redirects and lost connections change it."""
         return self.protocol.url
 
     @url.setter
@@ -103,7 +102,7 @@ class Client:
         Raises:
             UntrustedRedirectError: An address is on another host, or drops TLS.
         """
-        return [moved_url(self.url, worker) for worker in self.protocol.workers]
+        return [self.protocol.addresses.resolve(worker) for worker in self.protocol.workers]
 
     @property
     def game(self) -> Game | None:
@@ -126,6 +125,9 @@ class Client:
         return self.protocol.resumed
 
     async def __aenter__(self) -> Self:
+        # A misspelled address would otherwise show only when the others fail.
+        for named in self.protocol.addresses.named:
+            server_uri(named)
         self._runner = asyncio.create_task(self._run(), name=f"robotouille-client {self.name}")
         welcome = asyncio.create_task(self.connected.wait())
         try:
@@ -346,18 +348,20 @@ class Client:
 
     async def _connect(self) -> ClientConnection:
         server_uri(self.url)
+        opening = open_socket(
+            self.url,
+            subprotocols=[Subprotocol(self._codec.name)],
+            # Messages are small and frequent: compressing them costs more than it saves.
+            compression=None,
+            max_size=8 * 1024 * 1024,
+            open_timeout=self.protocol.addresses.connect_seconds,
+            ping_interval=20,
+            ping_timeout=60,
+            close_timeout=2,
+        )
+        opening.named = self.protocol.addresses.named
         try:
-            return await open_socket(
-                self.url,
-                subprotocols=[Subprotocol(self._codec.name)],
-                # Messages are small and frequent: compressing them costs more than it saves.
-                compression=None,
-                max_size=8 * 1024 * 1024,
-                open_timeout=10,
-                ping_interval=20,
-                ping_timeout=60,
-                close_timeout=2,
-            )
+            return await opening
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
             raise ConnectionFailedError(connection_error(error, self.url)) from None
 
@@ -452,7 +456,8 @@ async def connect(
     """Connect to a server, and reconnect whenever the connection is lost, until the context ends.
 
     Args:
-        url: A `ws://` or `wss://` address.
+        url: A `ws://` or `wss://` address, or several addresses of one server, separated by
+            commas. They are tried in random order.
         name: The requested name, of 1 to 40 characters.
         reconnect: True to reconnect after a lost connection.
         token: A signed role token, if the server requires one.
@@ -460,7 +465,7 @@ async def connect(
             episode then restores its seat.
 
     Raises:
-        ConnectionFailedError: The server cannot be reached, or does not welcome the client within
+        ConnectionFailedError: No address is reachable, or no server welcomes the client within
             15 seconds.
         RetryLaterError: The server asks to try again later.
         UntrustedRedirectError: The server redirects to another host or away from TLS.

@@ -15,7 +15,13 @@ from robotouille_client.sansio.addresses import check_redirect
 
 
 class open_socket(connect):  # noqa: N801
-    """`connect` of websockets that follows HTTP redirects to the same host only."""
+    """`connect` of websockets that follows HTTP redirects to trusted hosts only.
+
+    Attributes:
+        named: Addresses that the user named. Their hosts are trusted.
+    """
+
+    named: tuple[str, ...] = ()
 
     def process_redirect(self, exc: Exception) -> Exception | str:
         """Return the redirect's target, or the error.
@@ -30,7 +36,7 @@ class open_socket(connect):  # noqa: N801
                 f"{self.uri} redirects to an invalid address: {error}"
             ) from None
         if isinstance(target, str):
-            check_redirect(urlsplit(self.uri), target)
+            check_redirect(urlsplit(self.uri), target, self.named)
         return target
 
 

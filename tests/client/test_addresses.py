@@ -10,7 +10,8 @@ import pytest
 from robotouille.protocol import messages
 from robotouille_client.console import server_url
 from robotouille_client.errors import ConnectionFailedError, UntrustedRedirectError
-from robotouille_client.sansio.addresses import moved_url, reconnect_delays
+from robotouille_client.sansio.addresses import moved_url
+from robotouille_client.sansio.attempts import reconnect_delays
 from robotouille_client.sockets import server_uri
 
 

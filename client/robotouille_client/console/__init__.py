@@ -57,7 +57,11 @@ INTERRUPTED = 130
 """Exit status after Ctrl+C, as in shells."""
 
 UrlOption = Annotated[
-    str | None, typer.Option(help="URL of the server. Replaces --host and --port.")
+    str | None,
+    typer.Option(
+        help="URL of the server, or several URLs of its nodes with commas between them. Replaces "
+        "--host and --port."
+    ),
 ]
 HostOption = Annotated[str, typer.Option(help="Host of the server.")]
 PortOption = Annotated[int, typer.Option(help="Port of the server.")]
@@ -208,14 +212,17 @@ def name_and_value(text: str, option: str) -> tuple[str, str]:
 def server_url(url: str | None, host: str, port: int) -> str:
     """Return the URL of a server: the given one, or one made of host and port.
 
+    Several URLs, separated by commas, stay one text.
+
     Raises:
-        ConnectionFailedError: The URL is invalid.
+        ConnectionFailedError: A URL is invalid.
     """
+    from robotouille_client.sansio.addresses import split_addresses
     from robotouille_client.sockets import server_uri
 
     if url is None:
-        url = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
-    elif "://" not in url:
-        url = f"ws://{url}"
-    server_uri(url)
-    return url
+        url = f"{f'[{host}]' if ':' in host else host}:{port}"
+    urls = [each if "://" in each else f"ws://{each}" for each in split_addresses(url)]
+    for each in urls:
+        server_uri(each)
+    return ",".join(urls)

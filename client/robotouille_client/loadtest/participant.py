@@ -19,7 +19,8 @@ from robotouille_client.loadtest.light_connection import (
     Traffic,
     open_connection,
 )
-from robotouille_client.sansio.addresses import moved_url, reconnect_delays
+from robotouille_client.sansio.addresses import moved_url
+from robotouille_client.sansio.attempts import reconnect_delays
 from robotouille_client.sockets import server_uri
 
 ANSWER_SECONDS = 30.0

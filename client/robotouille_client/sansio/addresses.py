@@ -1,28 +1,38 @@
-"""Checks of the addresses a server redirects to, and the delays between connection attempts."""
+"""Addresses of servers: lists of them, redirects, and the hosts that a client trusts."""
 
 from __future__ import annotations
 
-import random
-from collections.abc import Iterator
+from collections.abc import Iterable
 from urllib.parse import SplitResult, urlsplit, urlunsplit
 
 from robotouille.protocol import messages
 from robotouille_client.errors import UntrustedRedirectError
 
-# The first attempt is so early that players do not notice a restart. The limit bounds the attempts
-# at a server that is down for hours to one in 2.5 s from each client.
-FIRST_DELAY, MAX_DELAY = 0.1, 5.0
+# Domains of a country below which anybody can register, such as co.uk.
+REGISTRY_LABELS = frozenset({"ac", "co", "com", "edu", "gov", "ltd", "ne", "net", "or", "org"})
 
 
-def moved_url(url: str, moved: messages.Moved | messages.WorkerAddress) -> str:
+def split_addresses(urls: str) -> list[str]:
+    """Return the addresses of a list that is separated by commas, each once."""
+    parts = (part.strip() for part in urls.split(","))
+    return list(dict.fromkeys(filter(None, parts))) or [urls]
+
+
+def moved_url(
+    url: str, moved: messages.Moved | messages.WorkerAddress, named: Iterable[str] = ()
+) -> str:
     """Return the address of the server process that a message names.
+
+    Args:
+        url: The address of the connection.
+        named: Addresses that the user named.
 
     Raises:
         UntrustedRedirectError: The address is on another host, or drops TLS.
     """
     parts = urlsplit(url)
     if moved.url:
-        check_redirect(parts, moved.url)
+        check_redirect(parts, moved.url, named)
         return moved.url
     # Without a URL the process is on the same host, behind another port.
     if not 0 < moved.port < 2**16:
@@ -31,8 +41,17 @@ def moved_url(url: str, moved: messages.Moved | messages.WorkerAddress) -> str:
     return urlunsplit(parts._replace(netloc=f"{host}:{moved.port}"))
 
 
-def check_redirect(current: SplitResult, url: str) -> None:
-    """Raise `UntrustedRedirectError` unless `url` keeps the host, and TLS if there was TLS."""
+def check_redirect(current: SplitResult, url: str, named: Iterable[str] = ()) -> None:
+    """Check that a client may send its tokens to the address of a redirect.
+
+    Args:
+        current: The address of the server that redirects.
+        named: Addresses that the user named. Their hosts are trusted.
+
+    Raises:
+        UntrustedRedirectError: The address is invalid, drops TLS, or its host is neither named,
+            nor the current one, nor (with TLS) in the same domain.
+    """
     # A client sends its tokens to the address that it is redirected to. A faulty or hostile server
     # could otherwise have the tokens sent to a host that the user never chose.
     start = f"{current.scheme}://{current.netloc}"
@@ -47,10 +66,10 @@ def check_redirect(current: SplitResult, url: str) -> None:
         raise UntrustedRedirectError(
             f"{start} redirects to {url[:200]!r}, which is not a ws:// or wss:// address"
         )
-    if host != current.hostname:
+    if not _trusted(current, target, named):
         raise UntrustedRedirectError(
             f"{start} redirects to another host, {host!r}, and tokens are not sent there. "
-            "If you trust that host, connect to it directly"
+            "If you trust that host, name its address in --url too"
         )
     if (current.scheme, target.scheme) == ("wss", "ws"):
         raise UntrustedRedirectError(
@@ -58,14 +77,23 @@ def check_redirect(current: SplitResult, url: str) -> None:
         )
 
 
-def reconnect_delays(rng: random.Random) -> Iterator[float]:
-    """Yield the seconds to wait before each connection attempt, without end.
+def _trusted(current: SplitResult, target: SplitResult, named: Iterable[str]) -> bool:
+    if target.hostname in (current.hostname, *(urlsplit(each).hostname for each in named)):
+        return True
+    # Without certificates, the owner of a network decides where the names of a domain lead.
+    if (current.scheme, target.scheme) != ("wss", "wss"):
+        return False
+    here, there = current.hostname or "", target.hostname or ""
+    _, _, domain = there.partition(".")
+    # The domain above the current host is trusted for other hosts, but not itself: otherwise, a
+    # chain of redirects could climb to the top.
+    return _is_domain(domain) and domain in (here, here.partition(".")[2])
 
-    The upper limit of the delay doubles from `FIRST_DELAY` to `MAX_DELAY`.
-    """
-    limit = FIRST_DELAY
-    while True:
-        limit = min(2 * limit, MAX_DELAY)
-        # All delays are random, even the longest. Otherwise, all clients of a restarted server
-        # would always arrive at the same time.
-        yield limit * rng.uniform(0.5, 1.0)
+
+def _is_domain(name: str) -> bool:
+    """Return whether all hosts of a domain belong to one owner, as far as its name shows."""
+    labels = name.split(".")
+    if len(labels) < 2 or not all(labels) or labels[-1][0].isdigit():
+        return False  # Numbers are the end of an IP address.
+    country = len(labels) == 2 and len(labels[1]) == 2
+    return not (country and labels[0] in REGISTRY_LABELS)

@@ -9,15 +9,16 @@ The owner of the connection
   without a connection (CLOSED) it closes the one it has.
 
 The client reconnects with growing delays and resumes where it was cut off: unanswered requests and
-actions are sent again.
+actions are sent again. If the server has several nodes, each round of attempts goes through their
+addresses.
 """
 
 from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Callable, Iterator
-from typing import Generic, Literal, TypeVar
+from collections.abc import Callable
+from typing import Generic, TypeVar
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
@@ -27,7 +28,13 @@ from robotouille_client.errors import (
     RetryLaterError,
     UntrustedRedirectError,
 )
-from robotouille_client.sansio.addresses import moved_url, reconnect_delays
+from robotouille_client.sansio.answers import (
+    all_failures,
+    answer_behind,
+    implied_join,
+    refused_hello,
+)
+from robotouille_client.sansio.attempts import ServerAddresses
 from robotouille_client.sansio.client_state import (
     AGAIN_SECONDS,
     ANSWER_SECONDS,
@@ -46,6 +53,8 @@ from robotouille_client.sansio.game_replica import GameReplica
 # Number of redirects in a row after which the client gives up. Otherwise, two processes that
 # disagree about an episode would send it back and forth.
 MAX_MOVES = 4
+# A connection that was moved on sooner is followed by a delay, for the same reason.
+SETTLED_SECONDS = 1.0
 
 # Answers to `hello` that mean the resume token is of no use.
 TOKEN_ERRORS = (
@@ -64,7 +73,11 @@ G = TypeVar("G", bound=GameReplica)
 class ClientProtocol(Generic[G]):
     """A participant's conversation with a server, over any number of connections.
 
+    Args:
+        url: One address, or several addresses of one server, separated by commas.
+
     Attributes:
+        addresses: The addresses of the server.
         game: The episode that the client is in, made by `make_game`.
         membership: The join that brings the client back if the server has forgotten its session.
         connect_at: The time of the next connection attempt, in OFFLINE and MOVING.
@@ -88,7 +101,8 @@ class ClientProtocol(Generic[G]):
         rng: random.Random | None = None,
     ) -> None:
         self.state = ClientState.OFFLINE
-        self.url = url
+        self._rng = rng or random.Random()
+        self.addresses = ServerAddresses(url, self._rng)
         self.name = name
         self.kind: messages.Kind = kind
         self.reconnect = reconnect
@@ -104,8 +118,7 @@ class ClientProtocol(Generic[G]):
         self.welcomed = self.resumed = False
         self._make_game = make_game
         self._token = token
-        self._rng = rng or random.Random()
-        self._delays: Iterator[float] = reconnect_delays(self._rng)
+        self._failures: list[ConnectionFailedError] = []
         self._moves = 0
         self._greeting_due = 0.0
         self._online_since = 0.0
@@ -117,6 +130,15 @@ class ClientProtocol(Generic[G]):
         # others are kept for the next connection.
         self._first: deque[messages.Message] = deque()
         self._outbox: deque[messages.Message] = deque()
+
+    @property
+    def url(self) -> str:
+        """The address of the connection, or of the next attempt."""
+        return self.addresses.current
+
+    @url.setter
+    def url(self, url: str) -> None:
+        self.addresses.current = url
 
     def _enter(self, trigger: Trigger) -> None:
         self.state = next_state(self.state, trigger)
@@ -133,16 +155,35 @@ class ClientProtocol(Generic[G]):
 
     def connection_failed(self, error: RobotouilleError, now: float) -> None:
         """Schedule the next attempt after a failed connection, or close if retrying is useless."""
-        # Before the first welcome, a wrong address is more likely than a stopped server, so the
-        # user gets the error at once.
-        final = isinstance(error, UntrustedRedirectError) or not isinstance(
+        self._moves = 0
+        if isinstance(error, UntrustedRedirectError) or not isinstance(
             error, ConnectionFailedError
-        )
-        if final or not self.welcomed or not self.reconnect:
+        ):
+            self.close(str(error), error)
+        elif not self.welcomed:
+            self._first_failed(error, now)
+        elif not self.reconnect:
             self.close(str(error), error)
         else:
-            self._enter(Trigger.FAILED)
-            self.connect_at = now + next(self._delays)
+            self._try_next(now)
+
+    def _first_failed(self, error: ConnectionFailedError, now: float) -> None:
+        # Before the first welcome, a wrong address is more likely than a stopped server, so the
+        # user gets the error once each address was tried.
+        self._failures.append(error)
+        if self.addresses.left:
+            self._try_next(now)
+            return
+        error = all_failures(self._failures)
+        self.close(str(error), error)
+
+    def _try_next(self, now: float) -> None:
+        self._enter(Trigger.FAILED)
+        self.connect_at = now + self.addresses.failed()
+        if self.addresses.dead_end:
+            # The redirects did not go in a circle: the next node takes the episode over.
+            for pending in self._requests.pending.values():
+                pending.moves = 0
 
     def connection_lost(self, now: float, reason: str = "") -> None:
         """Schedule the next attempt after a lost connection."""
@@ -150,7 +191,7 @@ class ClientProtocol(Generic[G]):
             self._not_welcome(reason, now)
         elif self.reconnect:
             self._enter(Trigger.LOST)
-            self.connect_at = now + next(self._delays)
+            self.connect_at = now + self.addresses.lost()
         else:
             self.close(CLOSED)
 
@@ -346,43 +387,31 @@ class ClientProtocol(Generic[G]):
             # Another process of the server has this session.
             case messages.Moved():
                 self._greeted_elsewhere(answer, now)
-            case messages.Error(code=ErrorCode.SERVER_HANDOVER):
-                self.connection_failed(RetryLaterError(answer.message), now)
-            case messages.Bye(retry=True):
-                self.connection_failed(RetryLaterError(answer.reason), now)
-            case messages.Error():
-                message = answer.message
-                if answer.code == ErrorCode.PROTOCOL_VERSION:
-                    message = (
-                        f"{self.url} has an incompatible version ({message}); update this program"
-                    )
-                error = ProtocolError(answer.code, message, answer.field)
-                self.connection_failed(error, now)
-            case messages.Bye():
-                self.connection_failed(ProtocolError(answer.code, answer.reason), now)
             case _:
-                reason = f"unexpected answer {type(answer).__name__} to hello"
-                self.connection_failed(RetryLaterError(reason), now)
+                self.connection_failed(refused_hello(answer, self.url), now)
 
     def _greeted_elsewhere(self, moved: messages.Moved, now: float) -> None:
+        # The resume token is kept: the redirect leads to where it is valid.
         self._moves += 1
         try:
-            self.url = moved_url(self.url, moved)
+            url = self.addresses.resolve(moved)
         except UntrustedRedirectError as error:
             self.connection_failed(error, now)
             return
-        if self._moves < MAX_MOVES:
+        if not self.addresses.redirect_within_round(url):
+            reason = f"{self.url} redirects to {url}, which has just failed"
+            self.connection_failed(RetryLaterError(reason), now)
+        elif self._moves < MAX_MOVES:
             self._enter(Trigger.MOVED)
             self.connect_at = now
         else:
-            self._moves = 0
             self.connection_failed(self._too_many_moves(), now)
 
     def _too_many_moves(self) -> ConnectionFailedError:
         return ConnectionFailedError(f"{self.url} redirects from one process to the next")
 
     def _welcome(self, welcome: messages.Welcome, now: float) -> None:
-        join = self.membership or self._implied_join()
+        join = self.membership or implied_join(self.game)
         if welcome.resumed:
             self._enter(Trigger.RESUMED)
         elif join is None:
@@ -400,21 +429,7 @@ class ClientProtocol(Generic[G]):
         self.readiness, self.workers = welcome.readiness, tuple(welcome.workers)
         self.resumed = welcome.resumed
         self._online_since, self.welcomed, self._moves = now, True, 0
-        # The connection works again, so the next loss starts with a short delay.
-        self._delays = reconnect_delays(self._rng)
-
-    def _implied_join(self) -> messages.Join | None:
-        """Return the join that matches an episode entered through a resume token alone."""
-        game = self.game
-        if game is None or game.ended:
-            return None
-        role: Literal["player", "spectator"] = "player" if game.seat else "spectator"
-        view: messages.View = "text"
-        if game.has_state:
-            view = "state" if game.observation is None else "both"
-        return messages.Join(
-            episode=game.episode, role=role, view=view, **seat_fields(game.own_seats)
-        )
+        self.addresses.reached(welcome.nodes)
 
     # Messages
 
@@ -430,6 +445,9 @@ class ClientProtocol(Generic[G]):
         if not self.state.online or isinstance(message, messages.Welcome):
             detail = f"{type(message).__name__}, in the state: {self.state.value}"
             raise ProtocolError(ErrorCode.MESSAGE_UNEXPECTED, detail)
+        if isinstance(message, messages.Moved) and message.ref is None:
+            self._continue_elsewhere(message, now)
+            return
         if isinstance(message, messages.Bye) and message.retry:
             return  # The server is restarting. It closes the connection, and the client returns.
         if isinstance(message, messages.Joined):
@@ -447,6 +465,17 @@ class ClientProtocol(Generic[G]):
         else:
             self._answered(message, now)
 
+    def _continue_elsewhere(self, moved: messages.Moved, now: float) -> None:
+        """Follow the episode, and resume there as after a lost connection."""
+        try:
+            url = self.addresses.resolve(moved)
+        except UntrustedRedirectError as error:
+            self.close(str(error), error)
+            return
+        self._enter(Trigger.MOVED)
+        settled = now - self._online_since >= SETTLED_SECONDS
+        self.connect_at = now + self.addresses.redirect(url, at_once=settled)
+
     def _enter_game(self, joined: messages.Joined, now: float) -> None:
         game, asked = self.game, joined.ref is not None
         # A join by the user starts with a new copy of the game, even in the same episode. Only a
@@ -458,6 +487,7 @@ class ClientProtocol(Generic[G]):
         else:
             self._enter(Trigger.RETURNED if game.synced else Trigger.ENTERED)
             game.rejoined(joined, now, new_session=asked)
+        self.addresses.answered()
         self.resume = joined.resume or self.resume
         self._rejoin = self._rejoin_at = None
         self._joined = joined
@@ -474,14 +504,18 @@ class ClientProtocol(Generic[G]):
         # After a resume, `joined` has no `ref`, but it also answers a join from before.
         if isinstance(message, messages.Joined) and ref is None:
             ref = self._requests.join()
-        if self._rejoin is not None and ref == self._rejoin.ref:
+        rejoined = self._rejoin is not None and ref == self._rejoin.ref
+        if not isinstance(message, messages.Moved) and (rejoined or ref == self._requests.join()):
+            self.addresses.answered()
+        if rejoined:
             self._rejoin_refused(message, now)
             return
         pending = self._requests.pending.get(ref) if ref is not None else None
         if ref is None or pending is None:
             return
         if isinstance(message, messages.Error):
-            message = self._answer_behind(pending.request, message)
+            left = self.game.episode if self.game else "-"
+            message = answer_behind(pending.request, message, self._joined, left)
         match message:
             case messages.Joined() if self.state is ClientState.SYNCING:
                 pending.joined = message
@@ -495,18 +529,6 @@ class ClientProtocol(Generic[G]):
                 self._join_elsewhere(ref, pending, message, now)
             case _:
                 self._done(ref, message)
-
-    def _answer_behind(self, request: Request, error: messages.Error) -> messages.ServerMessage:
-        """Return the lost answer if an error only says that the request was done before."""
-        # The answer was lost with the previous connection, and the request was sent again.
-        if isinstance(request, messages.Leave) and error.code == ErrorCode.EPISODE_NONE:
-            return messages.Left(ref=error.ref, episode=self.game.episode if self.game else "-")
-        joined = self._joined
-        if isinstance(request, messages.Join) and error.code == ErrorCode.EPISODE_JOINED and joined:
-            asked = request.episode.replace("-", "").upper()
-            if asked in (joined.episode.upper(), joined.code.replace("-", "").upper()):
-                return joined
-        return error
 
     def _join_elsewhere(
         self, ref: int, pending: PendingRequest, moved: messages.Moved, now: float
@@ -537,8 +559,8 @@ class ClientProtocol(Generic[G]):
                 self.game.receive(lost, 0.0)
 
     def _move(self, moved: messages.Moved, now: float) -> None:
-        url = moved_url(self.url, moved)
+        url = self.addresses.resolve(moved)
         self._enter(Trigger.MOVED)
         # The session stays with the process that opened it: the next one needs the role token.
-        self.url, self.resume = url, None
-        self.connect_at = now + next(self._delays)
+        self.resume = None
+        self.connect_at = now + self.addresses.redirect(url)
