@@ -140,7 +140,9 @@ class ClusterNode:
         self, episode: str, name: str, recorder: Recorder, begin: bytes
     ) -> ReplicatedJournal:
         """Return the journal of a new episode."""
-        return ReplicatedJournal(self, episode, name, recorder, begin=begin)
+        journal = ReplicatedJournal(self, episode, name, recorder, begin=begin)
+        journal.write()
+        return journal
 
     def finish(self, journal: ReplicatedJournal, *, kept: bool) -> asyncio.Future[str]:
         work = self._finish(journal.episode, journal.name, kept=kept)
