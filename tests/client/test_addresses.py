@@ -106,6 +106,7 @@ def test_valid_address_is_parsed(url: str) -> None:
         (None, "localhost", 0),
         ("localhost:87654", "", 0),
         ("::1", "", 0),
+        ("ws://a,b:0", "", 0),
     ],
 )
 def test_commands_check_the_address_before_connecting(
@@ -113,6 +114,10 @@ def test_commands_check_the_address_before_connecting(
 ) -> None:
     with pytest.raises(ConnectionFailedError, match="a port is a number from 1 to 65535"):
         server_url(url, host, port)
+
+
+def test_commands_take_several_addresses() -> None:
+    assert server_url("a:1, wss://b ,ws://c", "", 0) == "ws://a:1,wss://b,ws://c"
 
 
 def delays(seed: int, count: int = 12) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import http
 import json
 from collections.abc import AsyncIterator
@@ -15,13 +16,14 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from robotouille_client import connect
-from robotouille_client.errors import UntrustedRedirectError
+from robotouille_client.errors import ConnectionFailedError, UntrustedRedirectError
 from tests.support.virtual_time import virtual
 
 NOBODY = 9
 """A port on which nothing listens."""
 WELCOME = {"type": "welcome", "protocol": 1, "server": "x", "session": "s", "resume": "r",
            "role": "host", "grace": 1.0}  # fmt: skip
+EPISODES = {"type": "episodes", "episodes": []}
 
 
 @asynccontextmanager
@@ -34,7 +36,7 @@ async def answering(**answers: dict[str, Any]) -> AsyncIterator[int]:
             answer = answers.get(message["type"])
             if answer is not None:
                 ref = {"ref": message["ref"]} if "ref" in message else {}
-                await socket.send(json.dumps({**answer, **ref}))
+                await socket.send(json.dumps({**ref, **answer}))
 
     subprotocols = [Subprotocol("robotouille.v1.json")]
     async with listen(converse, "127.0.0.1", 0, subprotocols=subprotocols) as server:
@@ -105,6 +107,55 @@ async def test_http_redirect_sends_no_token_to_another_host() -> None:
                 async with connect(f"ws://127.0.0.1:{port}", name="ada", token="secret"):
                     raise AssertionError("not reached")
         assert received == []
+
+
+@virtual
+async def test_http_redirect_to_a_named_host_is_followed() -> None:
+    async with strangers() as (elsewhere, received):
+
+        def redirect(socket: ServerConnection, request: Request) -> Response:
+            response = socket.respond(http.HTTPStatus.FOUND, "")
+            response.headers["Location"] = f"{elsewhere}{request.path}"
+            return response
+
+        async with listen(_silence, "127.0.0.1", 0, process_request=redirect) as server:
+            port = next(iter(server.sockets)).getsockname()[1]
+            urls = f"ws://127.0.0.1:{port},{elsewhere}"
+            async with connect(urls, name="ada", token="secret", encoding="json"):
+                assert [message["token"] for message in received] == ["secret"]
+
+
+@virtual
+async def test_one_living_node_of_those_named_is_enough() -> None:
+    async with answering(hello=WELCOME, list=EPISODES) as port:
+        living = f"ws://127.0.0.1:{port}"
+        for urls in (f"ws://127.0.0.1:{NOBODY},{living}", f"{living},ws://127.0.0.1:{NOBODY}"):
+            async with connect(urls, name="ada", encoding="json") as client:
+                assert client.url == living
+                assert await client.episodes() == []
+
+
+@virtual
+async def test_every_named_address_is_checked_before_connecting() -> None:
+    async with answering(hello=WELCOME) as port:
+        with pytest.raises(ConnectionFailedError, match="a port is a number from 1 to 65535"):
+            async with connect(f"ws://127.0.0.1:{port},ws://b:0", name="ada", encoding="json"):
+                raise AssertionError("not reached")
+
+
+@virtual
+async def test_moved_episode_is_resumed_over_a_new_connection() -> None:
+    moved = {"type": "moved", "episode": "x", "port": 1}
+    async with answering(hello={**WELCOME, "server": "new"}, list=EPISODES) as there:
+        url = f"ws://127.0.0.1:{there}"
+        async with (
+            answering(hello=WELCOME, get_rendering={**moved, "url": url, "ref": None}) as here,
+            connect(f"ws://127.0.0.1:{here}", name="ada", encoding="json") as client,
+        ):
+            rendering = asyncio.create_task(client.rendering())
+            assert await client.episodes() == []
+            assert client.url == url
+            rendering.cancel()
 
 
 async def _silence(socket: ServerConnection) -> None:
