@@ -11,7 +11,7 @@ COPY assets assets
 COPY domains domains
 COPY problems problems
 COPY renderings renderings
-# The lock file has the extras operator, data and mqtt, and the build backend.
+# The lock file has the extras operator, data, mqtt and cluster, and the build backend.
 RUN python -m venv /opt/robotouille \
     && /opt/robotouille/bin/pip install --no-cache-dir --no-deps --require-hashes -r requirements-image.lock \
     && /opt/robotouille/bin/pip install --no-cache-dir --no-deps --no-build-isolation .

@@ -82,7 +82,7 @@ format: $(STAMP)  ## Fix what ruff can fix
 lock: $(STAMP)  ## Renew the locked versions of CI and the image from pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv==$(UV)
 	$(COMPILE) --extra all --group dev --group docs --output-file requirements.lock
-	$(COMPILE) --extra operator --extra data --extra mqtt --output-file requirements-image.lock
+	$(COMPILE) --extra operator --extra data --extra mqtt --extra cluster --output-file requirements-image.lock
 
 clean:  ## Remove everything that was built or installed
 	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -66,7 +66,7 @@ def test_image_contains_only_build_inputs() -> None:
 
 def test_image_contains_programs_of_the_lab() -> None:
     locked = pins("requirements-image.lock")
-    for extra in ("operator", "data", "mqtt"):
+    for extra in ("operator", "data", "mqtt", "cluster"):
         assert not missing(PROJECT["project"]["optional-dependencies"][extra], locked)
 
 
