@@ -244,7 +244,10 @@ episodes = typer.Typer(
     add_completion=False,
     help="Open, list and close the episodes of a study on a server, from and to CSV.",
 )
-UrlOption = Annotated[str, typer.Option(help="URL of the server.")]
+UrlOption = Annotated[
+    str,
+    typer.Option(help="URL of the server, or several URLs of its nodes with commas between them."),
+]
 LabelOption = Annotated[
     list[str] | None, typer.Option("--label", help="Only episodes with this label: NAME=VALUE.")
 ]

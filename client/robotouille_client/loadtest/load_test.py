@@ -29,6 +29,7 @@ from robotouille_client.loadtest.server_monitor import (
 )
 from robotouille_client.loadtest.worker_pool import WorkerPool, allow_open_files
 from robotouille_client.loadtest.workload import LoadPlan
+from robotouille_client.sansio.addresses import split_addresses
 from robotouille_client.sockets import server_uri
 
 LINE_SECONDS = 5.0
@@ -147,7 +148,8 @@ class LoadTest:
         self.process: ServerProcess | None = None
         self._token = token
         self._pid = pid
-        self._uri = server_uri(plan.url)
+        # The figures of the server are those of one node.
+        self._uri = server_uri(split_addresses(plan.url)[0])
         scheme, host = "https" if self._uri.secure else "http", self._uri.host
         where = f"[{host}]" if ":" in host else host
         self._metrics = metrics or f"{scheme}://{where}:{self._uri.port}/metrics"
@@ -183,7 +185,7 @@ class LoadTest:
     async def _try(self) -> None:
         # One connection is tried first, so that a wrong address does not show as thousands of
         # failures.
-        one = Participant(Environment(self._uri, token=self._token), "load-test")
+        one = Participant(Environment(self.plan.url, token=self._token), "load-test")
         try:
             welcome = await one.introduce()
         except ProtocolError as error:

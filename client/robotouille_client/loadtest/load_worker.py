@@ -28,7 +28,6 @@ from robotouille_client.loadtest.participant import Environment, Participant
 from robotouille_client.loadtest.players import Player
 from robotouille_client.loadtest.worker_pool import keep_to_cores
 from robotouille_client.loadtest.workload import WorkerShare
-from robotouille_client.sockets import server_uri
 
 INTERVAL = 1.0
 """Seconds between two reports."""
@@ -49,9 +48,7 @@ class LoadWorker:
         self, share: WorkerShare, report: Callable[[dict[str, Any]], None], token: str | None = None
     ) -> None:
         self.share = share
-        self.environment = Environment(
-            server_uri(share.url), token=token, rng=random.Random(share.seed)
-        )
+        self.environment = Environment(share.url, token=token, rng=random.Random(share.seed))
         self.rooms: list[BotRoom] = []
         self.quiet: list[BotRoom] = []
         self.watching: list[Participant] = []

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgpack
-from websockets.uri import WebSocketURI
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.messages import PROTOCOL_VERSION
 from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.light_connection import (
@@ -19,11 +19,12 @@ from robotouille_client.loadtest.light_connection import (
     Traffic,
     open_connection,
 )
-from robotouille_client.sansio.addresses import moved_url
-from robotouille_client.sansio.attempts import reconnect_delays
+from robotouille_client.sansio.attempts import ServerAddresses
 from robotouille_client.sockets import server_uri
 
 ANSWER_SECONDS = 30.0
+MAX_MOVES = 4
+"""Number of redirects in a row after which an attempt has failed."""
 
 RawMessage = dict[str, Any]
 
@@ -34,9 +35,9 @@ class LostError(RobotouilleError):
 
 @dataclass
 class Environment:
-    """State that all participants of a process share."""
+    """State that all participants of a process share. `url` may name several nodes."""
 
-    uri: WebSocketURI
+    url: str
     token: str | None = None
     rng: random.Random = field(default_factory=random.Random)
     traffic: Traffic = field(default_factory=Traffic)
@@ -55,7 +56,8 @@ class Participant:
         self.connection: LightConnection | None = None
         self.seat: str | None = None
         self.closing = False
-        self._uri = environment.uri
+        self._addresses = ServerAddresses(environment.url, environment.rng)
+        self._redirected = False
         self._resume: str | None = None
         self._seen: RawMessage | None = None
         self._awaited: list[tuple[tuple[str, ...], asyncio.Future[RawMessage]]] = []
@@ -78,9 +80,23 @@ class Participant:
     # Connecting
 
     async def introduce(self) -> RawMessage:
-        """Open a connection, send `hello`, and return the `welcome`."""
-        environment = self.environment
-        connection = await open_connection(self._uri, environment.traffic, ANSWER_SECONDS)
+        """Open a connection to the first node that answers, and return its `welcome`."""
+        while True:
+            try:
+                return await self._introduce()
+            except ProtocolError:
+                raise
+            except RobotouilleError:
+                if not self._addresses.left:
+                    raise
+                self.cut()
+                self._addresses.failed()
+
+    async def _introduce(self, moves: int = 0) -> RawMessage:
+        environment, addresses = self.environment, self._addresses
+        seconds = addresses.connect_seconds if addresses.others else ANSWER_SECONDS
+        uri = server_uri(addresses.current)
+        connection = await open_connection(uri, environment.traffic, seconds)
         self.connection = connection
         connection.receive = self._receive
         connection.lost = self._lost
@@ -96,9 +112,20 @@ class Participant:
                 hello["seen"] = self._seen
         welcome = await self.ask(hello, "welcome", "moved")
         if welcome["type"] == "moved":
-            return await self._move(welcome)
+            return await self._greet_elsewhere(welcome, moves + 1)
+        addresses.reached(welcome.get("nodes", ()))
         self._resume = welcome["resume"]
         return welcome
+
+    async def _greet_elsewhere(self, moved: RawMessage, moves: int) -> RawMessage:
+        self._drop()
+        url = self._url_of(moved)
+        if moves >= MAX_MOVES or not self._addresses.redirect_within_round(url):
+            raise LostError(f"{self._addresses.current} redirects to {url} in vain")
+        return await self._introduce(moves)
+
+    def _url_of(self, moved: RawMessage) -> str:
+        return self._addresses.resolve(messages.Moved.model_validate(moved))
 
     async def enter(
         self, code: str, role: str = "player", known: tuple[str, ...] = ()
@@ -118,21 +145,23 @@ class Participant:
         Raises:
             ProtocolError: The server refuses.
         """
-        waits = reconnect_delays(self.environment.rng)
+        delay = 0.0 if self._redirected else self._addresses.lost()
+        self._redirected = False
         while True:
-            await asyncio.sleep(next(waits))
+            await asyncio.sleep(delay)
             try:
                 return await self._resumed()
-            except ProtocolError:
-                raise
-            except RobotouilleError:
+            except RobotouilleError as error:
+                if isinstance(error, ProtocolError) and error.code != ErrorCode.SERVER_HANDOVER:
+                    raise
                 self.environment.measured.count("failed attempts to return")
                 self.cut()
+                delay = self._addresses.failed()
 
     async def _resumed(self) -> RawMessage:
         seated = self._expect("joined", "moved")
         try:
-            await self.introduce()
+            await self._introduce()
             joined = await _within(ANSWER_SECONDS, seated)
             if joined["type"] == "moved":
                 seated = self._expect("joined")
@@ -144,11 +173,17 @@ class Participant:
 
     async def _move(self, moved: RawMessage) -> RawMessage:
         self._drop()
-        host = f"[{self._uri.host}]" if ":" in self._uri.host else self._uri.host
-        scheme = "wss" if self._uri.secure else "ws"
-        here = f"{scheme}://{host}:{self._uri.port}"
-        self._uri = server_uri(moved_url(here, messages.Moved.model_validate(moved)))
-        return await self.introduce()
+        self._addresses.redirect(self._url_of(moved))
+        return await self._introduce()
+
+    def _moved_on(self, moved: RawMessage) -> None:
+        """Return to the episode, which continues on another node."""
+        try:
+            self._addresses.redirect(self._url_of(moved))
+            self._redirected = True
+        except RobotouilleError:
+            self.environment.measured.count("moves to untrusted addresses")
+        self._lost()
 
     def cut(self) -> None:
         """Cut the connection without a closing handshake."""
@@ -211,10 +246,15 @@ class Participant:
         if kind == "joined":
             self.seat = message.get("seat")
             self._resume = message.get("resume") or self._resume
+            self._addresses.answered()
             self.seated(message)
         if kind in ("error", "bye"):
             self._refused(message)
-        elif not self._awaited or not self._answered(kind, message):
+        elif self._awaited and self._answered(kind, message):
+            pass
+        elif kind == "moved":
+            self._moved_on(message)
+        else:
             self.heard(message)
 
     def _answered(self, kind: str, message: RawMessage) -> bool:

@@ -27,9 +27,13 @@ if TYPE_CHECKING:
 class McpOptions:
     """Options of `robotouille-mcp`."""
 
-    url: Annotated[str, typer.Option(help="URL of the game server.", envvar="ROBOTOUILLE_URL")] = (
-        "ws://127.0.0.1:8765"
-    )
+    url: Annotated[
+        str,
+        typer.Option(
+            help="URL of the game server, or several URLs of its nodes with commas between them.",
+            envvar="ROBOTOUILLE_URL",
+        ),
+    ] = "ws://127.0.0.1:8765"
     token: TokenOption = None
     name: Annotated[
         str | None,
