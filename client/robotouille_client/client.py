@@ -105,6 +105,14 @@ class Client:
         return [self.protocol.addresses.resolve(worker) for worker in self.protocol.workers]
 
     @property
+    def other_urls(self) -> list[str]:
+        """The addresses to go to if the connection is lost; empty unless there are several nodes.
+
+        They are those that the user named and those that the server lists.
+        """
+        return self.protocol.addresses.others
+
+    @property
     def game(self) -> Game | None:
         """The episode that the client is in."""
         return self.protocol.game

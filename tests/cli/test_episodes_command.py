@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
+from threading import Thread
 
+import msgpack
 import pytest
 from typer.testing import CliRunner
+from websockets.sync.server import ServerConnection, serve
+from websockets.typing import Subprotocol
 
 from robotouille.errors import FileError
 from robotouille.protocol import messages
+from robotouille.protocol.codec import MSGPACK
 from robotouille_client.cli.episodes import (
     TableError,
     closed_codes,
@@ -137,6 +145,57 @@ def test_commands_reach_all_workers(tmp_path: Path) -> None:
         assert run("close", codes[2], codes[3]) == "2 closed"
         assert run("close", "--from", str(opened)) == "2 closed"
         assert run("list", "--closed") == "8 episodes"
+
+
+NODES = 3
+
+
+@contextmanager
+def cluster() -> Iterator[tuple[list[str], set[str]]]:
+    """Serve nodes that close their own episodes, and yield their URLs and the closed episodes.
+
+    Node N has the episodes whose number leaves the remainder N.
+    """
+    urls: list[str] = []
+    closed: set[str] = set()
+
+    def handle(node: int, socket: ServerConnection) -> None:
+        for payload in socket:
+            message = msgpack.unpackb(payload)
+            answer = {
+                "type": "welcome", "protocol": 1, "server": "x", "session": "s", "resume": "r",
+                "role": "host", "grace": 1.0, "nodes": urls[:node] + urls[node + 1 :],
+            }  # fmt: skip
+            if message["type"] == "close":
+                answer = {"type": "closed", "ref": message["ref"], "episode": message["episode"]}
+                home = int(message["episode"]) % NODES
+                if home != node:
+                    answer.update({"type": "moved", "port": 1, "url": urls[home]})
+                elif message["episode"] in closed:
+                    answer.update({"type": "error", "code": "episode/unknown", "message": "no"})
+                else:
+                    closed.add(message["episode"])
+            socket.send(msgpack.packb(answer))
+
+    with ExitStack() as stack:
+        for node in range(NODES):
+            server = stack.enter_context(
+                serve(
+                    partial(handle, node), "127.0.0.1", 0, subprotocols=[Subprotocol(MSGPACK.name)]
+                )
+            )
+            stack.callback(server.shutdown)
+            urls.append(f"ws://127.0.0.1:{server.socket.getsockname()[1]}")
+            Thread(target=server.serve_forever, daemon=True).start()
+        yield urls, closed
+
+
+def test_episodes_on_all_nodes_are_closed() -> None:
+    codes = [str(number) for number in (5, 0, 4, 2, 1, 3)]
+    with cluster() as (urls, closed):
+        done = CliRunner().invoke(app, ["episodes", "close", *codes, "--url", ",".join(urls)])
+    assert (done.exit_code, done.stderr.strip()) == (0, "6 closed")
+    assert closed == set(codes)
 
 
 @pytest.mark.process

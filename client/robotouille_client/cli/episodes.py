@@ -364,8 +364,14 @@ def close(
                 chosen = not listed or one.code in listed or one.episode in listed
                 if chosen and (one.phase == "waiting" or (playing and one.phase != "ended")):
                     wanted.append((client, one.episode))
+        # Each request may move the connection to another node, so they cannot overlap.
+        at_once = 1 if clients[0].other_urls else AT_ONCE
         await _each(
-            wanted, lambda each: each[0].close_episode(each[1], reason), lambda *_: None, "closed"
+            wanted,
+            lambda each: each[0].close_episode(each[1], reason),
+            lambda *_: None,
+            "closed",
+            at_once,
         )
         return len(wanted)
 
@@ -389,13 +395,14 @@ async def _each(
     ask: Callable[[T], Awaitable[U]],
     record: Callable[[int, U], None],
     done: str,
+    at_once: int = AT_ONCE,
 ) -> None:
     """Send a request for each item, a batch at a time, and record the answers in order.
 
     After a refused request the current batch is completed, because its episodes may be open.
     """
-    for first in range(0, len(items), AT_ONCE):
-        batch = items[first : first + AT_ONCE]
+    for first in range(0, len(items), at_once):
+        batch = items[first : first + at_once]
         answers = await asyncio.gather(*map(ask, batch), return_exceptions=True)
         refused: BaseException | None = None
         for at, answer in enumerate(answers, first):
