@@ -14,8 +14,7 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
 from websockets.asyncio.client import ClientConnection
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
-from websockets.typing import Subprotocol
+from websockets.exceptions import ConnectionClosed
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
@@ -25,7 +24,7 @@ from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.client_state import ClientState, Request, RequestDone
-from robotouille_client.sockets import connection_error, open_socket, server_uri
+from robotouille_client.sockets import open_game_socket, ping_often, server_uri
 
 DEFAULT_URL = "ws://127.0.0.1:8765"
 
@@ -345,7 +344,10 @@ class Client:
                 if self.protocol.connect_at > loop.time():
                     await asyncio.sleep(self.protocol.connect_at - loop.time())
                 try:
-                    socket = await self._connect()
+                    addresses = self.protocol.addresses
+                    socket = await open_game_socket(
+                        self.url, self._codec, addresses.connect_seconds, addresses.named
+                    )
                 except ConnectionFailedError as error:
                     self.protocol.connection_failed(error, loop.time())
                 else:
@@ -353,25 +355,6 @@ class Client:
         finally:
             self.protocol.close("the connection was closed")
             self._flush()
-
-    async def _connect(self) -> ClientConnection:
-        server_uri(self.url)
-        opening = open_socket(
-            self.url,
-            subprotocols=[Subprotocol(self._codec.name)],
-            # Messages are small and frequent: compressing them costs more than it saves.
-            compression=None,
-            max_size=8 * 1024 * 1024,
-            open_timeout=self.protocol.addresses.connect_seconds,
-            ping_interval=20,
-            ping_timeout=60,
-            close_timeout=2,
-        )
-        opening.named = self.protocol.addresses.named
-        try:
-            return await opening
-        except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
-            raise ConnectionFailedError(connection_error(error, self.url)) from None
 
     async def _converse(self, socket: ClientConnection) -> None:
         loop = asyncio.get_running_loop()
@@ -382,8 +365,11 @@ class Client:
         reason = ""
         try:
             while self.protocol.state.connected:
-                self._receive(self._codec.decode_server(await socket.recv()))
+                message = self._codec.decode_server(await socket.recv())
+                self._receive(message)
                 self._flush()
+                if isinstance(message, messages.Welcome) and self.other_urls:
+                    ping_often(socket)
         except ConnectionClosed as closed:
             reason = str(closed)
         except RobotouilleError as error:

@@ -6,12 +6,19 @@ import socket
 import ssl
 from urllib.parse import urlsplit
 
-from websockets.asyncio.client import connect
-from websockets.exceptions import InvalidMessage, InvalidStatus, InvalidURI
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import InvalidHandshake, InvalidMessage, InvalidStatus, InvalidURI
+from websockets.typing import Subprotocol
 from websockets.uri import WebSocketURI, parse_uri
 
+from robotouille.protocol.codec import Codec
 from robotouille_client.errors import ConnectionFailedError, UntrustedRedirectError
 from robotouille_client.sansio.addresses import check_redirect
+
+# Seconds between two pings, and until an unanswered one ends the connection. A machine that loses
+# power closes no connection. If there are other nodes, a slow one is better left.
+PING_SECONDS, PONG_SECONDS = 20.0, 60.0
+NODE_PING_SECONDS, NODE_PONG_SECONDS = 5.0, 15.0
 
 
 class open_socket(connect):  # noqa: N801
@@ -38,6 +45,43 @@ class open_socket(connect):  # noqa: N801
         if isinstance(target, str):
             check_redirect(urlsplit(self.uri), target, self.named)
         return target
+
+
+async def open_game_socket(
+    url: str, codec: Codec, seconds: float, named: tuple[str, ...]
+) -> ClientConnection:
+    """Connect to a server.
+
+    Args:
+        seconds: Time limit.
+        named: Addresses that the user named.
+
+    Raises:
+        ConnectionFailedError: There is no connection; the message explains why.
+    """
+    server_uri(url)
+    opening = open_socket(
+        url,
+        subprotocols=[Subprotocol(codec.name)],
+        # Messages are small and frequent: compressing them costs more than it saves.
+        compression=None,
+        max_size=8 * 1024 * 1024,
+        open_timeout=seconds,
+        ping_interval=PING_SECONDS,
+        ping_timeout=PONG_SECONDS,
+        close_timeout=2,
+    )
+    opening.named = named
+    try:
+        return await opening
+    except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
+        raise ConnectionFailedError(connection_error(error, url)) from None
+
+
+def ping_often(connection: ClientConnection) -> None:
+    """Notice sooner that the server has fallen silent, since the client has other addresses."""
+    connection.ping_interval = NODE_PING_SECONDS
+    connection.ping_timeout = NODE_PONG_SECONDS
 
 
 def connection_error(error: Exception, url: str) -> str:

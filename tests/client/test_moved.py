@@ -158,5 +158,38 @@ async def test_moved_episode_is_resumed_over_a_new_connection() -> None:
             rendering.cancel()
 
 
+@virtual
+async def test_client_leaves_a_node_that_falls_silent() -> None:
+    sockets: list[ServerConnection] = []
+
+    async def fall_silent(socket: ServerConnection) -> None:
+        sockets.append(socket)
+        await socket.recv()
+        await socket.send(json.dumps({**WELCOME, "nodes": [other]}))
+        await asyncio.sleep(30)
+        server.close(close_connections=False)
+        socket.transport.pause_reading()
+        await socket.wait_closed()
+
+    subprotocols = [Subprotocol("robotouille.v1.json")]
+    async with answering(hello=WELCOME, list=EPISODES) as port:
+        other = f"ws://127.0.0.1:{port}"
+        async with (
+            listen(
+                fall_silent, "127.0.0.1", 0, subprotocols=subprotocols, ping_interval=None
+            ) as server,
+            connect(
+                f"ws://127.0.0.1:{next(iter(server.sockets)).getsockname()[1]}",
+                name="ada",
+                encoding="json",
+            ) as client,
+        ):
+            await asyncio.sleep(60)
+            url = client.url
+            sockets[0].transport.abort()
+            assert url == other
+            assert client.connected.is_set()
+
+
 async def _silence(socket: ServerConnection) -> None:
     await socket.wait_closed()
