@@ -17,7 +17,13 @@ from robotouille_server.auth import revocation
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.mqtt import stream
 from robotouille_server.mqtt.broker import MAX_WAITING_BYTES, MAX_WAITING_COMMANDS
-from robotouille_server.mqtt.commands import COMMANDS_A_SECOND, COMMANDS_BURST, KEPT_REPLIES
+from robotouille_server.mqtt.commands import KEPT_REPLIES
+from robotouille_server.mqtt.limits import (
+    BRIEF_A_SECOND,
+    BRIEF_BURST,
+    COMMANDS_A_SECOND,
+    COMMANDS_BURST,
+)
 from robotouille_server.mqtt.messages import MAX_OPENED, MAX_PACKET_BYTES, MAX_WATCH_SECONDS
 from robotouille_server.operator import connections, event_streams, load, recordings
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
@@ -324,8 +330,12 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "connection."),
         Limit("Received commands that wait", f"{MAX_WAITING_COMMANDS}, with up to "
               f"{_size(MAX_WAITING_BYTES)}", "Further commands are dropped."),
-        Limit("Commands of all senders", f"{COMMANDS_A_SECOND:g} a second, bursts of "
+        Limit("Accepted commands of all senders", f"{COMMANDS_A_SECOND:g} a second, bursts of "
               f"{COMMANDS_BURST:g}", "The command is refused.", "rate/limited"),
+        Limit("Commands refused with the reason", f"{COMMANDS_A_SECOND:g} a second, bursts of "
+              f"{COMMANDS_BURST:g}", "The reason is the limit.", "rate/limited"),
+        Limit("Refusals beyond that", f"{BRIEF_A_SECOND:g} a second, bursts of "
+              f"{BRIEF_BURST:g}", "The command gets no answer."),
         Limit("Commands recognised when repeated", f"{KEPT_REPLIES}",
               "An older command is carried out again."),
         Limit("Episodes per command", f"{MAX_OPENED}", "The command is refused.", INVALID),

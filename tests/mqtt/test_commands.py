@@ -16,6 +16,7 @@ from robotouille_client import Announced, connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.auth.revocation import REVOKED_FILE, revoke
+from robotouille_server.mqtt.limits import LARGE_BYTES
 from robotouille_server.mqtt.messages import CommandReply
 from tests.support.brokers import Lab, role_token, serving_with_broker
 from tests.support.operator import table
@@ -260,6 +261,116 @@ async def test_commands_over_the_rate_limit_are_refused(tmp_path: Path) -> None:
         codes = [each.error.code for each in answers if each.error is not None]
         assert set(codes) == {"rate/limited"}
         assert 40 <= len(codes) <= 50
+
+
+def refused_command(server: Server, number: int, why: str) -> dict[str, Any]:
+    """Return a command that the server refuses, for one of the reasons below."""
+    token = {"token": "nonsense", "role": role_token(server, Role.PLAYER)}.get(why, "")
+    command = {"type": "unwatch", "ref": f"x{number}", "token": token or role_token(server)}
+    return {**command, "x": 1} if why == "field" else command
+
+
+@pytest.mark.parametrize("why", ["token", "role", "field"])
+@virtual
+async def test_refused_commands_do_not_use_up_the_limit_of_others(tmp_path: Path, why: str) -> None:
+    async with serving_with_broker(tmp_path) as (server, broker):
+        lab = Lab(server, broker)
+        refused = refused_command(server, 0, why)
+        for _ in range(300):
+            broker.command(refused)
+        for number in range(50):
+            broker.command({"type": "unwatch", "ref": str(number), "token": lab.token})
+        await asyncio.sleep(1)
+        done = [each["ref"] for each in broker.on("answers") if each["ok"]]
+        assert done == [str(number) for number in range(50)]
+
+
+@pytest.mark.parametrize(
+    ("why", "code"),
+    [("token", "auth/invalid"), ("role", "auth/role"), ("field", "message/unknown-field")],
+)
+@virtual
+async def test_refusals_over_the_limit_repeat_the_ref(tmp_path: Path, why: str, code: str) -> None:
+    async with serving_with_broker(tmp_path) as (server, broker):
+        for number in range(100):
+            broker.command(refused_command(server, number, why))
+        await asyncio.sleep(1)
+        answers = [CommandReply.model_validate(each) for each in broker.on("answers")]
+        assert [each.ref for each in answers] == [f"x{number}" for number in range(100)]
+        codes = [each.error.code for each in answers if each.error is not None]
+        assert codes == [code] * 50 + ["rate/limited"] * 50
+        assert len(audit(server) if why == "role" else []) == (50 if why == "role" else 0)
+
+
+@virtual
+async def test_accepted_command_over_the_limit_repeats_the_ref(tmp_path: Path) -> None:
+    async with serving_with_broker(tmp_path) as (server, broker):
+        lab = Lab(server, broker)
+        for number in range(60):
+            broker.command({"type": "unwatch", "ref": str(number), "token": lab.token})
+        await asyncio.sleep(1)
+        answers = broker.on("answers")
+        assert [(each["ref"], each["subject"]) for each in answers] == [
+            (str(number), "lab") for number in range(60)
+        ]
+        assert not answers[-1]["ok"]
+
+
+@virtual
+async def test_flood_of_refused_commands_is_not_answered(tmp_path: Path) -> None:
+    async with serving_with_broker(tmp_path) as (server, broker):
+        refused = refused_command(server, 0, "token")
+        for _ in range(1000):
+            broker.command(refused)
+        await asyncio.sleep(1)
+        assert len(broker.on("answers")) == 100
+        await asyncio.sleep(10)
+        lab = Lab(server, broker)
+        lab.token = "nonsense"
+        assert await lab.refused("list") == "auth/invalid"
+
+
+@virtual
+async def test_large_commands_are_read_during_a_flood_only_with_a_valid_token(
+    tmp_path: Path,
+) -> None:
+    # Reading 64 KiB takes a hundred times as long as checking a token.
+    async with serving_with_broker(tmp_path) as (server, broker):
+        lab = Lab(server, broker)
+        phrases = [f"{number:02d} {'é' * 50}" for number in range(32)]
+        create = {"chat": "phrases", "phrases": phrases}
+        command = {"type": "open", "ref": "a", "token": lab.token, "create": create}
+        assert len(json.dumps(command)) > LARGE_BYTES
+        refused = {**command, "ref": "b", "token": role_token(server, Role.PLAYER)}
+        for _ in range(60):
+            broker.command({"ref": "flood"})
+        broker.command(refused)
+        broker.command(command)
+        await asyncio.sleep(1)
+        unread, opened = map(CommandReply.model_validate, broker.on("answers")[60:])
+        assert (unread.error and unread.error.code, unread.ref) == ("rate/limited", "")
+        assert (opened.ok, opened.ref) == (True, "a")
+        await asyncio.sleep(10)
+        answer = await lab.send(refused)
+        assert (answer.error and answer.error.code, answer.ref) == ("auth/role", "b")
+
+
+@virtual
+async def test_replies_name_the_subject_of_the_token(tmp_path: Path) -> None:
+    # The sender of a command chooses the answer topic, the `ref` and the correlation data.
+    async with serving_with_broker(tmp_path) as (server, broker):
+        ours = {"ResponseTopic": f"{ANSWERS}/lab", "CorrelationData": b"1"}
+        for subject, token in (
+            ("lab", role_token(server)),
+            ("other", role_token(server, Role.HOST, "other")),
+            ("other", role_token(server, Role.PLAYER, "other")),
+            ("", "nonsense"),
+        ):
+            command = {"type": "open", "ref": "a", "token": token}
+            broker.command(command, **ours)
+            await asyncio.sleep(1)
+            answer = CommandReply.model_validate(broker.on("answers/lab")[-1])
+            assert (answer.ref, answer.subject) == ("a", subject)
 
 
 @virtual

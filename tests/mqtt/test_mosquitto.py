@@ -177,6 +177,22 @@ async def test_lifecycle_events_and_steps_are_published(tmp_path: Path, broker: 
         assert published.count(opened["code"]) == 1, "only the reply contains the code"
 
 
+async def test_refused_commands_do_not_displace_valid_ones(
+    tmp_path: Path, broker: Mosquitto
+) -> None:
+    async with on_mosquitto(tmp_path / "r", broker) as server, subscribed(broker) as subscriber:
+        await reached(lambda: server.metrics.mqtt_connected)
+        refused = {"type": "list", "token": "nonsense"}
+        for number in range(80):
+            payload = json.dumps({**refused, "ref": f"x{number}"})
+            await subscriber.client.publish(f"{LAB}/commands", payload, qos=1)
+        listed = await subscriber.ask(type="list", ref="l", token=role_token(server))
+        assert (listed["ok"], listed["subject"]) == (True, "lab")
+        answers = [each for each in subscriber.on("answers") if not each["ok"]]
+        assert [each["ref"] for each in answers] == [f"x{number}" for number in range(80)]
+        assert not any("subject" in each for each in answers)
+
+
 async def test_documented_access_list_restricts_users(tmp_path: Path) -> None:
     acl = (DOCS / "mqtt.md").read_text().split('title="acl"\n')[1].split("```")[0]
     users = {"robotouille": "one", "lab": "two", "dashboard": "three"}

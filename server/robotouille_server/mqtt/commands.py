@@ -13,15 +13,14 @@ from robotouille.protocol.messages import ListEpisodes
 from robotouille_server.app import Server
 from robotouille_server.auth import Role, RoleGrant, check_opening, check_scope
 from robotouille_server.mqtt import messages as mqtt
+from robotouille_server.mqtt.limits import CommandLimits
 from robotouille_server.mqtt.messages import Command, CommandError, CommandReply, OpenedEpisode
 from robotouille_server.mqtt.stream import Watch, Watches
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.service import OperatorService
-from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 
-COMMANDS_A_SECOND, COMMANDS_BURST = 10.0, 50.0
 LIST_COST = 3.0
 """Commands that a `list` counts as, because its reply describes up to 500 episodes."""
 KEPT_REPLIES = 200
@@ -36,27 +35,49 @@ class Commands:
         self._watches = watches
         self._now = now
         self._service = OperatorService(server, now)
-        self._budget = TokenBucket(COMMANDS_A_SECOND, now(), COMMANDS_BURST)
+        self._limits = CommandLimits(server.tokens, now)
         self._replies: dict[tuple[RoleGrant, str], CommandReply] = {}
 
-    async def execute(self, payload: bytes) -> CommandReply:
-        """Execute a command, unless it was executed before, and return the reply."""
-        ref = ""
+    async def execute(self, payload: bytes) -> CommandReply | None:
+        """Execute a command, unless it was executed before.
+
+        Returns:
+            The reply, or None if too many commands were refused to answer this one.
+        """
+        ref = subject = ""
         try:
-            if not self._budget.take(self._now()):
-                text = f"more than {COMMANDS_A_SECOND:g} commands per second"
-                raise ProtocolError("rate/limited", text)
-            plain = _read(payload)
-            ref = _printable_ref(plain)
-            command = validated(plain, mqtt.command_adapter)
-            if isinstance(command, mqtt.ListCommand):
-                self._budget.owe(self._now(), LIST_COST - 1)
-            return await self._execute_once(command, self._server.tokens.check_role(command.token))
-        except ProtocolError as error:
-            return _refusal(ref, error.code, error.message, error.field)
+            try:
+                self._limits.check_size(payload)
+                plain = _read(payload)
+                ref = _printable_ref(plain)
+                command = validated(plain, mqtt.command_adapter)
+                grant = self._server.tokens.check_role(command.token)
+            except ProtocolError as error:
+                refused = self._limits.refuse(len(payload), error)
+                return _refusal(ref, refused) if refused is not None else None
+            subject = grant.subject
+            reply = await self._execute_limited(command, grant, len(payload))
         except Exception:
             get_logger().exception("MQTT: a command failed")
-            return _refusal(ref, "server/internal", "internal error; see the server's log")
+            text = "internal error; see the server's log"
+            reply = _refusal(ref, ProtocolError("server/internal", text))
+        return reply and reply.model_copy(update={"subject": subject})
+
+    async def _execute_limited(
+        self, command: Command, grant: RoleGrant, size: int
+    ) -> CommandReply | None:
+        if not grant.role.includes(command.least_role):
+            text = f"the command needs a token with the role {command.least_role}"
+            reason = ProtocolError("auth/role", text, "token")
+            refused = self._limits.refuse(size, reason)
+            if refused is reason:  # A flood must not fill the audit log.
+                self._note_refused(command, grant, reason.code)
+            return _refusal(command.ref, refused) if refused is not None else None
+        try:
+            self._limits.accept(LIST_COST if isinstance(command, mqtt.ListCommand) else 1)
+        except ProtocolError as error:
+            return _refusal(command.ref, error)
+        return await self._execute_once(command, grant)
 
     async def _execute_once(self, command: Command, grant: RoleGrant) -> CommandReply:
         # Replies contain codes and seat tokens: only the same token may receive them again.
@@ -73,18 +94,18 @@ class Commands:
     async def _execute_checked(self, command: Command, grant: RoleGrant) -> CommandReply:
         refused: ProtocolError | RequestRefusedError
         try:
-            if not grant.role.includes(command.least_role):
-                text = f"the command needs a token with the role {command.least_role}"
-                raise ProtocolError("auth/role", text, "token")
             return await self._dispatch(command, grant)
         except (ProtocolError, RequestRefusedError) as error:
             refused = error
         except ElsewhereError as error:
             text = f"{error}: send the command to that process"
             refused = ProtocolError("episode/unknown", text, "episode")
+        self._note_refused(command, grant, refused.code)
+        return _refusal(command.ref, refused)
+
+    def _note_refused(self, command: Command, grant: RoleGrant, code: str) -> None:
         episode = getattr(command, "episode", None) or ""
-        self._serving(grant).refused(f"mqtt {command.type}", episode, refused.code)
-        return _refusal(command.ref, refused.code, refused.message, getattr(refused, "field", ""))
+        self._serving(grant).refused(f"mqtt {command.type}", episode, code)
 
     async def _dispatch(self, command: Command, grant: RoleGrant) -> CommandReply:
         done = ""
@@ -164,7 +185,7 @@ class Commands:
             try:
                 room = services.lobby.create(create, owner=grant.subject)
             except ProtocolError as refused:
-                error = _refusal("", refused.code, refused.message, refused.field).error
+                error = _refusal("", refused).error
                 break
             tokens = {}
             if create.tokens:
@@ -202,6 +223,7 @@ def _text(labels: Mapping[str, str]) -> str:
     return " ".join(f"{name}={value}" for name, value in labels.items())
 
 
-def _refusal(ref: str, code: str, message: str, field: str = "") -> CommandReply:
-    error = CommandError(code=code, message=message[:1000], field=field)
+def _refusal(ref: str, refused: ProtocolError | RequestRefusedError) -> CommandReply:
+    field = getattr(refused, "field", "")
+    error = CommandError(code=refused.code, message=refused.message[:1000], field=field)
     return CommandReply(ref=ref, ok=False, error=error)

@@ -124,7 +124,12 @@ class CommandError(Problem):
 class CommandReply(ResponseModel):
     """Reply to a command."""
 
-    ref: str = Field("", description="The command's `ref`; empty if it was unreadable.")
+    ref: str = Field("", description="The command's `ref`; empty if it was not read.")
+    subject: str = Field(
+        "",
+        description="Subject of the command's token. Empty if the command was refused before its "
+        "token was accepted.",
+    )
     ok: bool
     done: str = Field("", description="Action that the server took, for people.")
     opened: list[OpenedEpisode] = Field(

@@ -210,6 +210,8 @@ class BrokerService:
     async def _execute(self, message: aiomqtt.Message) -> None:
         payload = message.payload if isinstance(message.payload, bytes) else b""
         reply = await self._commands.execute(payload)
+        if reply is None:
+            return
         topic = self._topics.reply_topic(getattr(message.properties, "ResponseTopic", ""))
         correlation = getattr(message.properties, "CorrelationData", None)
         if len(correlation or b"") > MAX_CORRELATION:
