@@ -8,12 +8,21 @@ import os
 import stat
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from structlog.testing import capture_logs
 
-from robotouille_server.auth.keys import FileKeyring, Key, KeyFileError, Keyring, load, rotate
+from robotouille_server.auth.keys import (
+    FileKeyring,
+    Key,
+    KeyFileError,
+    Keyring,
+    load,
+    replace_keys,
+    rotate,
+)
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
 
@@ -114,6 +123,28 @@ def test_rotation_limits_the_number_of_keys(tmp_path: Path) -> None:
     assert load(path) == (newest,)
     with pytest.raises(KeyFileError, match="must be 1 to 16, not 0"):
         rotate(path, keep=0)
+
+
+@posix_only
+def test_concurrent_rotations_are_all_kept(tmp_path: Path) -> None:
+    path = tmp_path / "keys.json"
+    old = rotate(path)
+    with ThreadPoolExecutor(4) as pool:
+        made = list(pool.map(lambda _: rotate(path, keep=16), range(12)))
+    assert set(load(path)) == {old, *made}
+
+
+def test_keys_are_replaced_unless_the_file_has_changed(tmp_path: Path) -> None:
+    path = tmp_path / "keys.json"
+    one, two, three = (Key("a", ONE),), (Key("b", TWO),), (Key("c", TWO),)
+    assert replace_keys(path, one, two), "a missing file is created"
+    assert not replace_keys(path, two, three)
+    assert load(path) == one
+    assert replace_keys(path, two, one)
+    assert replace_keys(path, two, three), "it has the new keys already"
+    path.write_text("{")
+    assert replace_keys(path, three, one)
+    assert load(path) == three
 
 
 @posix_only

@@ -11,7 +11,7 @@ import binascii
 import contextlib
 import re
 import secrets
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from robotouille_server.auth.private_files import (
     PrivateFileError,
     fingerprint,
+    locked,
     read_private,
     write_private,
 )
@@ -132,9 +133,17 @@ def load(path: Path) -> tuple[Key, ...]:
     Raises:
         KeyFileError: The file is missing, invalid, or accessible to other users.
     """
-    source = str(path)
+    return parse_keys(_read(path), str(path))
+
+
+def parse_keys(content: bytes, source: str) -> tuple[Key, ...]:
+    """Return the keys in the content of a key file.
+
+    Raises:
+        KeyFileError: The content is invalid.
+    """
     try:
-        file = _KeyFile.model_validate_json(_read(path))
+        file = _KeyFile.model_validate_json(content)
     except ValidationError as error:
         fault = error.errors(include_input=False, include_context=False)[0]
         where = ".".join(str(part) for part in fault["loc"])
@@ -160,9 +169,36 @@ def rotate(path: Path, *, keep: int = KEPT_KEYS) -> Key:
     # Replacing a link itself would leave the servers that read its target with the old keys.
     path = path.resolve()
     key = _new_key()
-    # Replaced atomically: running servers may read the file at any moment.
-    _write(path, (key, *load(path))[:keep], replace=True)
+    with _locked(path):
+        # Replaced atomically: running servers may read the file at any moment.
+        _write(path, (key, *load(path))[:keep], replace=True)
     return key
+
+
+def replace_keys(path: Path, keys: tuple[Key, ...], old: tuple[Key, ...]) -> bool:
+    """Replace the keys of a file, unless another process has changed them.
+
+    A missing or invalid file is replaced, too.
+
+    Args:
+        path: The file.
+        keys: Its new keys.
+        old: The keys that it should have.
+
+    Returns:
+        False if the file has other keys than `old`.
+    """
+    path = path.resolve()
+    with _locked(path):
+        try:
+            found = load(path)
+        except KeyFileError:
+            found = ()
+        if found and found not in (keys, old):
+            return False
+        if found != keys:
+            _write(path, keys, replace=True)
+    return True
 
 
 def _checked(keys: tuple[Key, ...], source: str) -> tuple[Key, ...]:
@@ -208,11 +244,7 @@ def _read(path: Path) -> bytes:
 def _create(path: Path) -> Key:
     """Create a file with one new key, unless another process creates it at the same time."""
     key = _new_key()
-    try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError as error:
-        fault = f"its folder cannot be created: {error.strerror}"
-        raise KeyFileError(str(path), fault) from None
+    make_key_folder(path)
     # Several workers may start at the same time; all must use the key of the first one.
     with contextlib.suppress(FileExistsError):
         _write(path, (key,), replace=False)
@@ -220,14 +252,38 @@ def _create(path: Path) -> Key:
     return load(path)[0]
 
 
-def _write(path: Path, keys: tuple[Key, ...], *, replace: bool) -> None:
-    content = _KeyFile(
-        keys=[_KeyEntry(kid=key.kid, secret=_encoded(key.secret)) for key in keys]
-    ).model_dump_json(indent=2)
+def make_key_folder(path: Path) -> None:
+    """Create the folder of a key file, accessible to its owner only, if it is missing."""
     try:
-        write_private(path, content.encode() + b"\n", replace=replace)
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        fault = f"its folder cannot be created: {error.strerror}"
+        raise KeyFileError(str(path), fault) from None
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Let one process at a time read and replace a file."""
+    try:
+        with locked(path.parent):
+            yield
+    except KeyFileError:
+        raise
     except PrivateFileError as error:
         raise KeyFileError(str(path), error.fault) from None
+
+
+def _write(path: Path, keys: tuple[Key, ...], *, replace: bool) -> None:
+    try:
+        write_private(path, encode_keys(keys), replace=replace)
+    except PrivateFileError as error:
+        raise KeyFileError(str(path), error.fault) from None
+
+
+def encode_keys(keys: Iterable[Key]) -> bytes:
+    """Return the content of a key file."""
+    entries = [_KeyEntry(kid=key.kid, secret=_encoded(key.secret)) for key in keys]
+    return _KeyFile(keys=entries).model_dump_json(indent=2).encode() + b"\n"
 
 
 def _encoded(secret: bytes) -> str:

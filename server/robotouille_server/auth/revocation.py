@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
@@ -97,15 +97,25 @@ def load_revoked(path: Path) -> dict[str, float]:
         RevokedFileError: The file is invalid or accessible to other users.
     """
     try:
-        entries = _File.model_validate_json(read_private(path, MAX_FILE_BYTES)).revoked
+        return parse_revoked(read_private(path, MAX_FILE_BYTES), str(path))
     except FileNotFoundError:
         return {}
     except PrivateFileError as error:
         raise RevokedFileError(str(path), error.fault) from None
+
+
+def parse_revoked(content: bytes, source: str) -> dict[str, float]:
+    """Return the revoked ids in the content of a file, and the time until which each is kept.
+
+    Raises:
+        RevokedFileError: The content is invalid.
+    """
+    try:
+        entries = _File.model_validate_json(content).revoked
     except ValidationError as error:
         fault = error.errors(include_input=False, include_context=False)[0]
         where = ".".join(str(part) for part in fault["loc"])
-        raise RevokedFileError(str(path), f"{where or 'the file'}: {fault['msg']}") from None
+        raise RevokedFileError(source, f"{where or 'the file'}: {fault['msg']}") from None
     return {entry.id: entry.until for entry in entries}
 
 
@@ -115,20 +125,48 @@ def revoke(path: Path, token_ids: Iterable[str], expires: float, now: float) -> 
     Raises:
         RevokedFileError: The file cannot be read or written, or has too many entries.
     """
+    until = max(expires, now) + KEPT_SECONDS
+    add_revoked(path, dict.fromkeys(token_ids, until), now)
+
+
+def add_revoked(path: Path, entries: Mapping[str, float], now: float) -> None:
+    """Add ids and the times until which they are kept, and remove outdated entries.
+
+    Raises:
+        RevokedFileError: The file cannot be read or written, or has too many entries.
+    """
     try:
         with locked(path.parent):
-            kept = {name: until for name, until in load_revoked(path).items() if until > now}
-            for token_id in token_ids:
-                until = max(expires, now) + KEPT_SECONDS
-                kept[token_id] = max(until, kept.get(token_id, -math.inf))
-            if len(kept) > MAX_ENTRIES:
-                fault = f"more than {MAX_ENTRIES} revoked tokens; rotate the keys instead"
-                raise RevokedFileError(str(path), fault)
-            entries = [_Entry(id=name, until=until) for name, until in kept.items()]
-            content = _File(revoked=entries).model_dump_json(indent=1).encode()
-            write_private(path, content + b"\n", replace=True)
+            found = load_revoked(path)
+            kept = merge_revoked(found, entries, now)
+            check_revoked_count(kept, str(path))
+            if kept != found:
+                write_private(path, encode_revoked(kept), replace=True)
     except PrivateFileError as error:
         raise RevokedFileError(error.source, error.fault) from None
+
+
+def merge_revoked(
+    one: Mapping[str, float], other: Mapping[str, float], now: float
+) -> dict[str, float]:
+    """Return the entries of both that are not outdated, with the later of two times."""
+    merged = dict(one)
+    for token_id, until in other.items():
+        merged[token_id] = max(until, merged.get(token_id, -math.inf))
+    return {token_id: until for token_id, until in merged.items() if until > now}
+
+
+def check_revoked_count(entries: Mapping[str, float], source: str) -> None:
+    """Raise RevokedFileError if there are too many entries."""
+    if len(entries) > MAX_ENTRIES:
+        fault = f"more than {MAX_ENTRIES} revoked tokens; rotate the keys instead"
+        raise RevokedFileError(source, fault)
+
+
+def encode_revoked(entries: Mapping[str, float], *, indent: int | None = 1) -> bytes:
+    """Return the content of a file."""
+    listed = [_Entry(id=token_id, until=until) for token_id, until in entries.items()]
+    return _File(revoked=listed).model_dump_json(indent=indent).encode() + b"\n"
 
 
 MAX_USED_FILE_BYTES = 4096
@@ -138,11 +176,49 @@ USED_KEPT_SECONDS = 86400.0
 """Seconds for which a token is remembered after its end: its session may still be connected."""
 
 
-class _Use(BaseModel):
+class TokenUse(BaseModel):
+    """Which session has used a token for one session, and when the token expires."""
+
     model_config = ConfigDict(extra="forbid", strict=True)
 
     session: str
     expires: float
+
+    @classmethod
+    def parse(cls, content: bytes, source: str) -> TokenUse:
+        """Return the use in a file. An invalid file counts as a use by another session."""
+        try:
+            return cls.model_validate_json(content)
+        except ValidationError as error:
+            return cls.unreadable(source, error)
+
+    @classmethod
+    def unreadable(cls, source: str, error: Exception) -> TokenUse:
+        """Log the error, and return the use by an unknown session, which never expires."""
+        get_logger().error("use of a token not read", file=source, error=str(error))
+        return cls(session="?", expires=math.inf)
+
+    def check(self, session: str) -> None:
+        """Raise ProtocolError `auth/used` if another session has used the token."""
+        if self.session != session:
+            text = "this token is valid for one session, and another session has used it"
+            raise ProtocolError("auth/used", text, "token")
+
+    def outdated(self, now: float) -> bool:
+        """Return whether the use can be forgotten."""
+        return self.expires + USED_KEPT_SECONDS < now
+
+
+def use_name(token_id: str) -> str:
+    """Return the name under which the use of a token is stored: a digest, as ids are any text."""
+    return hashlib.sha256(token_id.encode()).hexdigest()[:32]
+
+
+def not_recorded(error: Exception) -> ProtocolError:
+    """Log that the use of a token was not recorded, and return the error for the client."""
+    get_logger().error("use of a token not recorded", error=str(error))
+    text = "the use of your token cannot be recorded; try again later"
+    return ProtocolError("server/recording", text, "token")
 
 
 class UsedTokens:
@@ -159,9 +235,8 @@ class UsedTokens:
     def check(self, token_id: str, session: str = "") -> None:
         """Raise ProtocolError `auth/used` if another session has used a token."""
         used = self._read(self._path(token_id))
-        if used is not None and used.session != session:
-            text = "this token is valid for one session, and another session has used it"
-            raise ProtocolError("auth/used", text, "token")
+        if used is not None:
+            used.check(session)
 
     @contextmanager
     def used_by(self, session: str, token_id: str, expires: float) -> Iterator[None]:
@@ -174,7 +249,7 @@ class UsedTokens:
         # Joins trigger the tidying, so an idle server does no work.
         self.forget_expired()
         path = self._path(token_id)
-        new = self._claim(path, token_id, _Use(session=session, expires=expires))
+        new = self._claim(path, token_id, TokenUse(session=session, expires=expires))
         try:
             yield
         except BaseException:
@@ -183,7 +258,7 @@ class UsedTokens:
                 path.unlink(missing_ok=True)
             raise
 
-    def _claim(self, path: Path, token_id: str, use: _Use) -> bool:
+    def _claim(self, path: Path, token_id: str, use: TokenUse) -> bool:
         """Return whether this is the first use; raise if another session was first."""
         try:
             self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -196,9 +271,7 @@ class UsedTokens:
             self.check(token_id, use.session)
             return False
         except (OSError, PrivateFileError) as error:
-            get_logger().error("use of a token not recorded", error=str(error))
-            text = "the use of your token cannot be recorded; try again later"
-            raise ProtocolError("server/recording", text, "token") from None
+            raise not_recorded(error) from None
         return True
 
     def forget_expired(self) -> None:
@@ -213,19 +286,17 @@ class UsedTokens:
         with suppress(OSError):
             for path in self._folder.glob("*.json"):
                 use = self._read(path)
-                if use is not None and use.expires + USED_KEPT_SECONDS < now:
+                if use is not None and use.outdated(now):
                     path.unlink(missing_ok=True)
 
-    def _read(self, path: Path) -> _Use | None:
+    def _read(self, path: Path) -> TokenUse | None:
         """Return the use of a token; None if it is unused. Unreadable files count as used."""
         try:
-            return _Use.model_validate_json(read_private(path, MAX_USED_FILE_BYTES))
+            return TokenUse.parse(read_private(path, MAX_USED_FILE_BYTES), str(path))
         except FileNotFoundError:
             return None
-        except (PrivateFileError, ValidationError) as error:
-            get_logger().error("use of a token not read", file=str(path), error=str(error))
-            return _Use(session="?", expires=float("inf"))
+        except PrivateFileError as error:
+            return TokenUse.unreadable(str(path), error)
 
     def _path(self, token_id: str) -> Path:
-        # The id may be any text, so the file is named by a digest.
-        return self._folder / f"{hashlib.sha256(token_id.encode()).hexdigest()[:32]}.json"
+        return self._folder / f"{use_name(token_id)}.json"
