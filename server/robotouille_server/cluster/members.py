@@ -18,6 +18,8 @@ from robotouille.protocol import messages
 RENEW_SECONDS = 1.0
 LEASE_SECONDS = 3.0
 """Seconds of silence after which other nodes claim a node's episodes."""
+LATE_SECONDS = 2.0
+"""Seconds of silence after which a node's key is read, in case that only its news are late."""
 MAX_REFUSED = 200
 """Episodes named in a report that a node could not continue."""
 
@@ -53,6 +55,7 @@ class _Member:
     """Another node. `heard` is True if it was heard since this node's last renewal."""
 
     report: NodeReport | None = None
+    revision: int = 0
     silent: float = 0.0
     heard: bool = False
     left: bool = False
@@ -77,11 +80,13 @@ class Members:
 
     # What is known
 
-    def heard(self, report: NodeReport) -> None:
-        """Note the report of another node."""
-        if report.name != self.own.name:
-            self._others[report.name] = _Member(report, heard=True)
-            self._placed.pop(report.name, None)
+    def heard(self, report: NodeReport, revision: int) -> None:
+        """Note the report of another node, and the revision of its key."""
+        known = self._others.get(report.name)
+        if report.name == self.own.name or (known is not None and known.revision >= revision):
+            return
+        self._others[report.name] = _Member(report, revision, heard=True)
+        self._placed.pop(report.name, None)
 
     def left(self, name: str) -> None:
         """Note that a node has left deliberately."""
@@ -104,6 +109,10 @@ class Members:
         for member in self._others.values():
             member.silent = 0.0 if member.heard or not counts else member.silent + passed
             member.heard = False
+
+    def lapsing(self) -> list[str]:
+        """Return the nodes whose reports are late or missing, except those that have left."""
+        return [n for n, m in self._others.items() if m.silent >= LATE_SECONDS and not m.left]
 
     def lease_age(self, now: float) -> float:
         """Return the seconds since this node's report was last stored."""

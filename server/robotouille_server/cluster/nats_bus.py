@@ -55,6 +55,9 @@ REPLICAS = 3
 ANSWER_SECONDS = 2.0
 """Seconds after which an append without an answer counts as failed."""
 SWEEP_SECONDS = 0.25
+RECONNECT_SECONDS = 0.2
+HEARTBEAT_SECONDS = 1.0
+"""Seconds between signs of life of a watch. It begins again when two are missing."""
 CONNECT_SECONDS = 10.0
 NODE_KEY_SECONDS = 10.0
 """Seconds after which NATS deletes the key of a node that does not renew it."""
@@ -149,7 +152,7 @@ class NatsBus:
                     servers=list(address.servers),
                     name="robotouille-server",
                     max_reconnect_attempts=-1,
-                    reconnect_time_wait=0,
+                    reconnect_time_wait=RECONNECT_SECONDS,  # type: ignore[arg-type]
                     connect_timeout=2,
                     ping_interval=2,
                     max_outstanding_pings=2,
@@ -395,11 +398,35 @@ class NatsBus:
             await self._buckets[bucket].delete(key)
 
     async def watch(self, bucket: Bucket, changed: Callable[[str, Entry | None], None]) -> None:
-        async with _errors():
-            watcher = await self._buckets[bucket].watchall()
         complete = asyncio.Event()
-        self._start(_follow(watcher, changed, complete))
-        await complete.wait()
+        prefix = f"$KV.{self._prefix}_{bucket}."
+
+        async def received(message: Msg) -> None:
+            metadata = message.metadata
+            deleted = bool(message.headers and message.headers.get("KV-Operation"))
+            entry = None if deleted else Entry(message.data, metadata.sequence.stream)
+            try:
+                changed(message.subject.removeprefix(prefix), entry)
+            except Exception:
+                get_logger().exception("a change of the cluster was not processed")
+            if metadata.num_pending == 0:
+                complete.set()
+
+        # The library's `KeyValue.watch` notices only after ten seconds that the server with its
+        # consumer has died.
+        async with _errors():
+            watching = await self._js.subscribe(
+                f"{prefix}>",
+                stream=f"KV_{self._prefix}_{bucket}",
+                cb=received,
+                ordered_consumer=True,
+                deliver_policy=DeliverPolicy.LAST_PER_SUBJECT,
+                idle_heartbeat=HEARTBEAT_SECONDS,
+            )
+            if not (await watching.consumer_info()).num_pending and not watching.delivered:
+                return
+            async with asyncio.timeout(CONNECT_SECONDS):
+                await complete.wait()
 
     # Files and requests
 
@@ -429,20 +456,6 @@ class NatsBus:
 
         async with _errors():
             await self._nats.subscribe(f"{self._prefix}.{subject}.*", cb=begin)
-
-
-async def _follow(
-    watcher: Any, changed: Callable[[str, Entry | None], None], complete: asyncio.Event
-) -> None:
-    async for entry in watcher:
-        if entry is None:
-            complete.set()
-            continue
-        try:
-            deleted = entry.operation is not None
-            changed(entry.key, None if deleted else Entry(entry.value, entry.revision))
-        except Exception:
-            get_logger().exception("a change of the cluster was not processed", key=entry.key)
 
 
 def _acknowledged(answer: Msg) -> int | BusError:

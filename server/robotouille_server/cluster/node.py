@@ -176,11 +176,10 @@ class ClusterNode:
         return task
 
     def _node_changed(self, key: str, entry: Entry | None) -> None:
-        report = parse_report(entry.value) if entry is not None else None
-        if report is None:
+        if entry is None:
             self.members.left(key)
-        elif report.name == key:
-            self.members.heard(report)
+        elif (report := parse_report(entry.value)) is not None and report.name == key:
+            self.members.heard(report, entry.revision)
 
     def _episode_changed(self, key: str, entry: Entry | None) -> None:
         self.directory.changed(key, entry)
@@ -223,6 +222,10 @@ class ClusterNode:
         await self.bus.put(Bucket.NODES, self.name, value)
         # The others count from when they hear the report, which is not before it was sent.
         self.members.renewed(begun)
+        # A watch is silent for a while when the NATS server that serves it dies.
+        for name in self.members.lapsing():
+            if (entry := await self.bus.get(Bucket.NODES, name)) is not None:
+                self._node_changed(name, entry)
         self._parts.metrics.nodes = len(self.members.alive())
 
     async def _tidy(self) -> None:
@@ -371,14 +374,19 @@ class ClusterNode:
             if room.episode.ended or self._rooms is None:
                 return
             room.suspend()
-            await self.bus.request(f"adopt.{target.name}.{room.id}", b"", ADOPT_SECONDS)
+            subject = f"adopt.{target.name}.{room.id}"
+            refusal = (await self.bus.request(subject, b"", ADOPT_SECONDS)).decode()
         except BusError as error:
-            get_logger().warning("episode not handed over", episode=room.id, error=str(error))
+            refusal = str(error)
+        if refusal:
+            get_logger().warning("episode not handed over", episode=room.id, reason=refusal)
         # If it failed, another node claims the episode when this one is gone.
         self._give_up(room.id, target)
 
     async def _adopt(self, episode: str, data: bytes) -> bytes:
         """Take an episode over from a node that leaves."""
+        if self.members.own.leaving:
+            return b"this node leaves, too"
         record = self.directory.find(episode)
         if record is None:
             return b"it is unknown"
