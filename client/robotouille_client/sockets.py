@@ -57,7 +57,7 @@ async def open_game_socket(
         named: Addresses that the user named.
 
     Raises:
-        ConnectionFailedError: There is no connection; the message explains why.
+        ConnectionFailedError: The connection failed; the message explains why.
     """
     server_uri(url)
     opening = open_socket(

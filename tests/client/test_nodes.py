@@ -256,7 +256,7 @@ def test_redirected_hello_keeps_the_resume_token(server: ScriptedServer) -> None
 def test_redirect_to_the_lost_node_is_not_followed_twice_in_a_round(
     server: ScriptedServer,
 ) -> None:
-    """Until another node takes the episode over, the living ones redirect to the lost one."""
+    # The living nodes redirect to the lost one until another node has taken the episode over.
     client = playing(server, B, C)
     client.connection_lost(5.0)
     client.connection_failed(DOWN, 5.2)

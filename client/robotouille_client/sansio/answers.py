@@ -1,4 +1,4 @@
-"""What a server's answers mean to a client, as functions of values."""
+"""Errors and requests that follow from a server's answers, as functions of values."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class ServerAddresses:
     """All addresses of a server that a client knows, and the one that it tries next.
 
     After a lost connection, a round of attempts tries the current address and then the others.
-    Further rounds follow. A delay precedes each round; within a round there is none.
+    Further rounds follow. A delay precedes each round; within a round, attempts follow at once.
 
     Args:
         urls: The addresses that the user named, separated by commas.
@@ -97,7 +97,7 @@ class ServerAddresses:
         """Stay at the current address, whose server welcomed the client.
 
         Args:
-            nodes: Addresses of the server's other nodes. Those that are not trusted are ignored.
+            nodes: Addresses of the server's other nodes. The client ignores untrusted ones.
         """
         self._home = self.current
         here = urlsplit(self.current)

@@ -101,8 +101,7 @@ class ClientProtocol(Generic[G]):
         rng: random.Random | None = None,
     ) -> None:
         self.state = ClientState.OFFLINE
-        self._rng = rng or random.Random()
-        self.addresses = ServerAddresses(url, self._rng)
+        self.addresses = ServerAddresses(url, rng or random.Random())
         self.name = name
         self.kind: messages.Kind = kind
         self.reconnect = reconnect
@@ -505,7 +504,8 @@ class ClientProtocol(Generic[G]):
         if isinstance(message, messages.Joined) and ref is None:
             ref = self._requests.join()
         rejoined = self._rejoin is not None and ref == self._rejoin.ref
-        if not isinstance(message, messages.Moved) and (rejoined or ref == self._requests.join()):
+        joins = rejoined or (ref is not None and ref == self._requests.join())
+        if joins and not isinstance(message, messages.Moved):
             self.addresses.answered()
         if rejoined:
             self._rejoin_refused(message, now)
