@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from base64 import b64encode
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille_server.auth import (
     CodeGuessLimiter,
     ConnectionLimiter,
@@ -101,7 +102,9 @@ class ClusterRequests(Protocol):
         self, request: messages.ListEpisodes, only: str, owner: str, *, operator: bool
     ) -> messages.Episodes: ...
 
-    async def use_token(self, session: str, limits: SessionLimits) -> None: ...
+    def using_token(
+        self, session: str, limits: SessionLimits
+    ) -> AbstractAsyncContextManager[None]: ...
 
 
 @dataclass(slots=True)
@@ -255,8 +258,10 @@ class Requests:
             raise ProtocolError(
                 "episode/joined", f"you are in {where} already; leave it first", "type"
             )
-        if cluster is not None and not prepared and (session.limits.once or self._unknown(message)):
-            raise AnswerLater(self._join_later(cluster, message))
+        if cluster is not None and not prepared:
+            known = self._known_as(message)
+            if known == "unknown" or (known == "here" and session.limits.once):
+                raise AnswerLater(self._join_later(cluster, message))
         try:
             room = self._find(message.episode)
         except ElsewhereError as error:
@@ -268,23 +273,25 @@ class Requests:
         with self._using_token():
             room.enter(session, request, self._services.settings.max_spectators)
 
-    def _unknown(self, message: messages.Join) -> bool:
-        """Return whether this node of a cluster does not know an episode (yet)."""
+    def _known_as(self, message: messages.Join) -> str:
+        """Return whether a node of a cluster has an episode `here`, or elsewhere, or `unknown`."""
         try:
             self._services.lobby.find(message.episode)
         except ElsewhereError:
-            return False
+            return "elsewhere"
         except ProtocolError as error:
-            return error.code == "episode/unknown"
-        return False
+            return "unknown" if error.code == ErrorCode.EPISODE_UNKNOWN else "elsewhere"
+        return "here"
 
     async def _join_later(self, cluster: ClusterRequests, message: messages.Join) -> None:
         self._services.code_guesses.check(self._counted, self._now())
         await cluster.look(message.episode)
-        if self._session.limits.once:
-            await cluster.use_token(self._session.id, self._session.limits)
-        if self._peer.open:
-            self._join(message, prepared=True)
+        # The node that has the episode uses the token up. There the client has another session.
+        limits, here = self._session.limits, self._known_as(message) == "here"
+        use = cluster.using_token(self._session.id, limits)
+        async with use if limits.once and here else nullcontext():
+            if self._peer.open:
+                self._join(message, prepared=True)
 
     def _using_token(self) -> AbstractContextManager[None]:
         """Return a context for a join that uses up a token for one session."""

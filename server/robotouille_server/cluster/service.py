@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from pydantic import BaseModel, ValidationError
@@ -84,9 +86,16 @@ class ClusterService:
             if record.node != self.node.name
         )
 
-    async def use_token(self, session: str, limits: SessionLimits) -> None:
-        """Use up a token for one session, on all nodes."""
-        await self.secrets.use(limits.token_id, session, limits.role_expires)
+    @asynccontextmanager
+    async def using_token(self, session: str, limits: SessionLimits) -> AsyncIterator[None]:
+        """Return a context for a join that uses up a token on all nodes, unless it fails."""
+        new = await self.secrets.use(limits.token_id, session, limits.role_expires)
+        try:
+            yield
+        except BaseException:
+            if new:
+                await self.secrets.release(limits.token_id, session)
+            raise
 
     async def look(self, code: str) -> None:
         """Look again where the episode with a code is."""
