@@ -177,7 +177,12 @@ USED_KEPT_SECONDS = 86400.0
 
 
 class TokenUse(BaseModel):
-    """Which session has used a token for one session, and when the token expires."""
+    """Use of a token for one session.
+
+    Attributes:
+        session: The session that has used it.
+        expires: The time when the token expires.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True)
 

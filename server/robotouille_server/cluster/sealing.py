@@ -63,7 +63,7 @@ def read_cluster_key(path: Path) -> bytes:
 
 
 class Seal:
-    """Encrypts values, or leaves them as they are if there is no key.
+    """Encrypts values if it has a key; otherwise it returns them unchanged.
 
     Raises:
         MissingExtraError: There is a key, but the package `cryptography` is missing.
@@ -97,8 +97,8 @@ class Seal:
         """Return the content of a stored value.
 
         Raises:
-            RobotouilleError: The value was stored with another key or altered, or it is encrypted
-                and there is no key, or the reverse.
+            RobotouilleError: The value was stored with another key, without a key, or altered; or
+                it is encrypted and this node lacks a key.
         """
         if value.startswith(_ENCRYPTED):
             return self._decrypted(name, value)

@@ -107,7 +107,7 @@ class SharedSecrets:
     # Tokens for one session
 
     def check_unused(self, token_id: str, session: str = "") -> None:
-        """Raise ProtocolError `auth/used` if another session is known to have used a token."""
+        """Raise ProtocolError `auth/used` if this node has learned of another session's use."""
         self._used.check(token_id, session)
 
     async def use(self, token_id: str, session: str, expires: float) -> bool:
@@ -153,7 +153,7 @@ def merged_keys(
 
     Args:
         own: The node's keys.
-        base: What the node's keys were before it changed them.
+        base: The node's keys before it changed them.
         shared: The cluster's keys, which another node may have changed since.
     """
     if shared == base:
@@ -167,7 +167,7 @@ def merged_keys(
 
 
 class _Value:
-    """Value in the bucket, of which this node knows the latest revision that it has seen."""
+    """Value in the bucket, with the latest revision that this node has seen."""
 
     def __init__(self, bus: Bus, name: str) -> None:
         self.name = name
@@ -215,7 +215,7 @@ class _SharedKeys:
     """Keeps a key file equal to the cluster's keys.
 
     Attributes:
-        keys: What the file had when it and the cluster's keys were compared. If the file has other
+        keys: The keys of the file at the last comparison with the cluster's. If the file has other
             keys, `robotouille-token rotate` has changed it since.
     """
 

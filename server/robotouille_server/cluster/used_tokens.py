@@ -39,7 +39,7 @@ class SharedUses:
             self._known[name] = _use(name, entry)
 
     def check(self, token_id: str, session: str) -> None:
-        """Raise ProtocolError `auth/used` if another session is known to have used a token."""
+        """Raise ProtocolError `auth/used` if the copy has a use by another session."""
         used = self._known.get(USED + use_name(token_id))
         if used is not None:
             used.check(session)
