@@ -12,6 +12,7 @@ from collections.abc import Awaitable, Callable, Coroutine, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from robotouille.episode import Event
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder
@@ -38,7 +39,7 @@ from robotouille_server.cluster.members import (
 )
 from robotouille_server.rooms.archive import ArchivedEpisode, in_turns
 from robotouille_server.rooms.journal import close_recording
-from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.room import Room, RoomObserver
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.storage import Storage
 from robotouille_server.runtime.logs import get_logger
@@ -65,6 +66,8 @@ class NodeRooms(Protocol):
     def adopt(self, found: ArchivedEpisode) -> Room: ...
 
     def give_up(self, episode: str) -> list[Session]: ...
+
+    def observe(self, observer: RoomObserver) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,7 @@ class ClusterNode:
         self._parts = parts
         self._rooms: NodeRooms | None = None
         self._journals: set[ReplicatedJournal] = set()
+        self._registering: dict[str, asyncio.Task[BusError | None]] = {}
         self._claiming: set[str] = set()
         self._claims = asyncio.Semaphore(CLAIMS_AT_A_TIME)
         self._refused: dict[str, str] = {}
@@ -163,6 +167,7 @@ class ClusterNode:
             url: The address at which clients reach it.
         """
         self._rooms = rooms
+        rooms.observe(self)
         self.members.own = self.members.own.model_copy(update={"url": url})
         await self.bus.answer(f"adopt.{self.name}", self._adopt)
         await self._renew()
@@ -192,6 +197,42 @@ class ClusterNode:
             journal = room.journal
             if isinstance(journal, ReplicatedJournal) and journal in self._journals:
                 self.fenced(journal)
+
+    # Rooms of this node
+
+    def opened(self, room: Room) -> None:
+        """Let all nodes know a new room, once its recording has begun."""
+        record = self.directory.find(room.id)
+        if record is None and isinstance(room.journal, ReplicatedJournal):
+            registering = self._start(self._register(room, room.journal))
+            self._registering[room.id] = registering
+            registering.add_done_callback(lambda _: self._registering.pop(room.id, None))
+
+    def published(self, room: Room, events: list[Event]) -> None:
+        """Do nothing: the journal has the events."""
+
+    async def _register(self, room: Room, journal: ReplicatedJournal) -> BusError | None:
+        record = EpisodeRecord(
+            episode=room.id,
+            code=room.code,
+            node=self.name,
+            file=journal.name,
+            owner=room.owner,
+            reserved=room.reserved,
+        )
+        try:
+            await journal.stored()
+            await self.directory.add(record)
+        except BusError as error:
+            room.abort("its recording could not be begun")
+            return error
+        return None
+
+    async def registered(self, episode: str) -> None:
+        """Wait until all nodes know a new room; raise BusError if that is not possible."""
+        registering = self._registering.get(episode)
+        if registering is not None and (error := await asyncio.shield(registering)) is not None:
+            raise error
 
     # Every second
 

@@ -12,14 +12,11 @@ from pydantic import BaseModel, ValidationError
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.cluster.bus import Bus, BusError, ConflictError
-from robotouille_server.cluster.directory import EpisodeRecord
-from robotouille_server.cluster.journal import ReplicatedJournal
+from robotouille_server.cluster.bus import Bus, BusError
 from robotouille_server.cluster.node import ClusterNode, other_nodes
 from robotouille_server.cluster.secrets import SharedSecrets
 from robotouille_server.requests import Opening, Services, open_episode
 from robotouille_server.rooms.lobby import MAX_LISTED
-from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import SessionLimits
 
 ANSWER_SECONDS = 5.0
@@ -121,29 +118,11 @@ class ClusterService:
 
     async def _create_here(self, opening: Opening) -> messages.Created:
         room, created = open_episode(self.services, opening)
-        if self.node.directory.find(room.id) is None:
-            await self._register(room)
-        return created
-
-    async def _register(self, room: Room) -> None:
-        """Let all nodes know a new room, once its recording has begun."""
-        journal = room.journal
-        if not isinstance(journal, ReplicatedJournal):
-            return
-        record = EpisodeRecord(
-            episode=room.id,
-            code=room.code,
-            node=self.node.name,
-            file=journal.name,
-            owner=room.owner,
-            reserved=room.reserved,
-        )
         try:
-            await journal.stored()
-            await self.node.directory.add(record)
-        except (BusError, ConflictError) as error:
-            room.abort("its recording could not be begun")
+            await self.node.registered(room.id)
+        except BusError as error:
             raise _unavailable(error) from None
+        return created
 
     # Closing and listing
 
