@@ -138,6 +138,14 @@ def test_a_window_writes_only_its_changes(path: Path) -> None:
     assert kept(path) == Settings(name="ada", code="NEW", server="ws://there", learned=True)
 
 
+def test_the_addresses_of_a_cluster_are_kept(path: Path) -> None:
+    nodes = ",".join(f"wss://node{number}.kitchen.lab.example.org" for number in range(9))
+    settings, file = opened(path)
+    settings.prefer(server=nodes)
+    assert file.save(settings) == ""
+    assert kept(path).preferences.server == nodes
+
+
 def test_the_better_result_is_kept(path: Path) -> None:
     save_settings(Settings(best={"a@1": 50, "b@1": 9}), path)
     (one, first), (other, second) = opened(path), opened(path)

@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 Name = Annotated[str, Field(min_length=1, max_length=40)]
 Word = Annotated[str, Field(max_length=40)]
 Side = Annotated[int, Field(ge=160, le=8192)]
+MAX_SERVER = 2000
+"""Maximum length of the server's address. It may name several nodes."""
 
 
 class Preferences(BaseModel):
@@ -22,7 +24,7 @@ class Preferences(BaseModel):
         language_file: File with the player's own words.
         reduced_motion: True if only the animations that carry information run.
         keys: Keys that differ from the defaults.
-        server: Server to use unless another is given.
+        server: Server to use unless another is given; several nodes are separated by commas.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
@@ -37,4 +39,4 @@ class Preferences(BaseModel):
     language_file: Annotated[str, Field(max_length=400)] = ""
     text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
     keys: dict[Word, list[Word]] = Field(default={}, max_length=40)
-    server: Annotated[str, Field(max_length=200)] = "ws://127.0.0.1:8765"
+    server: Annotated[str, Field(max_length=MAX_SERVER)] = "ws://127.0.0.1:8765"

@@ -14,6 +14,7 @@ from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Row, Slider, TextField
 from robotouille_client.window.input.commands import DEFAULT_KEYS, Command, KeyMap
+from robotouille_client.window.preferences import MAX_SERVER
 
 EMBLEM = ("assets", "kitchen", "app_icon.svg")
 
@@ -102,7 +103,7 @@ class SettingsMenu:
         motion = [("full", False), ("reduced", True)]
         rows = (
             self._text("name", "Your name", 40),
-            self._text("server", "Server", 200),
+            self._text("server", "Server", MAX_SERVER),
             self._choice("rendering", "Look", looks),
             self._choice("strong_contrast", "Contrast", contrasts),
             self._choice("sound", "Sound", [("on", True), ("off", False)]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 
 from robotouille.protocol.messages import Created, EpisodeInfo
 from robotouille_client.client import Client
@@ -10,7 +10,12 @@ from robotouille_client.window.app.play_menu import Ask, TaskChoice, pace_words
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.widgets import Button, Row, Slider, TextField, Words
+from robotouille_client.window.preferences import MAX_SERVER
 from robotouille_client.window.sources.texts import task_title
+
+
+def _server_field(settings: Settings, changed: Callable[[str], None]) -> TextField:
+    return TextField("Server", settings.preferences.server, MAX_SERVER, changed=changed)
 
 
 class JoinMenu:
@@ -20,7 +25,7 @@ class JoinMenu:
         self._code = TextField(
             "Code", settings.code, 40, "ask your host for it", self._changed, replaced=True
         )
-        self._server = TextField("Server", settings.preferences.server, 200, changed=self._changed)
+        self._server = _server_field(settings, self._changed)
         self._name = TextField("Your name", settings.preferences.name)
         play = Button("Play", "play")
         rows = (
@@ -48,7 +53,7 @@ class OpenMenu:
     def __init__(self, settings: Settings, message: str = "") -> None:
         self._settings = settings
         self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
-        self._server = TextField("Server", settings.preferences.server, 200, changed=self._changed)
+        self._server = _server_field(settings, self._changed)
         self._ends = (Button("Open and play", "open"), Button("Back", "back"))
         self._task = TaskChoice(settings, str, self._arrange)
         self.form = self._made()
@@ -115,7 +120,7 @@ class LobbyMenu:
         rows: list[Row] = [Button(episode_words(one, one.code in own), one) for one in ordered]
         if not (rows or message):
             rows.append(Words("No kitchens yet. Open one, or ask a friend for a code."))
-        self._server = TextField("Server", settings.preferences.server, 200, changed=self._changed)
+        self._server = _server_field(settings, self._changed)
         again = Button("Refresh", "again")
         self._ends = (again, self._server, Button("Back", "back"))
         layout = FormLayout(pinned=len(self._ends))
