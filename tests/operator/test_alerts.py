@@ -20,6 +20,14 @@ from tests.support.servers import raw, serving
 from tests.support.virtual_time import run, virtual
 
 
+async def metrics_page(server: Server) -> str:
+    reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+    writer.write(b"GET /metrics HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+    page = (await reader.read()).decode()
+    writer.close()
+    return page.partition("\r\n\r\n")[2]
+
+
 async def alerts(server: Server, api: Api) -> dict[str, tuple[str, str]]:
     await asyncio.sleep(SAMPLE_SECONDS + 1)
     seen = (await api.get("/api/overview"))["alerts"]
@@ -142,10 +150,7 @@ async def test_metrics_show_the_samples(tmp_path: Path) -> None:
         machine = server.health.system = Machine()
         machine.free, machine.open, machine.most = Disk(123, 456), 77, 99
         server.metrics.log_suppressed = 3
-        reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
-        writer.write(b"GET /metrics HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-        page = (await reader.read()).decode()
-        writer.close()
+        page = await metrics_page(server)
     for line in (
         "robotouille_disk_free_bytes 123.0",
         "robotouille_open_descriptors 77.0",
@@ -162,6 +167,19 @@ def test_metrics_read_in_a_loop_are_written_once_a_second() -> None:
     metrics.steps += 1
     assert metrics.recent_page(5.9) is first
     assert b"\nrobotouille_steps_total 1.0\n" in metrics.recent_page(6.0)
+
+
+@virtual
+async def test_requests_within_a_second_get_the_same_page_of_metrics(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        first = await metrics_page(server)
+        async with raw(server) as host:
+            await host.ask({"type": "create", "task": "synchronous/01"}, "created")
+            assert {await metrics_page(server) for _ in range(5)} == {first}
+            await asyncio.sleep(1)
+            second = await metrics_page(server)
+    assert "\nrobotouille_episodes 0.0\n" in first
+    assert "\nrobotouille_episodes 1.0\n" in second
 
 
 def test_real_machine_reports_disk_and_descriptors(tmp_path: Path) -> None:
