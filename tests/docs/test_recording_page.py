@@ -17,7 +17,7 @@ REASONS = ("condition", "superseded", "busy", "other")
 
 
 def is_malformed(note: Note) -> bool:
-    code = note.get("code", "")
+    code = str(note.get("code", ""))
     return code == "action/unknown" or code.startswith("message/")
 
 
