@@ -22,7 +22,7 @@ from robotouille.episode import Absence, Controller, PauseReason
 from robotouille.episode.quota import SEAT_QUOTA_BYTES
 from robotouille.protocol import codec, messages
 from robotouille.replay.container import BLOCK
-from robotouille_client.sansio import addresses as backoff
+from robotouille_client.sansio import attempts as backoff
 from robotouille_server import ServerSettings
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
