@@ -21,13 +21,17 @@ PASSWORDS = (
     "mqtt_server",
     "mqtt_lab",
     "mqtt_health",
+    "nats_server",
+    "nats_route",
     "postgres",
     "postgres_owner",
     "postgres_reader",
     "grafana_admin",
 )
+NATS = ("nats1", "nats2", "nats3")
 FOLDERS = (
     "recordings", "recordings.state", "mosquitto", "postgres", "prometheus", "grafana", "caddy",
+    "recordings2", "recordings2.state", "recordings3", "recordings3.state", *NATS,
 )  # fmt: skip
 ITERATIONS = 1000
 """Iterations of PBKDF2 with SHA-512. The broker computes them in its only thread for each
@@ -60,10 +64,24 @@ def _options(user: str, known: Mapping[str, str]) -> str:
     return f"-u {user}\n-P {known[f'mqtt_{user}']}\n"
 
 
+def _nats_variables(known: Mapping[str, str]) -> str:
+    """Return the variables of `nats.conf`, which cannot put a password into an address itself."""
+    route = known["nats_route"]
+    routes = ", ".join(f'"nats://route:{route}@{name}:6222"' for name in NATS)
+    lines = (
+        f'SERVER_PASSWORD: "{known["nats_server"]}"',
+        f'ROUTE_PASSWORD: "{route}"',
+        f"ROUTES: [{routes}]",
+    )
+    return "".join(f"{line}\n" for line in lines)
+
+
 DERIVED: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping[str, str]], str]]] = {
     "mqtt_passwords": (("mqtt_server", "mqtt_lab", "mqtt_health"), _mosquitto_lines),
     "mosquitto_lab": (("mqtt_lab",), lambda known: _options("lab", known)),
     "mosquitto_health": (("mqtt_health",), lambda known: _options("health", known)),
+    "nats_variables": (("nats_server", "nats_route"), _nats_variables),
+    "cluster_key": ((), lambda known: secrets.token_hex(32)),
     "pgpass": (
         ("postgres_owner", "postgres_reader"),
         lambda known: (
@@ -72,7 +90,7 @@ DERIVED: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping[str, str]], str]]
         ),
     ),
 }
-"""Files made from passwords, with the names of these passwords and a function for the content."""
+"""Other files, with the names of the passwords in them and a function for the content."""
 
 
 def make(root: Path, user: str) -> Iterator[str]:
@@ -120,6 +138,7 @@ def _environment(user: str) -> str:
         "LAB_RECORDINGS=./lab/data/recordings\n"
         "LAB_STATE=./lab/data/recordings.state\n"
         "LAB_MQTT=mqtt://server@mosquitto\n"
+        "LAB_CLUSTER=\n"
     )
 
 

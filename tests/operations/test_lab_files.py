@@ -22,6 +22,7 @@ from tests.support.sources import ROOT
 LAB = ROOT / "lab"
 SERVICES: dict[str, dict[str, Any]] = compose()["services"]
 MAIN = {name: service for name, service in SERVICES.items() if "profiles" not in service}
+NODES = ("server", "node2", "node3")
 SECONDS = {"s": 1, "m": 60}
 
 
@@ -41,7 +42,8 @@ def test_file_follows_the_compose_specification() -> None:
 
 def test_default_profile_contains_only_the_server() -> None:
     assert list(MAIN) == ["server"]
-    assert all(SERVICES[name]["profiles"] == ["lab"] for name in SERVICES.keys() - MAIN.keys())
+    others = [SERVICES[name]["profiles"] for name in SERVICES.keys() - MAIN.keys()]
+    assert all(profiles in (["lab"], ["cluster"]) for profiles in others)
     assert "depends_on" not in SERVICES["server"]
 
 
@@ -71,8 +73,8 @@ def test_service_is_pinned_monitored_and_confined(name: str) -> None:
 
 def test_only_caddy_is_reachable_from_other_machines() -> None:
     ports = {name: service["ports"] for name, service in SERVICES.items() if "ports" in service}
-    assert set(ports) == {"server", "caddy"}
-    assert all(port.startswith("127.0.0.1:") for port in ports["server"])
+    assert set(ports) == {*NODES, "caddy"}
+    assert all(port.startswith("127.0.0.1:") for name in NODES for port in ports[name])
     assert ports["caddy"] == ["80:80", "443:443"]
     networks = compose()["networks"]
     outside = {name for name, network in networks.items() if not network.get("internal")}
@@ -86,25 +88,39 @@ def test_services_share_only_the_networks_they_need() -> None:
         for network in compose()["networks"]
     }
     assert shared == {
-        "front": {"server", "caddy"},
-        "messages": {"server", "mosquitto", "caddy"},
+        "front": {*NODES, "caddy"},
+        "messages": {*NODES, "mosquitto", "caddy"},
         "tables": {"postgres", "catalogue", "grafana"},
-        "measures": {"server", "prometheus", "grafana"},
+        "measures": {*NODES, "prometheus", "grafana"},
         "pages": {"grafana", "caddy"},
+        "cluster": {*NODES, "nats1", "nats2", "nats3"},
     }
 
 
-def test_stop_grace_period_exceeds_drain_seconds() -> None:
-    server = SERVICES["server"]
+@pytest.mark.parametrize("name", NODES)
+def test_stop_grace_period_exceeds_drain_seconds(name: str) -> None:
+    server = SERVICES[name]
     drain = float(server["environment"]["ROBOTOUILLE_DRAIN_SECONDS"])
     assert seconds(server["stop_grace_period"]) > drain + 10
 
 
-def test_settings_of_the_server_exist() -> None:
-    names = {
-        name.removeprefix("ROBOTOUILLE_").lower() for name in SERVICES["server"]["environment"]
-    }
+@pytest.mark.parametrize("name", NODES)
+def test_settings_of_the_server_exist(name: str) -> None:
+    names = {name.removeprefix("ROBOTOUILLE_").lower() for name in SERVICES[name]["environment"]}
     assert names <= ServerSettings.model_fields.keys()
+
+
+def test_nodes_differ_only_in_name_address_and_folders() -> None:
+    for name in NODES:
+        environment = SERVICES[name]["environment"]
+        port = SERVICES[name]["ports"][0].split(":")[1]
+        assert environment["ROBOTOUILLE_CLUSTER_URL"] == f"ws://127.0.0.1:{port}"
+    for setting in SERVICES["server"]["environment"]:
+        values = [SERVICES[name]["environment"][setting] for name in NODES]
+        unique = setting in ("ROBOTOUILLE_CLUSTER_URL", "ROBOTOUILLE_MQTT_NAME")
+        assert len(set(values)) == (len(NODES) if unique else 1), setting
+    volumes = [volume for name in NODES for volume in SERVICES[name]["volumes"]]
+    assert len({volume.partition(":")[0] for volume in volumes}) == len(volumes)
 
 
 def test_mounted_files_exist() -> None:
@@ -120,6 +136,7 @@ def test_named_secrets_are_mounted() -> None:
     """Checks the environment, the configuration files and the scripts."""
     files = {
         "mosquitto": ["mosquitto.conf"],
+        **{f"nats{number}": ["nats.conf"] for number in (1, 2, 3)},
         "postgres": ["roles.sh"],
         "grafana": ["grafana/provisioning/datasources/lab.yml"],
     }

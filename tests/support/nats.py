@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import random
 import shutil
 import signal
 import socket
@@ -20,6 +19,8 @@ from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from tests.support.worker_processes import lasting_ports
 
 __all__ = ["Link", "NatsCluster", "missing", "nats_cluster"]
 
@@ -51,27 +52,6 @@ class _Ports(NamedTuple):
     monitor: int
 
 
-def _free_ports(count: int) -> list[int]:
-    """Return free ports below the ephemeral range.
-
-    While a server is dead, connections from an ephemeral port could take its port, or even connect
-    to themselves.
-    """
-    taken: list[socket.socket] = []
-    try:
-        while len(taken) < count:
-            candidate = socket.socket()
-            taken.append(candidate)
-            try:
-                candidate.bind(("127.0.0.1", random.SystemRandom().randrange(20000, 32000)))
-            except OSError:
-                taken.pop().close()
-        return [each.getsockname()[1] for each in taken]
-    finally:
-        for each in taken:
-            each.close()
-
-
 class NatsCluster:
     """NATS servers that tests may kill, stop and start repeatedly.
 
@@ -82,8 +62,9 @@ class NatsCluster:
 
     def __init__(self, folder: Path, servers: int, options: Sequence[str]) -> None:
         self._folder = folder
-        ports = _free_ports(3 * servers)
-        self._ports = [_Ports(*ports[at : at + 3]) for at in range(0, len(ports), 3)]
+        # Outgoing connections must not take the port of a dead server, or connect to themselves.
+        first = lasting_ports(3 * servers)
+        self._ports = [_Ports(*range(at, at + 3)) for at in range(first, first + 3 * servers, 3)]
         self._processes: list[subprocess.Popen[bytes] | None] = [None] * servers
         self._stopped: set[int] = set()
         for i in range(servers):
@@ -230,7 +211,7 @@ class Link:
 
     def __init__(self, target: int) -> None:
         self._target = target
-        (self.port,) = _free_ports(1)
+        self.port = lasting_ports(1)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._upward, self._downward = asyncio.Event(), asyncio.Event()
