@@ -85,6 +85,9 @@ class Bus(Protocol):
     def connected(self) -> bool:
         """Whether there is a connection to the service."""
 
+    async def prepare(self) -> None:
+        """Create journals and buckets that do not exist; raise RobotouilleError."""
+
     def append(self, message: Append, done: Callable[[int | BusError], None]) -> None:
         """Append a message to a journal.
 

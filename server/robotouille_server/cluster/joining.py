@@ -87,6 +87,7 @@ async def joined_through(
         None if given else key_file(settings),
         revoked_file(settings),
         read_cluster_key(settings.cluster_key) if settings.cluster_key is not None else None,
+        around.wall,
     )
     metrics = ClusterMetrics()
     storage = around.storage or Folder(settings.recordings)

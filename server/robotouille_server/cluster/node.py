@@ -13,23 +13,20 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from robotouille.episode import Event
-from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder
-from robotouille.replay.recording import Recording
-from robotouille.replay.restore import Restored, restoring
-from robotouille.world.world import shared_world
 from robotouille_server.cluster.bus import (
-    Append,
     Bucket,
     Bus,
     BusError,
-    ConflictError,
     Entry,
     UnavailableError,
 )
+from robotouille_server.cluster.claims import Claims, Continuation
+from robotouille_server.cluster.closing import Closing
 from robotouille_server.cluster.directory import ClusterSlot, Directory, EpisodeRecord
-from robotouille_server.cluster.journal import JournalEnd, ReplicatedJournal, assembled
+from robotouille_server.cluster.journal import ReplicatedJournal
 from robotouille_server.cluster.members import (
     MAX_REFUSED,
     RENEW_SECONDS,
@@ -37,8 +34,7 @@ from robotouille_server.cluster.members import (
     NodeReport,
     parse_report,
 )
-from robotouille_server.rooms.archive import ArchivedEpisode, in_turns
-from robotouille_server.rooms.journal import close_recording
+from robotouille_server.rooms.archive import ArchivedEpisode
 from robotouille_server.rooms.room import Room, RoomObserver
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.storage import Storage
@@ -47,11 +43,11 @@ from robotouille_server.runtime.metrics import ClusterMetrics
 
 LOOK_SECONDS = 0.1
 """Seconds between two looks at the writes under way."""
-CLAIMS_AT_A_TIME = 8
 HAND_OVERS_AT_A_TIME = 4
 ADOPT_SECONDS = 5.0
 """Seconds that another node has to take an episode over."""
-FINISH_RETRY_SECONDS = 1.0
+REPAIR_SECONDS = 5.0
+"""Seconds without an answer after which the buckets may have been deleted."""
 
 
 class NodeRooms(Protocol):
@@ -80,6 +76,7 @@ class NodeParts:
         wall: Returns the seconds since 1970.
         recovery_seconds: The seconds for which claimed episodes wait for their players.
         every_second: Called once a second, for the secrets that nodes share.
+        keys: Returns a digest of the keys that sign tokens.
     """
 
     storage: Storage
@@ -87,6 +84,7 @@ class NodeParts:
     wall: Callable[[], float] = time.time
     recovery_seconds: float = 10.0
     every_second: Callable[[], Awaitable[None]] | None = None
+    keys: Callable[[], str] = str
 
 
 class ClusterNode:
@@ -97,6 +95,7 @@ class ClusterNode:
         members: The nodes that are alive.
         directory: The node of each episode.
         slot: The position of the node, with which the lobby redirects clients.
+        claims: The episodes that it takes over.
     """
 
     def __init__(self, bus: Bus, report: NodeReport, parts: NodeParts) -> None:
@@ -109,11 +108,12 @@ class ClusterNode:
         self._rooms: NodeRooms | None = None
         self._journals: set[ReplicatedJournal] = set()
         self._registering: dict[str, asyncio.Task[BusError | None]] = {}
-        self._claiming: set[str] = set()
-        self._claims = asyncio.Semaphore(CLAIMS_AT_A_TIME)
-        self._refused: dict[str, str] = {}
+        self._closing = Closing(bus, self.directory, parts.storage)
+        continuation = Continuation(self._adopted, parts.wall, parts.recovery_seconds)
+        self.claims = Claims(bus, self.directory, self, self._closing, continuation)
         self._tasks: set[asyncio.Task[Any]] = set()
         self._count = 0
+        self._lost_since: float | None = None
 
     # For journals
 
@@ -149,8 +149,7 @@ class ClusterNode:
         return journal
 
     def finish(self, journal: ReplicatedJournal, *, kept: bool) -> asyncio.Future[str]:
-        work = self._finish(journal.episode, journal.name, kept=kept)
-        return self._start(work)
+        return self._start(self._closing.finish(journal.episode, journal.name, kept=kept))
 
     # Start
 
@@ -172,6 +171,7 @@ class ClusterNode:
         await self.bus.answer(f"adopt.{self.name}", self._adopt)
         await self._renew()
         self._start(self._beat())
+        self._start(self._share())
         self._start(self._look())
 
     def _start(self, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
@@ -228,6 +228,12 @@ class ClusterNode:
             return error
         return None
 
+    def _adopted(self, found: ArchivedEpisode) -> None:
+        """Make a room of an episode that this node has taken over."""
+        if self._rooms is not None:
+            self._rooms.adopt(found)
+            self._parts.metrics.takeovers += 1
+
     async def registered(self, episode: str) -> None:
         """Wait until all nodes know a new room; raise BusError if that is not possible."""
         registering = self._registering.get(episode)
@@ -241,23 +247,42 @@ class ClusterNode:
             await asyncio.sleep(RENEW_SECONDS)
             try:
                 await self._renew()
-                await self._tidy()
-                if self._parts.every_second is not None:
-                    await self._parts.every_second()
                 self._claim_orphans()
+                await self._tidy()
+                if self._lost_since is not None:
+                    get_logger().info("the node's report is stored again")
+                self._lost_since = None
             except BusError as error:
-                get_logger().warning("the node's report was not stored", error=str(error))
-                await self._repair()
+                await self._without_bus(error)
             except Exception:
                 get_logger().exception("the node's round failed")
 
-    async def _repair(self) -> None:
-        """Create buckets that somebody has deleted, and enter this node's episodes again."""
+    async def _without_bus(self, error: BusError) -> None:
+        """Log a failure once; enter everything again if somebody has deleted the buckets."""
+        now = self._loop.time()
+        if self._lost_since is None:
+            self._lost_since = now
+            get_logger().error("the node's report was not stored", error=str(error))
+        if now - self._lost_since < REPAIR_SECONDS or not self.bus.connected:
+            return
+        self._lost_since = now
+        try:
+            await self.bus.prepare()
+            await self.join()
+            for record in self.directory:
+                if record.node == self.name:
+                    await self.directory.replace(record)
+        except RobotouilleError as again:
+            get_logger().error("the cluster's buckets cannot be used", error=str(again))
 
     async def _renew(self) -> None:
         load = self._rooms.seats_in_use if self._rooms is not None else 0
-        refused = tuple(self._refused)[-MAX_REFUSED:]
-        self.members.own = self.members.own.model_copy(update={"load": load, "refused": refused})
+        changes = {
+            "load": load,
+            "refused": tuple(self.claims.refused)[-MAX_REFUSED:],
+            "keys": self._parts.keys(),
+        }
+        self.members.own = self.members.own.model_copy(update=changes)
         begun = self._loop.time()
         value = self.members.own.model_dump_json(exclude_defaults=True).encode()
         await self.bus.put(Bucket.NODES, self.name, value)
@@ -280,6 +305,21 @@ class ClusterNode:
                 await self.directory.remove(record)
         self.members.forget_lapsed(nodes)
 
+    async def _share(self) -> None:
+        """Share secrets that have changed. Leases must not wait for this."""
+        share, known = self._parts.every_second, ""
+        while share is not None:
+            await asyncio.sleep(RENEW_SECONDS)
+            try:
+                await share()
+            except BusError as error:
+                get_logger().debug("secrets not shared", error=str(error))
+            except Exception:
+                get_logger().exception("secrets not shared")
+            others = sorted(r.url for r in self.members.alive() if r.keys != self.members.own.keys)
+            if known != (known := ", ".join(others)) and known:
+                get_logger().error("other nodes sign tokens with other keys", nodes=known)
+
     async def _look(self) -> None:
         while True:
             await asyncio.sleep(LOOK_SECONDS)
@@ -291,100 +331,16 @@ class ClusterNode:
             self._parts.metrics.uncommitted = late
             self._parts.metrics.lease_age = self.members.lease_age(now)
 
-    # Claiming
-
     def _claim_orphans(self) -> None:
         orphans = {
             record.episode: record.node
             for record in self.directory
-            if not record.ended
-            and self.members.lapsed(record.node)
-            and record.episode not in self._claiming
+            if not record.ended and self.members.lapsed(record.node)
         }
         for episode in self.members.share(orphans):
             record = self.directory.find(episode)
-            if record is not None:
-                self._start(self._claim(record))
-
-    async def _claim(self, record: EpisodeRecord) -> str:
-        """Take an episode over; return why that was not possible, or an empty text."""
-        if record.episode in self._claiming:
-            return "it is being claimed already"
-        self._claiming.add(record.episode)
-        try:
-            async with self._claims:
-                return await self._continue(record)
-        except ConflictError:
-            return "another node was first"
-        except BusError as error:
-            return str(error)
-        except RobotouilleError as error:
-            self._refuse(record, str(error))
-        except Exception as error:
-            get_logger().exception("episode not taken over", episode=record.episode)
-            self._refuse(record, f"internal error: {error!r}")
-        finally:
-            self._claiming.discard(record.episode)
-        return self._refused[record.episode]
-
-    def _refuse(self, record: EpisodeRecord, why: str) -> None:
-        self._refused[record.episode] = why
-        get_logger().error("episode not taken over", episode=record.episode, error=why)
-
-    async def _continue(self, record: EpisodeRecord) -> str:
-        stored = await self.bus.read(record.episode)
-        if not stored:
-            # Its first node has died before anything was stored, or after the journal was deleted.
-            await self.directory.remove(record)
-            return "it has no journal"
-        content = assembled(stored)
-        recording, restored = await self._restored(content, record)
-        if restored.complete:
-            await self._take(record, stored[-1].sequence, b"", None)
-            await self._finish(record.episode, record.file, kept=True)
-            return "it has ended"
-        keep = restored.kept if restored.kept < len(content) else None
-        sequence = await self._take(record, stored[-1].sequence, restored.missing, keep)
-        record = record.model_copy(update={"node": self.name, "claim": sequence})
-        if not await self.directory.replace(record) or self._rooms is None:
-            return "another node was first"
-        world, frames = restored.episode.world, recording.count
-        recorder = Recorder(world, self._parts.wall, self._loop.time, frames)
-        end = JournalEnd(sequence, restored.kept + len(restored.missing))
-        journal = ReplicatedJournal(self, record.episode, record.file, recorder, end=end)
-        self._rooms.adopt(ArchivedEpisode(recording.header, restored, recorder, journal))
-        self._parts.metrics.takeovers += 1
-        return ""
-
-    async def _restored(self, content: bytes, record: EpisodeRecord) -> tuple[Recording, Restored]:
-        try:
-            recording = Recording(content, record.file)
-            patience = self._parts.recovery_seconds
-            work = restoring(recording, self._loop.time(), patience, shared_world)
-            return recording, await in_turns(work)
-        except RecordingError as error:
-            raise RecordingError(f"the journal cannot be continued: {error}") from None
-
-    async def _take(self, record: EpisodeRecord, last: int, data: bytes, keep: int | None) -> int:
-        """Write to a journal as its new owner; return the sequence number of the write.
-
-        Raises:
-            ConflictError: The journal has a later message than `last`.
-        """
-        self._count += 1
-        name = f"{record.episode}.{self.name}.claim.{self._count}"
-        result: asyncio.Future[int] = self._loop.create_future()
-
-        def done(answer: int | BusError) -> None:
-            if result.done():
-                return
-            if isinstance(answer, int):
-                result.set_result(answer)
-            else:
-                result.set_exception(answer)
-
-        self.bus.append(Append(record.episode, data, last, name, keep), done)
-        return await result
+            if record is not None and not self.claims.under_way(episode):
+                self._start(self.claims.claim(record))
 
     # Handing over
 
@@ -431,7 +387,7 @@ class ClusterNode:
         record = self.directory.find(episode)
         if record is None:
             return b"it is unknown"
-        return (await self._claim(record)).encode()
+        return (await self.claims.claim(record)).encode()
 
     def _give_up(self, episode: str, target: NodeReport | None = None) -> None:
         """Send the participants of an episode to the node that has it."""
@@ -448,40 +404,6 @@ class ClusterNode:
                 peer.send(messages.Moved(episode=episode, port=0, url=target.url))
             text = "another node has taken the episode over"
             peer.close("server/restart", text, retry=True, status=1012)
-
-    # The end of episodes
-
-    async def _finish(self, episode: str, name: str, *, kept: bool) -> str:
-        """Store a complete journal as a file, and delete the journal."""
-        while True:
-            try:
-                return await self._finished(episode, name, kept=kept)
-            except BusError as error:
-                get_logger().warning("recording not stored yet", file=name, error=str(error))
-            except (OSError, RecordingError) as error:
-                get_logger().error("recording not closed", file=name, error=str(error))
-                return ""
-            await asyncio.sleep(FINISH_RETRY_SECONDS)
-
-    async def _finished(self, episode: str, name: str, *, kept: bool) -> str:
-        whole = ""
-        stored = await self.bus.read(episode) if kept else []
-        if stored:
-            content = assembled(stored)
-            storage = self._parts.storage
-            close = self._loop.run_in_executor
-            size = len(content)
-            whole = await close(None, close_recording, storage, name, content, size)
-            compressed = await close(None, storage.read, whole)
-            await self.bus.store(whole, compressed)
-        record = self.directory.find(episode)
-        if record is not None and kept:
-            await self.directory.replace(record.model_copy(update={"ended": True}))
-        elif record is not None:
-            await self.directory.remove(record)
-        # The journal goes last: until then, another node can do all of this again.
-        await self.bus.purge(episode)
-        return whole
 
     # Stop
 

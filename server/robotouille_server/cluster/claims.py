@@ -1,0 +1,152 @@
+"""Taking episodes over from nodes that are gone, or that hand them over."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.replay.recorder import Recorder
+from robotouille.replay.recording import Recording
+from robotouille.replay.restore import Restored, restoring
+from robotouille.world.world import shared_world
+from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError
+from robotouille_server.cluster.closing import Closing
+from robotouille_server.cluster.directory import Directory, EpisodeRecord
+from robotouille_server.cluster.journal import (
+    JournalEnd,
+    JournalKeeper,
+    ReplicatedJournal,
+    assembled,
+)
+from robotouille_server.rooms.archive import ArchivedEpisode, in_turns
+from robotouille_server.runtime.logs import get_logger
+
+CLAIMS_AT_A_TIME = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Continuation:
+    """How episodes continue on this node.
+
+    Attributes:
+        adopt: Makes a room of an episode.
+        wall: Returns the seconds since 1970, for new events.
+        patience: The seconds for which an episode waits for its players.
+    """
+
+    adopt: Callable[[ArchivedEpisode], object]
+    wall: Callable[[], float]
+    patience: float
+
+
+class Claims:
+    """Episodes that this node takes over.
+
+    Attributes:
+        refused: Episodes that it could not continue, with the reasons.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        directory: Directory,
+        keeper: JournalKeeper,
+        closing: Closing,
+        continuation: Continuation,
+    ) -> None:
+        self.refused: dict[str, str] = {}
+        self._bus = bus
+        self._directory = directory
+        self._keeper = keeper
+        self._closing = closing
+        self._continuation = continuation
+        self._under_way: set[str] = set()
+        self._limit = asyncio.Semaphore(CLAIMS_AT_A_TIME)
+        self._count = 0
+
+    def under_way(self, episode: str) -> bool:
+        """Return whether an episode is being claimed."""
+        return episode in self._under_way
+
+    async def claim(self, record: EpisodeRecord) -> str:
+        """Take an episode over; return why that was not possible, or an empty text."""
+        if record.episode in self._under_way:
+            return "it is being claimed already"
+        self._under_way.add(record.episode)
+        try:
+            async with self._limit:
+                return await self._continue(record)
+        except ConflictError:
+            return "another node was first"
+        except BusError as error:
+            return str(error)
+        except RobotouilleError as error:
+            return self._refuse(record, str(error))
+        except Exception as error:
+            get_logger().exception("episode not taken over", episode=record.episode)
+            return self._refuse(record, f"internal error: {error!r}")
+        finally:
+            self._under_way.discard(record.episode)
+
+    def _refuse(self, record: EpisodeRecord, why: str) -> str:
+        self.refused[record.episode] = why
+        get_logger().error("episode not taken over", episode=record.episode, error=why)
+        return why
+
+    async def _continue(self, record: EpisodeRecord) -> str:
+        stored = await self._bus.read(record.episode)
+        if not stored:
+            # Its node has died after it had deleted the journal, or somebody else has deleted it.
+            await self._directory.remove(record)
+            return "it has no journal"
+        content, last = assembled(stored), stored[-1].sequence
+        recording, restored = await self._restored(content, record)
+        if restored.complete:
+            await self._take(record, last, b"", None)
+            await self._closing.finish(record.episode, record.file, kept=True)
+            return "it has ended"
+        keep = restored.kept if restored.kept < len(content) else None
+        sequence = await self._take(record, last, restored.missing, keep)
+        mine = record.model_copy(update={"node": self._keeper.name, "claim": sequence})
+        if not await self._directory.replace(mine):
+            return "another node was first"
+        now = asyncio.get_running_loop().time
+        world, frames = restored.episode.world, recording.count
+        recorder = Recorder(world, self._continuation.wall, now, frames)
+        end = JournalEnd(sequence, restored.kept + len(restored.missing))
+        journal = ReplicatedJournal(self._keeper, record.episode, record.file, recorder, end=end)
+        found = ArchivedEpisode(recording.header, restored, recorder, journal)
+        self._continuation.adopt(found)
+        return ""
+
+    async def _restored(self, content: bytes, record: EpisodeRecord) -> tuple[Recording, Restored]:
+        recording = Recording(content, record.file)
+        now = asyncio.get_running_loop().time()
+        work = restoring(recording, now, self._continuation.patience, shared_world)
+        try:
+            return recording, await in_turns(work)
+        except RecordingError as error:
+            raise RecordingError(f"the journal cannot be continued: {error}") from None
+
+    async def _take(self, record: EpisodeRecord, last: int, data: bytes, keep: int | None) -> int:
+        """Write to a journal as its new owner; return the sequence number of the write.
+
+        Raises:
+            ConflictError: The journal has a later message than `last`.
+        """
+        self._count += 1
+        name = f"{record.episode}.{self._keeper.name}.claim.{self._count}"
+        result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+        def done(answer: int | BusError) -> None:
+            if result.done():
+                return
+            if isinstance(answer, int):
+                result.set_result(answer)
+            else:
+                result.set_exception(answer)
+
+        self._bus.append(Append(record.episode, data, last, name, keep), done)
+        return await result

@@ -1,0 +1,66 @@
+"""Turning the journal of an ended episode into a file."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+from robotouille.errors import RecordingError
+from robotouille_server.cluster.bus import Bus, BusError
+from robotouille_server.cluster.directory import Directory
+from robotouille_server.cluster.journal import assembled
+from robotouille_server.rooms.journal import close_recording
+from robotouille_server.rooms.storage import Storage
+from robotouille_server.runtime.logs import get_logger
+
+RETRY_SECONDS = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Closing:
+    """Stores complete recordings in the node's folder and in the cluster's bucket of files."""
+
+    bus: Bus
+    directory: Directory
+    storage: Storage
+
+    async def finish(self, episode: str, name: str, *, kept: bool) -> str:
+        """Store a recording and delete its journal; try again until NATS has done it.
+
+        Args:
+            episode: The episode's id.
+            name: The file name of the open recording.
+            kept: False to delete the journal only.
+
+        Returns:
+            The file name of the closed recording, or an empty text.
+        """
+        while True:
+            try:
+                return await self._finish(episode, name, kept=kept)
+            except BusError as error:
+                get_logger().warning("recording not stored yet", file=name, error=str(error))
+            except (OSError, RecordingError) as error:
+                get_logger().error("recording not closed", file=name, error=str(error))
+                return ""
+            await asyncio.sleep(RETRY_SECONDS)
+
+    async def _finish(self, episode: str, name: str, *, kept: bool) -> str:
+        stored = await self.bus.read(episode) if kept else []
+        whole = ""
+        if stored:
+            content = assembled(stored)
+            # A thread does this, because compressing a long recording would delay steps.
+            run = asyncio.get_running_loop().run_in_executor
+            size = len(content)
+            whole = await run(None, close_recording, self.storage, name, content, size)
+            await self.bus.store(whole, await run(None, self.storage.read, whole))
+        record = self.directory.find(episode)
+        if record is not None and kept:
+            # Participants who were away still find the end here.
+            await self.directory.replace(record.model_copy(update={"ended": True}))
+        elif record is not None:
+            await self.directory.remove(record)
+        # The journal goes last: until then, another node can do all of this again.
+        await self.bus.purge(episode)
+        return whole
