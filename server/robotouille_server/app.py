@@ -40,6 +40,7 @@ class Server:
 
     Attributes:
         settle: Waits until everything is recorded; set by a cluster.
+        ready: Returns whether clients should come to this process; set by a cluster.
 
     Raises:
         RobotouilleError: The keys, the list of revoked tokens or a setting cannot be used.
@@ -62,13 +63,14 @@ class Server:
         self._used_tokens = credentials.used
         self.sessions = Sessions(settings, self.metrics, credentials, around.randomness)
         limit = settings.max_connections + MAX_SURPLUS_CONNECTIONS
-        pages = HttpPages(settings, self._full, self._metrics_page)
+        pages = HttpPages(settings, self._full, self._is_ready, self._metrics_page)
         newcomers = Newcomers(settings.max_connections_per_address, pages.newcomer_group)
         self.admission = Admission(self.metrics, limit, settings.hello_seconds, newcomers)
         loop_budget = self.admission.loop_budget
         self.lobby = Lobby(settings, self.metrics, self.sessions, loop_budget, around)
         self.shutdown = Shutdown()
         self.settle: Callable[[], Awaitable[None]] = _nothing_to_settle
+        self.ready: Callable[[], bool] = _always
         self.services = Services(
             settings=settings,
             metrics=self.metrics,
@@ -88,6 +90,9 @@ class Server:
     def _full(self) -> bool:
         too_many = len(self.connections.open) >= self.settings.max_connections
         return self.shutdown.begun or too_many
+
+    def _is_ready(self) -> bool:
+        return self.ready() and not self.lobby.draining and not self._full()
 
     def _metrics_page(self, now: float) -> bytes:
         self.sample(now)
@@ -259,6 +264,10 @@ class Server:
         if self.audit.problem:
             found.insert(0, Alert("audit", self.audit.problem, "critical"))
         return found
+
+
+def _always() -> bool:
+    return True
 
 
 async def _nothing_to_settle() -> None:

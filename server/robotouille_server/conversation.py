@@ -217,6 +217,11 @@ class Conversation:
             raise ProtocolError("protocol/hello", "send hello first", "type")
         if message.protocol != messages.PROTOCOL_VERSION:
             raise ProtocolError("protocol/version", _other_version(message.protocol), "protocol")
+        cluster = self._services.cluster
+        if cluster is not None and cluster.cut_off:
+            text = "this node is cut off from the cluster; try another one"
+            self.peer.close("server/handover", text, retry=True, status=1013)
+            return
         try:
             session, resumed = self._session(message, shown=shown)
         except ElsewhereError as error:

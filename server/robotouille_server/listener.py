@@ -40,11 +40,14 @@ from robotouille_server.transport import (
 
 
 class HttpPages:
-    """HTTP requests on the port of the WebSocket: `/healthz`, `/metrics`, and refusals.
+    """HTTP requests on the port of the WebSocket: probes, `/metrics`, and refusals.
+
+    `/healthz` is answered as long as the process works, `/readyz` while clients should come.
 
     Args:
         settings: The server's settings.
         full: Returns whether the server accepts no further connections.
+        ready: Returns whether new clients should come to this process.
         metrics_page: Returns the metrics at a time of the event loop.
     """
 
@@ -52,9 +55,11 @@ class HttpPages:
         self,
         settings: ServerSettings,
         full: Callable[[], bool],
+        ready: Callable[[], bool],
         metrics_page: Callable[[float], bytes],
     ) -> None:
         self._full = full
+        self._ready = ready
         self._metrics_page = metrics_page
         self._proxies = parse_networks(settings.trust_proxy, "--trust-proxy")
         self._metrics_from = parse_networks(settings.metrics_from, "--metrics-from")
@@ -75,6 +80,10 @@ class HttpPages:
         # episodes.
         if path == "/healthz":
             return connection.respond(HTTPStatus.OK, "ok\n")
+        if path == "/readyz":
+            if self._ready():
+                return connection.respond(HTTPStatus.OK, "ready\n")
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "not ready\n")
         if path == "/metrics":
             return self._metrics(connection, request)
         if self._full():

@@ -92,6 +92,10 @@ class ClusterRequests(Protocol):
     def nodes(self) -> list[str]:
         """Addresses of the other nodes."""
 
+    @property
+    def cut_off(self) -> bool:
+        """Whether clients must go to another node."""
+
     async def look(self, code: str) -> None: ...
 
     async def create(self, opening: Opening) -> messages.Created: ...

@@ -47,7 +47,7 @@ class Cluster:
         """Let a server that listens take part for the time of an `async with` block."""
         service = ClusterService(self.node, server.services, self.secrets)
         server.metrics.cluster = self.metrics
-        server.settle = self.node.settled
+        server.settle, server.ready = self.node.settled, lambda: self.node.ready
         try:
             await self.node.serve(server.lobby, _url(server))
             await service.start()

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from itertools import count
 from typing import Protocol
 
 from robotouille.episode import Event
@@ -34,6 +35,8 @@ SETTLE_SECONDS = 3.0
 """Seconds to wait for a quorum before an episode is opened or handed over."""
 RETRY_SECONDS = 0.5
 """Seconds between two attempts of a write that has failed."""
+
+_numbers = count(1)
 
 
 class JournalKeeper(Protocol):
@@ -124,7 +127,6 @@ class ReplicatedJournal:
         self._pending = begin
         self._sequence = end.sequence
         self._keep = end.size if end.cut else None
-        self._count = 0
         self._write: _Write | None = None
         self._checking = False
         self._released = False
@@ -177,9 +179,9 @@ class ReplicatedJournal:
 
     def _begin_write(self) -> None:
         data, self._pending = self._pending[:MAX_PIECE], self._pending[MAX_PIECE:]
-        self._count += 1
-        # The name of the node is new in every process, so no two writes ever have one id.
-        name = f"{self.episode}.{self._keeper.name}.{self._count}"
+        # The name of the node is new in every process, so no two writes ever have one id. A node can
+        # take an episode back, and NATS stores no second message with an id, but confirms it.
+        name = f"{self.episode}.{self._keeper.name}.{next(_numbers)}"
         message = Append(self.episode, data, self._sequence, name, self._keep)
         self._write = _Write(message, self._loop.time())
         self._send(self._write)

@@ -127,6 +127,11 @@ class Members:
         others = (member.report for member in self._others.values() if not member.lapsed)
         return [self.own, *(report for report in others if report is not None)]
 
+    def last_known(self) -> list[NodeReport]:
+        """Return the last reports of all other nodes that have not left."""
+        others = self._others.values()
+        return [m.report for m in others if m.report is not None and not m.left]
+
     def find(self, name: str) -> NodeReport | None:
         """Return the report of a node that is alive."""
         if name == self.own.name:

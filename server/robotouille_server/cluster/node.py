@@ -28,12 +28,14 @@ from robotouille_server.cluster.closing import Closing
 from robotouille_server.cluster.directory import ClusterSlot, Directory, EpisodeRecord
 from robotouille_server.cluster.journal import ReplicatedJournal
 from robotouille_server.cluster.members import (
+    LEASE_SECONDS,
     MAX_REFUSED,
     RENEW_SECONDS,
     Members,
     NodeReport,
     parse_report,
 )
+from robotouille_server.cluster.readiness import is_ready
 from robotouille_server.rooms.archive import ArchivedEpisode
 from robotouille_server.rooms.room import Room, RoomObserver
 from robotouille_server.rooms.session import Session
@@ -96,6 +98,7 @@ class ClusterNode:
         directory: The node of each episode.
         slot: The position of the node, with which the lobby redirects clients.
         claims: The episodes that it takes over.
+        cut_off: True while only this node cannot reach NATS.
     """
 
     def __init__(self, bus: Bus, report: NodeReport, parts: NodeParts) -> None:
@@ -114,12 +117,18 @@ class ClusterNode:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._count = 0
         self._lost_since: float | None = None
+        self.cut_off = False
 
     # For journals
 
     @property
     def name(self) -> str:
         return self.members.own.name
+
+    @property
+    def ready(self) -> bool:
+        """Whether clients should come to this node."""
+        return not self.members.own.leaving and self.lease_certain
 
     @property
     def lease_certain(self) -> bool:
@@ -263,6 +272,8 @@ class ClusterNode:
         if self._lost_since is None:
             self._lost_since = now
             get_logger().error("the node's report was not stored", error=str(error))
+        if self.members.lease_age(now) > LEASE_SECONDS + RENEW_SECONDS and not self.cut_off:
+            await self._notice_if_cut_off()
         if now - self._lost_since < REPAIR_SECONDS or not self.bus.connected:
             return
         self._lost_since = now
@@ -274,6 +285,20 @@ class ClusterNode:
                     await self.directory.replace(record)
         except RobotouilleError as again:
             get_logger().error("the cluster's buckets cannot be used", error=str(again))
+
+    async def _notice_if_cut_off(self) -> None:
+        """Send the participants away if other nodes still have a quorum.
+
+        If NATS has failed for all, they stay, and the games wait for it.
+        """
+        others = [report.url for report in self.members.last_known()]
+        if not any(await asyncio.gather(*map(is_ready, others))):
+            return
+        self.cut_off = True
+        get_logger().error("this node is cut off from NATS, and other nodes take its episodes over")
+        for room in list(self._rooms.rooms.values()) if self._rooms is not None else ():
+            if not room.episode.ended:
+                self._give_up(room.id)
 
     async def _renew(self) -> None:
         load = self._rooms.seats_in_use if self._rooms is not None else 0
@@ -288,6 +313,7 @@ class ClusterNode:
         await self.bus.put(Bucket.NODES, self.name, value)
         # The others count from when they hear the report, which is not before it was sent.
         self.members.renewed(begun)
+        self.cut_off = False
         # A watch is silent for a while when the NATS server that serves it dies.
         for name in self.members.lapsing():
             if (entry := await self.bus.get(Bucket.NODES, name)) is not None:
@@ -337,7 +363,14 @@ class ClusterNode:
             for record in self.directory
             if not record.ended and self.members.lapsed(record.node)
         }
-        for episode in self.members.share(orphans):
+        rooms = self._rooms.rooms if self._rooms is not None else {}
+        # Episodes that this node has given up while it was cut off, and nobody else has claimed.
+        own = [
+            record.episode
+            for record in self.directory
+            if record.node == self.name and not record.ended and record.episode not in rooms
+        ]
+        for episode in [*self.members.share(orphans), *own]:
             record = self.directory.find(episode)
             if record is not None and not self.claims.under_way(episode):
                 self._start(self.claims.claim(record))

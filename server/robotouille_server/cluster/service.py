@@ -76,6 +76,11 @@ class ClusterService:
         """Addresses of the other nodes, for clients that lose this one."""
         return other_nodes(self.node.members.alive(), self.node.members.own)[:MAX_NODES]
 
+    @property
+    def cut_off(self) -> bool:
+        """Whether clients must go to another node."""
+        return self.node.cut_off
+
     def _owned_elsewhere(self, owner: str, reserved: bool) -> int:
         return sum(
             record.owner == owner and record.reserved == reserved and not record.ended

@@ -105,6 +105,11 @@ class Handler(Protocol):
 
 READ_BUFFER = memoryview(bytearray(64 * 1024))
 """Buffer that all connections of a process read into, one after the other."""
+TLS_BUFFER = READ_BUFFER[:256]
+"""Part of it for TLS. Each byte may be in a record of its own, which takes microseconds to decrypt,
+so a full buffer would block the event loop for a quarter of a second."""
+TLS_COST = 4.0
+"""Cost of decrypting so many records, in frames."""
 
 
 class BufferedReader(asyncio.BufferedProtocol):
@@ -116,7 +121,8 @@ class BufferedReader(asyncio.BufferedProtocol):
     __slots__ = ()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        return READ_BUFFER
+        # Only a TLS transport knows how much has arrived. Others pass -1.
+        return READ_BUFFER if sizehint < 0 else TLS_BUFFER
 
     def buffer_updated(self, nbytes: int) -> None:
         self.data_received(bytes(READ_BUFFER[:nbytes]))
@@ -139,6 +145,7 @@ class Connection(BufferedReader):
 
     __slots__ = (
         "_admission",
+        "_encrypted",
         "_ending",
         "_excess",
         "_frames",
@@ -201,6 +208,7 @@ class Connection(BufferedReader):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast("asyncio.Transport", transport)
+        self._encrypted = transport.get_extra_info("sslcontext") is not None
         self._admission.enter(self, self.remote_address)
         self._set_timer(self._admission.opening_seconds, self.abort)
 
@@ -319,6 +327,9 @@ class Connection(BufferedReader):
         self._paused.discard(GIVE_WAY)
         if self._paused or self.transport.is_closing():
             return
+        if self._encrypted:
+            # The transport decrypts the next part as soon as reading resumes.
+            self._admission.loop_budget.spend(TLS_COST)
         try:
             self._take(b"")
         except Exception:
@@ -397,6 +408,8 @@ class Connection(BufferedReader):
         else:
             self._reader.receive(data)
             self.give_way()
+        if self._encrypted and len(data) >= len(TLS_BUFFER) and not self.transport.is_closing():
+            self.give_way()  # More records may have arrived.
 
     def _take(self, data: bytes) -> None:
         if not self._paused and not self._requested:
