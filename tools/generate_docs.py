@@ -41,7 +41,7 @@ from robotouille.protocol.codec import SUBPROTOCOLS
 from robotouille_client.cli.main import LazyGroup
 from robotouille_server.operator import openapi
 from robotouille_server.operator.principal import CODES
-from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.runtime.metrics import ClusterMetrics, Metrics
 from robotouille_server.runtime.settings import ServerSettings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -282,9 +282,11 @@ def settings_table() -> str:
 
 def metrics_table() -> str:
     """Return the table of all metrics of the server."""
+    metrics = Metrics()
+    metrics.cluster = ClusterMetrics()
     rows = [
         [f"`{each.name}{'_total' * (each.type == 'counter')}`", each.type, cell(each.documentation)]
-        for each in Metrics().registry.collect()
+        for each in metrics.registry.collect()
     ]
     return table("metric, type, meaning", sorted(rows))
 

@@ -29,9 +29,9 @@ from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
 from robotouille_server.rooms import broadcaster, lobby, room_factory
 from robotouille_server.runtime import budgets as message_budget
-from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import peer
 from robotouille_server.transport.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS
+from tests.support.metrics import node_metrics
 from tests.support.pages import DOCS, PAGES, anchors, links, read, table, titled
 from tests.support.sources import ROOT
 
@@ -242,7 +242,7 @@ def test_every_metric_is_documented() -> None:
     documented = {row[0] for row in table("settings.md", "Metrics")}
     exposed = {
         family.name + ("_total" if family.type == "counter" else "")
-        for family in Metrics().registry.collect()
+        for family in node_metrics().registry.collect()
     }
     assert documented == exposed
 

@@ -14,8 +14,8 @@ import pytest
 import yaml
 
 from robotouille_server import ServerSettings
-from robotouille_server.runtime.metrics import Metrics
 from tests.support.compose import COMPOSE, compose
+from tests.support.metrics import node_metrics
 from tests.support.pages import read
 from tests.support.sources import ROOT
 
@@ -162,7 +162,7 @@ PANELS = [panel for panel in DASHBOARD["panels"] if panel["type"] != "row"]
 
 def counted() -> set[str]:
     """Return the names on the server's metrics page."""
-    page = Metrics().page().decode()
+    page = node_metrics().page().decode()
     samples = set(re.findall(r"^(robotouille_\w+)", page, re.MULTILINE))
     families = set(re.findall(r"^# TYPE (robotouille_\w+) (?:counter|gauge)", page, re.MULTILINE))
     return samples | families
