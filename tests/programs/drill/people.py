@@ -25,6 +25,7 @@ os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
 import pygame
 
 from robotouille.errors import RobotouilleError
+from robotouille.protocol import messages
 from robotouille.world.world import World
 from robotouille_client import Client, Game, StateChanged
 from robotouille_client.bots import Policy
@@ -157,13 +158,13 @@ class Table:
 
     @asynccontextmanager
     async def _eye(self, name: str, code: str) -> AsyncIterator[Client]:
-        async with reachable(self._url, name, self._seed) as client:
+        async with reachable(self._url, name) as client:
             game = await client.join(code, role="spectator")
             witness = Witness(game, name, self._folder, self._eye_heard)
             yield client
             await witness.close()
 
-    def _eye_heard(self) -> None:
+    def _eye_heard(self, _: messages.ServerMessage) -> None:
         self._up_to_date = True
 
     def _sees(self, eye: Client) -> bool:
@@ -288,7 +289,7 @@ class Hands:
 
 async def run(given: argparse.Namespace, screen: Screen) -> None:
     stopping = Stopping()
-    obeying = asyncio.create_task(stopping.obey(lambda: []))
+    obeying = asyncio.create_task(stopping.obey(lambda: [], lambda: None))
     await Table(given, screen).run(stopping)
     obeying.cancel()
     tell("finished")
