@@ -132,3 +132,15 @@ def test_missing_unclosed_and_damaged_recordings_are_found(folder: Path) -> None
     left_behind, missing = faults(folder)
     assert "is left behind" in left_behind
     assert "has no recording" in missing
+
+
+def test_recordings_of_several_nodes_must_agree(folder: Path) -> None:
+    (recording,) = (folder / "recordings").iterdir()
+    (folder / "other").mkdir()
+    copy = Path(shutil.copy(recording, folder / "other"))
+    folders = [folder / "recordings", folder / "other"]
+    assert judge(folders, folder / "told").faults == []
+    assert judge(folders, folder / "told").games == 1
+    copy.write_bytes(recording.read_bytes()[:-20])
+    (found,) = judge(folders, folder / "told").faults
+    assert found == f"{recording.name} differs between two nodes"

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Crowd", "Outage"]
+__all__ = ["Crowd", "Late", "Outage"]
 
 
 LOOK_SECONDS = 0.05
@@ -37,11 +37,40 @@ class Outage:
         return max(self.back.values())
 
 
+@dataclass(frozen=True, slots=True)
+class Late:
+    """A step of a real-time episode that came `seconds` after it was due."""
+
+    at: float
+    who: str
+    seconds: float
+
+
 class Crowd:
-    """All bot processes together."""
+    """All bot processes together.
+
+    Args:
+        url: The address of the server, or several separated by commas.
+        folder: The folder for the evidence.
+        steps: The bounds of the episodes' step limits.
+        faults: The list to which faults are appended.
+        mix: The kinds of episodes; see `games.MIXES`.
+
+    Attributes:
+        episodes: The episode of each player who plays.
+        acted: When each player's first action after `mark` was applied.
+        late: The late steps of real-time episodes.
+    """
 
     def __init__(
-        self, url: str, folder: Path, seed: int, steps: tuple[int, int], faults: list[str]
+        self,
+        url: str,
+        folder: Path,
+        seed: int,
+        steps: tuple[int, int],
+        faults: list[str],
+        *,
+        mix: str = "all",
     ) -> None:
         self.playing: set[str] = set()
         self.present: set[str] = set()
@@ -49,6 +78,11 @@ class Crowd:
         self.absences: list[float] = []
         self.ended: dict[str, int] = {}
         self.faults = faults
+        self.episodes: dict[str, str] = {}
+        self.acted: dict[str, float] = {}
+        self.late: list[Late] = []
+        self._marked = 0.0
+        self._reports = 0
         self._folder = folder
         self.situations: list[dict[str, Any]] = []
         self.opened = 0
@@ -58,6 +92,7 @@ class Crowd:
         self._lost_at: dict[str, float] = {}
         self._arguments = ["--url", url, "--folder", str(folder), "--seed", str(seed)]
         self._arguments += ["--min-steps", str(steps[0]), "--max-steps", str(steps[1])]
+        self._arguments += ["--mix", mix]
         self._processes: list[asyncio.subprocess.Process] = []
         self._readers: list[asyncio.Task[None]] = []
         self._finishing = False
@@ -116,6 +151,34 @@ class Crowd:
                 os.killpg(process.pid, signal.SIGKILL)
         await asyncio.gather(*self._readers)
 
+    def mark(self) -> None:
+        """Observe in `acted` when each player acts again."""
+        self.acted, self._marked = {}, time.monotonic()
+        for process in self._processes:
+            _write(process, b"mark\n")
+
+    async def all_act(self, players: Iterable[str], seconds: float) -> set[str]:
+        """Wait until all these players have acted since the mark; return those who have not.
+
+        Players whose episode ends are not waited for.
+        """
+        waiting, deadline = set(players), time.monotonic() + seconds
+        while True:
+            waiting &= self.playing - self.acted.keys()
+            if not waiting or time.monotonic() > deadline:
+                return waiting
+            await asyncio.sleep(LOOK_SECONDS)
+
+    async def report(self, seconds: float = 5.0) -> list[dict[str, Any]]:
+        """Return the situations of all players."""
+        self.situations, self._reports = [], 0
+        for process in self._processes:
+            _write(process, b"report\n")
+        deadline = time.monotonic() + seconds
+        while self._reports < len(self._processes) and time.monotonic() < deadline:
+            await asyncio.sleep(LOOK_SECONDS)
+        return self.situations
+
     def killed(self, at: float) -> None:
         """Record that the server has just been killed."""
         if self.outages and self.outages[-1].missing:
@@ -141,6 +204,7 @@ class Crowd:
                 self.turn_of_events.set()
             case "joined":
                 self.playing.add(who)
+                self.episodes[who] = row["episode"]
                 self.turn_of_events.set()
             case "back":
                 self._back(who, at)
@@ -154,8 +218,14 @@ class Crowd:
                 self.faults.append(f"{who}: {row['error']}")
             case "pictured":
                 self.pictures += 1
+            case "acted" if row.get("marked", 0.0) >= self._marked > 0.0:
+                self.acted[who] = at
+            case "late":
+                self.late.append(Late(at, who, row["seconds"]))
             case "situation":
                 self.situations.append(row)
+            case "reported":
+                self._reports += 1
 
     def _back(self, who: str, at: float) -> None:
         self.present.add(who)
@@ -168,6 +238,7 @@ class Crowd:
 
     def _over(self, who: str, outcome: dict[str, Any]) -> None:
         self.playing.discard(who)
+        self.episodes.pop(who, None)
         self.present.discard(who)
         if self.outages:
             self.outages[-1].missing.discard(who)

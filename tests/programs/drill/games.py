@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import random
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from robotouille.installation import data_folder
 from robotouille_client.bots.kinds import BotKind
 
-__all__ = ["GameSpec", "draw_game", "plan_of"]
+__all__ = ["MIXES", "GameSpec", "Mix", "draw_game", "plan_of"]
 
 ALONE = (
     "training/01_synchronous",
@@ -26,8 +26,36 @@ TOGETHER = (
     "multi_agent/02_lettuce_tomato_burger",
     "multi_agent/04_lettuce_chicken_sandwich",
 )
-CLOCKS = ("turn", "lockstep", "realtime")
-ABSENCES = ("wait", "wait", "pause", "bot", "bot", "end")
+
+
+@dataclass(frozen=True, slots=True)
+class Mix:
+    """The kinds of episodes of a drill. `flaky` is the share of seats whose connections break."""
+
+    seats: tuple[int, ...] = (1, 2, 2)
+    clocks: tuple[str, ...] = ("turn", "lockstep", "realtime")
+    absences: tuple[str, ...] = ("wait", "wait", "pause", "bot", "bot", "end")
+    bots: tuple[BotKind, ...] = (
+        BotKind.RANDOM, BotKind.RANDOM, BotKind.SCRIPTED, BotKind.PLANNER,
+    )  # fmt: skip
+    rates: tuple[float, ...] = (4.0, 5.0, 8.0)
+    thinks: tuple[float, ...] = (0.05, 0.15, 0.3)
+    flaky: float = 0.15
+
+
+# Random bots never stop acting, so a seat without an applied action is the server's fault.
+STEADY = Mix(
+    seats=(2,), clocks=("realtime",), absences=("wait",), bots=(BotKind.RANDOM,), rates=(5.0,),
+    thinks=(0.05,), flaky=0.0,
+)  # fmt: skip
+MIXES = {
+    "all": Mix(),
+    "steady": STEADY,
+    "random": replace(
+        STEADY, seats=(1, 2, 2), clocks=("realtime", "realtime", "turn", "lockstep"),
+        absences=("wait", "bot"),
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,23 +85,26 @@ class GameSpec:
         return {name: value for name, value in asdict(self).items() if name in names}
 
 
-def draw_game(seed: int, slot: int, number: int, *, steps: tuple[int, int]) -> GameSpec:
+def draw_game(
+    seed: int, slot: int, number: int, *, steps: tuple[int, int], mix: Mix | None = None
+) -> GameSpec:
     """Draw the `number`th episode of a slot; `steps` bounds its step limit."""
+    mix = mix or MIXES["all"]
     chance = random.Random(f"{seed}:{slot}:{number}")
-    seats = chance.choice((1, 2, 2))
+    seats = chance.choice(mix.seats)
     task = chance.choice(ALONE if seats == 1 else TOGETHER)
-    kind = chance.choice((BotKind.RANDOM, BotKind.RANDOM, BotKind.SCRIPTED, BotKind.PLANNER))
+    kind = chance.choice(mix.bots)
     return GameSpec(
         task=task,
         seats=seats,
-        clock=CLOCKS[(slot + number) % len(CLOCKS)],
-        absence=chance.choice(ABSENCES),
+        clock=mix.clocks[(slot + number) % len(mix.clocks)],
+        absence=chance.choice(mix.absences),
         substitute=chance.choice(("random", "planner")),
-        step_rate=chance.choice((4.0, 5.0, 8.0)),
+        step_rate=chance.choice(mix.rates),
         max_steps=chance.randint(*steps),
         bots=(kind.value,) * seats,
-        think=chance.choice((0.05, 0.15, 0.3)),
-        flaky=tuple(chance.random() < 0.15 for _ in range(seats)),
+        think=chance.choice(mix.thinks),
+        flaky=tuple(chance.random() < mix.flaky for _ in range(seats)),
         seed=chance.getrandbits(31),
     )
 

@@ -1,7 +1,8 @@
 """A process with many bots that plays one episode after another in each slot until told to stop.
 
 It writes its events to standard output, one JSON object per line. On standard input, `finish` stops
-new episodes, and `report` requests the players that are still active.
+new episodes, `report` requests the situations of the players that are still active, and `mark`
+requests each player's next applied action.
 """
 
 from __future__ import annotations
@@ -19,19 +20,24 @@ from typing import Any
 
 from robotouille.errors import RobotouilleError
 from robotouille.planning.policies.policy import Policy
+from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
-from robotouille_client import Client, Game
+from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.seat_policy import MakePolicy
 from robotouille_client.errors import ConnectionFailedError
-from tests.programs.drill.games import GameSpec, draw_game, plan_of
+from tests.programs.drill.games import MIXES, GameSpec, draw_game, plan_of
 from tests.programs.drill.witness import Witness
 
 LOOK_SECONDS = 0.02
 BREAK_SECONDS = 7.0
 """Seconds between two breaks of a flaky connection."""
+LATE_SECONDS = 0.5
+"""Seconds after which a step of a real-time episode is reported as late."""
+TEMPORARY = ("server/draining", "server/handover", "server/recording")
+"""Answers to requests that may succeed later."""
 
 
 class Deliberate:
@@ -82,6 +88,8 @@ class Participant:
         self._number = number
         self._folder = folder
         self._here = False
+        self._marked: float | None = None
+        self._step, self._step_at = -1, 0.0
 
     async def open(self) -> str:
         """Create the episode and return its code."""
@@ -90,24 +98,21 @@ class Participant:
                 try:
                     created = await client.create(self._spec.task, **self._spec.options)
                     return created.code
-                except ConnectionFailedError:
-                    await asyncio.sleep(0.2)
                 except RobotouilleError as error:
-                    if getattr(error, "code", "") != "server/draining":
-                        raise
-                    await asyncio.sleep(0.2)
+                    await _wait_or_raise(error)
 
     async def play(self, code: str, seat: str | None = None) -> None:
         """Take a seat and play to the end."""
         async with reachable(self._url, self.name) as client:
             self.client = client
-            self.game = game = await client.join(code, seat=seat)
+            self.game = game = await self._join(client, code, seat)
             witness = Witness(game, self.name, self._folder, self._heard)
+            self._report_actions(game)
             tell("joined", who=self.name, episode=game.episode)
             tasks = [asyncio.create_task(self._watch_connection(client))]
             if self._spec.flaky[self._number]:
                 tasks.append(asyncio.create_task(self._break_connection(client)))
-            self._heard()
+            self._is_back()
             try:
                 await play(game, self._policy)
                 await witness.close()
@@ -121,10 +126,54 @@ class Participant:
         make: MakePolicy = policy_maker(kind, self._spec.seed, plan_of(self._spec))
         return Deliberate(make(state, player), self._spec.think)
 
-    def _heard(self) -> None:
+    async def _join(self, client: Client, code: str, seat: str | None) -> Game:
+        while True:
+            try:
+                return await client.join(code, seat=seat)
+            except RobotouilleError as error:
+                await _wait_or_raise(error)
+
+    def _heard(self, message: messages.ServerMessage) -> None:
+        self._is_back()
+        if isinstance(message, messages.Delta | messages.Snapshot):
+            self._stepped(message.step, time.monotonic())
+
+    def _is_back(self) -> None:
         if not self._here:
             self._here = True
             tell("back", who=self.name)
+
+    def _stepped(self, step: int, now: float) -> None:
+        """Report a step that comes late, unless the episode has no clock."""
+        if step <= self._step or self._spec.clock != "realtime":
+            return
+        late = now - self._step_at - 1 / self._spec.step_rate
+        if self._step >= 0 and late > LATE_SECONDS:
+            tell("late", who=self.name, seconds=late, step=step)
+        self._step, self._step_at = step, now
+
+    def mark(self) -> None:
+        """Report the next applied action among those that are submitted from now on."""
+        self._marked = time.monotonic()
+
+    def _report_actions(self, game: Game) -> None:
+        """Report the first applied action that was submitted after a mark."""
+        submit = game.submit
+
+        def submitted(*given: Any, **details: Any) -> asyncio.Future[ActResult]:
+            begun, future = time.monotonic(), submit(*given, **details)
+            future.add_done_callback(lambda done: self._answered(begun, done))
+            return future
+
+        game.submit = submitted  # type: ignore[method-assign]
+
+    def _answered(self, begun: float, done: asyncio.Future[ActResult]) -> None:
+        marked = self._marked
+        if marked is None or begun < marked or done.cancelled() or done.exception():
+            return
+        if done.result().applied:
+            self._marked = None
+            tell("acted", who=self.name, marked=marked)
 
     async def _watch_connection(self, client: Client) -> None:
         while True:
@@ -165,8 +214,12 @@ class Participant:
 class Stopping(asyncio.Event):
     """Event that is set when no more episodes should start."""
 
-    async def obey(self, situations: Callable[[], list[dict[str, Any]]]) -> None:
-        """Process standard input: `report` prints all situations, any other line stops."""
+    async def obey(
+        self, situations: Callable[[], list[dict[str, Any]]], mark: Callable[[], None]
+    ) -> None:
+        """Process standard input: `report` prints all situations, `mark` calls `mark`, any other
+        line stops.
+        """
         reader = asyncio.StreamReader()
         loop = asyncio.get_running_loop()
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
@@ -174,6 +227,9 @@ class Stopping(asyncio.Event):
             if line.strip() == b"report":
                 for situation in situations():
                     tell("situation", **situation)
+                tell("reported")
+            elif line.strip() == b"mark":
+                mark()
             else:
                 self.set()
 
@@ -189,7 +245,7 @@ class Slots:
 
     async def run(self) -> None:
         asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(128))
-        obeying = asyncio.create_task(self._stopping.obey(self._situations))
+        obeying = asyncio.create_task(self._stopping.obey(self._situations, self._mark))
         await asyncio.gather(*(self._slot(slot) for slot in self._given.slots))
         obeying.cancel()
         tell("finished")
@@ -197,12 +253,16 @@ class Slots:
     def _situations(self) -> list[dict[str, Any]]:
         return [participant.situation for participant in self._playing.values()]
 
+    def _mark(self) -> None:
+        for participant in self._playing.values():
+            participant.mark()
+
     async def _slot(self, slot: int) -> None:
         given, number = self._given, 0
         await asyncio.sleep(slot * 0.02)
         while not self._stopping.is_set():
             steps = (given.min_steps, given.max_steps)
-            spec = draw_game(given.seed, slot, number, steps=steps)
+            spec = draw_game(given.seed, slot, number, steps=steps, mix=MIXES[given.mix])
             await self._game(spec, f"s{slot}g{number}")
             number += 1
 
@@ -226,6 +286,14 @@ class Slots:
                 self._playing.pop(player.name, None)
 
 
+async def _wait_or_raise(error: RobotouilleError) -> None:
+    if not isinstance(error, ConnectionFailedError) and (
+        getattr(error, "code", "") not in TEMPORARY
+    ):
+        raise error
+    await asyncio.sleep(0.2)
+
+
 def options() -> argparse.Namespace:
     """Return the command-line options of a drill process."""
     parser = argparse.ArgumentParser()
@@ -234,6 +302,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--min-steps", type=int, required=True)
     parser.add_argument("--max-steps", type=int, required=True)
+    parser.add_argument("--mix", choices=MIXES, default="all")
     parser.add_argument("slots", type=int, nargs="+")
     return parser.parse_args()
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.programs.drill.drill import Result
+from tests.programs.drill.verdict import Verdict
 
-__all__ = ["table", "write_json"]
+__all__ = ["aligned", "counts", "spread", "table", "verdict_rows", "write_json"]
 
 MAX_SHOWN = 40
 
@@ -25,38 +26,51 @@ def table(result: Result) -> str:
         ("lives of the server", f"{result.lives}"),
         ("time", f"{result.seconds:.0f} s"),
         ("episodes restored", f"{sum(result.restored)}, at most {max(result.restored, default=0)}"),
-        ("start → listening", _spread(result.start_seconds)),
-        ("SIGTERM → ended", _spread(result.stop_seconds)),
-        ("kill → all clients back", _spread(result.back_seconds)),
-        ("one client's absence", _spread(result.absence_seconds)),
-        ("games", f"{verdict.games} ({_counts(verdict.outcomes)})"),
-        ("seats that received the outcome", _counts(result.told)),
+        ("start → listening", spread(result.start_seconds)),
+        ("SIGTERM → ended", spread(result.stop_seconds)),
+        ("kill → all clients back", spread(result.back_seconds)),
+        ("one client's absence", spread(result.absence_seconds)),
+        ("seats that received the outcome", counts(result.told)),
         ("windows", f"{result.pictures} checks that found the episode, at the start and after"
                     f" outages; {result.clicks} clicks and keys"),
+        *verdict_rows(verdict),
+    ]  # fmt: skip
+    return aligned(rows, result.faults)
+
+
+def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
+    """Return the figures of a comparison."""
+    return [
+        ("games", f"{verdict.games} ({counts(verdict.outcomes)})"),
         ("restarts in a game", f"at most {max(verdict.restarts, default=0)}"),
         ("other recordings", f"{verdict.others}"),
         ("recordings verified", f"{verdict.verified}"),
         ("steps recorded", f"{verdict.steps}"),
-        ("controllers", _counts(verdict.controllers)),
+        ("controllers", counts(verdict.controllers)),
         ("compared", f"{verdict.states} states, {verdict.deltas} deltas, {verdict.actions} replies"
                      f" to actions, {verdict.chat} received chat messages"),
         ("chat that was not received", f"{verdict.unheard}"),
         ("spectators that missed the end", f"{verdict.unaware}"),
-        ("violations", f"{len(result.faults)}"),
     ]  # fmt: skip
+
+
+def aligned(rows: list[tuple[str, str]], faults: list[str]) -> str:
+    """Return figures as a table, followed by the evidence of faults."""
+    rows = [*rows, ("violations", f"{len(faults)}")]
     width = max(len(name) for name, _ in rows)
     lines = [f"{name:{width}}  {value}" for name, value in rows]
-    lines += [f"  ! {fault}" for fault in result.faults[:MAX_SHOWN]]
-    if len(result.faults) > MAX_SHOWN:
-        lines.append(f"  … and {len(result.faults) - MAX_SHOWN} more")
+    lines += [f"  ! {fault}" for fault in faults[:MAX_SHOWN]]
+    if len(faults) > MAX_SHOWN:
+        lines.append(f"  … and {len(faults) - MAX_SHOWN} more")
     return "\n".join(lines)
 
 
-def _counts(counts: dict[str, int]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "none"
+def counts(numbers: dict[str, int]) -> str:
+    """Format numbers with their names."""
+    return ", ".join(f"{count} {name}" for name, count in sorted(numbers.items())) or "none"
 
 
-def _spread(seconds: list[float]) -> str:
+def spread(seconds: list[float]) -> str:
     """Format the median, the 90th and 99th percentile, and the maximum."""
     if not seconds:
         return "none"

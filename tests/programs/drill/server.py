@@ -32,9 +32,26 @@ def free_port() -> int:
 
 
 class ServerProcess:
-    """Consecutive lives of the server. `faults` lists errors in its logs and unexpected ends."""
+    """Consecutive lives of the server.
 
-    def __init__(self, folder: Path, port: int, faults: list[str], *flags: str) -> None:
+    Args:
+        folder: The folder for recordings and logs.
+        faults: Gets errors in the logs and unexpected ends.
+        flags: More options of the server.
+        ready: The entry of the log after which the server accepts players.
+
+    Attributes:
+        allowed: Entries of the log that are errors, but not faults at the moment.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        port: int,
+        faults: list[str],
+        *flags: str,
+        ready: str = "listening",
+    ) -> None:
         self.url = f"ws://127.0.0.1:{port}"
         self.folder = folder
         self.lives = 0
@@ -44,6 +61,8 @@ class ServerProcess:
         self.stop_seconds: list[float] = []
         self.restored: list[int] = []
         self.faults = faults
+        self.allowed: frozenset[str] = frozenset()
+        self._ready = ready
         recordings = str(folder / "recordings")
         self._arguments = (*COMMAND, "--port", str(port), "--recordings", recordings,
                            "--log-format", "json", "--drain-seconds", "0", *flags)  # fmt: skip
@@ -65,6 +84,16 @@ class ServerProcess:
             env={**os.environ, "ROBOTOUILLE_COMPILE": "0"},
         )
         self._reading = asyncio.create_task(self._read(self._process))
+
+    @property
+    def pid(self) -> int:
+        """The id of this life's process."""
+        assert self._process is not None
+        return self._process.pid
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal that does not end this life."""
+        os.kill(self.pid, number)
 
     async def kill(self, number: signal.Signals = signal.SIGKILL) -> None:
         """End this life and check how it ended."""
@@ -110,10 +139,11 @@ class ServerProcess:
 
     def _heed(self, life: int, row: dict[str, Any]) -> None:
         match row.get("event"):
-            case "listening":
+            case event if event == self._ready:
                 self.start_seconds.append(time.monotonic() - self.started)
                 self.listening.set()
             case "episode restored":
                 self.restored[-1] += 1
-        if row.get("level") in ("error", "critical"):
+        bad = row.get("level") in ("error", "critical")
+        if bad and row.get("event") not in self.allowed:
             self.faults.append(f"life {life}: {json.dumps(row)[:2000]}")

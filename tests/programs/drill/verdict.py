@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -45,16 +45,30 @@ class Verdict:
     faults: list[str] = field(default_factory=list)
 
 
-def judge(recordings: Path, evidence: Path) -> Verdict:
-    """Check every recording, and compare it with every line that a client has written."""
+def judge(recordings: Path | Sequence[Path], evidence: Path) -> Verdict:
+    """Check every recording, and compare it with every line that a client has written.
+
+    Args:
+        recordings: The folder of the recordings, or those of several nodes. Two nodes may have the
+            same recording, but not different ones of one episode.
+        evidence: The folder of the clients' lines.
+    """
     verdict = Verdict()
     told: dict[str, list[Path]] = {}
     for path in sorted(evidence.glob("*.jsonl")):
         told.setdefault(path.name.split("-")[0], []).append(path)
-    for path in sorted(recordings.glob("*")):
+    folders = [recordings] if isinstance(recordings, Path) else recordings
+    found = (path for folder in folders for path in folder.glob("*"))
+    judged: dict[str, Path] = {}
+    for path in sorted(found, key=lambda path: path.name):
         if path.suffix != ".rbt":
             verdict.faults.append(f"{path.name} is left behind")
             continue
+        if path.name in judged:
+            if path.read_bytes() != judged[path.name].read_bytes():
+                verdict.faults.append(f"{path.name} differs between two nodes")
+            continue
+        judged[path.name] = path
         episode = path.stem.rpartition("_")[2]
         _judge_game(verdict, path, told.pop(episode, []))
     for episode, paths in told.items():

@@ -13,7 +13,7 @@ from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_client import ActResult, Game
 
-__all__ = ["Witness"]
+__all__ = ["Witness", "rows_of"]
 
 CHAT_EVERY = 11
 """Steps between two chat messages of a bot."""
@@ -22,11 +22,16 @@ CHAT_EVERY = 11
 class Witness:
     """Observer between a connection and its `Game` that writes one JSON line per message.
 
-    `heard` is called with every message. The bot does not notice the observer.
+    `heard` is called with every message before the bot receives it. The bot does not notice the
+    observer.
     """
 
     def __init__(
-        self, game: Game, name: str, folder: Path, heard: Callable[[], None] | None = None
+        self,
+        game: Game,
+        name: str,
+        folder: Path,
+        heard: Callable[[messages.ServerMessage], None] | None = None,
     ) -> None:
         self.game = game
         self.name = name
@@ -43,22 +48,15 @@ class Witness:
     def receive(self, message: messages.ServerMessage, now: float) -> None:
         """Record a message as the server sent it, then the client's resulting state."""
         if self._heard is not None:
-            self._heard()
+            self._heard(message)
         before = self.game.step
         self._receive(message, now)
+        for row in rows_of(message):
+            self._write(*row)
         match message:
-            case messages.Delta():
-                unmet = sorted(int(row) for row in message.unmet)
-                self._write("delta", message.step, message.did, message.seq, unmet)
-                if self.game.step == message.step > before:
-                    self._write("state", message.step, self.game.state.digest)
-                    self._chat(message.step)
-            case messages.Snapshot():
-                self._write("state", message.step, message.hash)
-            case messages.Said():
-                self._write("said", message.number, message.name, message.seat, message.text)
-            case messages.Ended():
-                self._write("state", message.step, message.hash)
+            case messages.Delta() if self.game.step == message.step > before:
+                self._write("state", message.step, self.game.state.digest)
+                self._chat(message.step)
             case messages.Left() | messages.Bye():
                 self._farewell = message.reason
 
@@ -95,3 +93,16 @@ class Witness:
     def _write(self, *row: Any) -> None:
         if not self._file.closed:
             self._file.write(json.dumps(row, separators=(",", ":")) + "\n")
+
+
+def rows_of(message: messages.ServerMessage) -> list[list[Any]]:
+    """Return what a message reveals about an episode, as rows of the evidence."""
+    match message:
+        case messages.Delta():
+            unmet = sorted(int(row) for row in message.unmet)
+            return [["delta", message.step, message.did, message.seq, unmet]]
+        case messages.Snapshot() | messages.Ended():
+            return [["state", message.step, message.hash]]
+        case messages.Said():
+            return [["said", message.number, message.name, message.seat, message.text]]
+    return []
