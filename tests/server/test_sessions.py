@@ -120,6 +120,15 @@ class TestMissedMessages:
                 assert [m["step"] for m in received if m["type"] == "delta"] == [2, 3]
                 assert [m["text"] for m in received if m["type"] == "said"] == ["two"]
 
+    @virtual
+    async def test_joined_is_the_first_message_of_the_episode(self, tmp_path: Path) -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as first:
+                joined = await seated(first, seats=1)
+            async with raw(server, hello=False) as again:
+                await again.ask({**HELLO, "resume": joined["resume"]}, "welcome")
+                assert (await again.receive())["type"] == "joined"
+
 
 async def two_people(ada: Client, bob: Client, **options: object):  # type: ignore[no-untyped-def]
     # Without a move budget, no timer ends a step while a substitute plans.
