@@ -124,7 +124,7 @@ class TestMissedMessages:
     async def test_joined_is_the_first_message_of_the_episode(self, tmp_path: Path) -> None:
         async with serving(tmp_path) as server:
             async with raw(server) as first:
-                joined = await seated(first, seats=1)
+                joined = await seated(first)
             async with raw(server, hello=False) as again:
                 await again.ask({**HELLO, "resume": joined["resume"]}, "welcome")
                 assert (await again.receive())["type"] == "joined"
