@@ -1,0 +1,196 @@
+"""Several nodes, as their clients see them."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.replay.recording import read_recording
+from robotouille_client import Client, Game, connect
+from robotouille_server.auth.roles import Role
+from tests.support.clusters import Nodes, cluster_of
+from tests.support.virtual_time import virtual
+
+TASK = "training/03_multi_agent"
+
+
+async def step(*games: Game) -> None:
+    """Take one step in lockstep, in which nobody does anything."""
+    await asyncio.gather(*(game.act(None) for game in games))
+
+
+async def until(game: Game, reached: int) -> None:
+    while game.step < reached and not game.ended:
+        await game.next_event()
+
+
+async def two_players(nodes: Nodes, ada: Client, bob: Client) -> tuple[Game, Game]:
+    created = await ada.create(TASK, seats=2, move_budget=0)
+    return await ada.join(created.code), await bob.join(created.code)
+
+
+class TestAnyNode:
+    @virtual
+    async def test_new_episodes_are_divided_among_the_nodes(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            for _ in range(6):
+                await ada.create(TASK)
+            assert [len(node.rooms) for node in nodes] == [2, 2, 2]
+
+    @virtual
+    async def test_a_code_works_on_every_node(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK, seats=3)
+            for node in nodes:
+                client = Client(node.url, name="bob")
+                async with client:
+                    game = await client.join(created.code)
+                    assert game.episode == created.episode
+
+    @virtual
+    async def test_a_wrong_code_is_unknown_on_every_node(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            for node in nodes:
+                async with connect(node.url, name="ada") as ada:
+                    with pytest.raises(ProtocolError) as error:
+                        await ada.join("ABCDE-FGHJK")
+                    assert error.value.code == "episode/unknown"
+
+    @virtual
+    async def test_a_list_has_the_episodes_of_all_nodes(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[2].url, name="ada") as ada:
+            opened = {(await ada.create(TASK)).episode for _ in range(4)}
+            assert {one.episode for one in await ada.episodes()} == opened
+
+    @virtual
+    async def test_an_operator_closes_an_episode_of_another_node(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK)
+            elsewhere = nodes.others(nodes.owner(created.episode))[0]
+            token = elsewhere.server.tokens.mint_role(Role.OPERATOR, "olga", seconds=60)
+            async with connect(elsewhere.url, name="olga", token=token) as olga:
+                closed = await olga.close_episode(created.code)
+            assert closed.episode == created.episode
+            assert not any(created.episode in node.rooms for node in nodes)
+
+    @virtual
+    async def test_limits_of_an_owner_count_all_nodes(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path, max_episodes_per_owner=4) as nodes:
+            token = nodes[0].server.tokens.mint_role(Role.HOST, "hanna", seconds=60)
+            async with connect(nodes[0].url, name="hanna", token=token) as hanna:
+                for _ in range(4):
+                    await hanna.create(TASK)
+                with pytest.raises(ProtocolError) as error:
+                    await hanna.create(TASK)
+            assert error.value.code == "rate/episodes"
+
+    @virtual
+    async def test_a_token_for_one_session_is_good_for_one_node(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK, seats=3)
+            token = nodes[0].server.tokens.mint_role(Role.PLAYER, "paul", seconds=60, once=True)
+            async with connect(nodes[1].url, name="paul", token=token) as paul:
+                await paul.join(created.code)
+                async with connect(nodes[2].url, name="paul", token=token) as again:
+                    with pytest.raises(RobotouilleError, match="another session has used it"):
+                        await again.join(created.code)
+
+
+class TestTakeover:
+    @virtual
+    async def test_a_game_goes_on_after_its_node_was_killed(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[1].url, name="bob") as bob,
+            ):
+                games = await two_players(nodes, ada, bob)
+                for _ in range(3):
+                    await step(*games)
+                owner = nodes.owner(games[0].episode)
+                await owner.kill()
+                for _ in range(3):
+                    await step(*games)
+                assert [game.step for game in games] == [6, 6]
+                successor = nodes.owner(games[0].episode)
+                assert successor is not owner
+                assert games[0].own_seats != games[1].own_seats
+
+    @virtual
+    async def test_a_game_goes_on_when_its_node_leaves(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[1].url, name="bob") as bob,
+            ):
+                games = await two_players(nodes, ada, bob)
+                await step(*games)
+                owner = nodes.owner(games[0].episode)
+                await owner.leave()
+                await step(*games)
+                assert games[0].step == 2
+                assert nodes.owner(games[0].episode) is not owner
+
+    @virtual
+    async def test_a_node_that_comes_back_sends_its_participants_on(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[1].url, name="bob") as bob,
+            ):
+                games = await two_players(nodes, ada, bob)
+                await step(*games)
+                owner = nodes.owner(games[0].episode)
+                owner.bus.cut()
+                await asyncio.sleep(8)
+                successor = nodes.owner(games[0].episode)
+                assert successor is not owner
+                owner.bus.heal()
+                await step(*games)
+                assert games[0].step == 2
+                assert nodes.owner(games[0].episode) is successor
+
+    @virtual
+    async def test_games_wait_while_nobody_has_a_quorum(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path, mode="realtime", step_rate=5.0) as nodes:
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[1].url, name="bob") as bob,
+            ):
+                games = await two_players(nodes, ada, bob)
+                await until(games[0], 3)
+                owner = nodes.owner(games[0].episode)
+                nodes.nats.lose_quorum()
+                await asyncio.sleep(20)
+                stood = games[0].step
+                assert games[0].pause is not None
+                assert games[0].pause.reason == "storage"
+                nodes.nats.regain_quorum()
+                await until(games[0], stood + 3)
+                assert nodes.owner(games[0].episode) is owner
+
+    @virtual
+    async def test_the_recording_is_complete_wherever_the_game_ends(self, tmp_path: Path) -> None:
+        async with cluster_of(tmp_path, max_steps=8) as nodes:
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[1].url, name="bob") as bob,
+            ):
+                games = await two_players(nodes, ada, bob)
+                for _ in range(4):
+                    await step(*games)
+                await nodes.owner(games[0].episode).kill()
+                for _ in range(4):
+                    await step(*games)
+                assert games[0].ended
+                await asyncio.sleep(1)
+            (path,) = tmp_path.glob("node*/*.rbt")
+            found = read_recording(path).verify()
+            assert found.ok
+            assert found.complete
+            assert found.steps == 8
+            stored = nodes.nats.storage.files[path.name]
+            assert stored == path.read_bytes()
