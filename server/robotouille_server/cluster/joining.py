@@ -7,7 +7,7 @@ import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from robotouille.errors import RobotouilleError
 from robotouille.installation import RELEASE
@@ -81,7 +81,7 @@ async def joined_through(
 ) -> AsyncIterator[Cluster]:
     """Join the cluster that a bus connects."""
     around = around or Surroundings()
-    given = settings.keys is not None or settings.signing_keys is not None
+    given = settings.signing_keys is not None
     shared = SharedSecrets(
         bus,
         None if given else key_file(settings),
@@ -118,20 +118,30 @@ async def joined_through(
 
 
 def _address(settings: ServerSettings) -> NatsAddress:
-    servers = tuple(_server(part.strip()) for part in settings.cluster.split(",") if part.strip())
-    if not servers:
+    parts = [_parts(text.strip()) for text in settings.cluster.split(",") if text.strip()]
+    if not parts:
         raise RobotouilleError("--cluster: no address of a NATS server")
+    users = {part.username or "" for part in parts}
+    if len(users) > 1 or any(part.password for part in parts):
+        raise RobotouilleError(
+            "--cluster: give all addresses the same user, and the password in a file: "
+            "--cluster-password-file"
+        )
     password = ""
     if (file := settings.cluster_password_file) is not None:
         password = read_private(file, MAX_PASSWORD_BYTES).decode("utf-8", "replace").strip()
-    tls = None
-    if any(server.startswith("tls://") for server in servers) or settings.cluster_ca is not None:
-        tls = _tls(settings)
-    credentials = str(settings.cluster_credentials or "")
-    return NatsAddress(servers, settings.cluster_name, password, credentials, tls)
+    encrypted = any(part.scheme == "tls" for part in parts) or settings.cluster_ca is not None
+    return NatsAddress(
+        tuple(f"{part.scheme}://{part.netloc.rpartition('@')[2]}" for part in parts),
+        settings.cluster_name,
+        users.pop(),
+        password,
+        str(settings.cluster_credentials or ""),
+        _tls(settings) if encrypted else None,
+    )
 
 
-def _server(text: str) -> str:
+def _parts(text: str) -> SplitResult:
     try:
         parts = urlsplit(text)
         valid = parts.scheme in ("nats", "tls") and parts.hostname and parts.port != 0
@@ -141,7 +151,7 @@ def _server(text: str) -> str:
         raise RobotouilleError(
             f"--cluster: {text!r} is not nats://[USER@]HOST[:PORT] or tls://[USER@]HOST[:PORT]"
         )
-    return text
+    return parts
 
 
 def _tls(settings: ServerSettings) -> ssl.SSLContext:

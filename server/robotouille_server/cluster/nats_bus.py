@@ -77,13 +77,15 @@ class NatsAddress:
         servers: The URLs of its servers.
         prefix: The first word of all subjects, streams and buckets, so that several clusters can
             share a NATS.
-        password: The password of the user in the URLs.
+        user: The user, or empty.
+        password: The password of the user.
         credentials: A file with a JWT and its key, as `nsc` makes it.
         tls: The context for `tls://` addresses.
     """
 
     servers: tuple[str, ...]
     prefix: str
+    user: str = ""
     password: str = field(default="", repr=False)
     credentials: str = ""
     tls: ssl.SSLContext | None = None
@@ -139,8 +141,9 @@ class NatsBus:
     async def _connect(self) -> None:
         address = self._address
         options: dict[str, Any] = {}
-        if address.password:
-            options["password"] = address.password
+        if address.user:
+            # The library takes the user of an address without a password for a token.
+            options |= {"user": address.user, "password": address.password}
         if address.credentials:
             options["user_credentials"] = address.credentials
         if address.tls is not None:
