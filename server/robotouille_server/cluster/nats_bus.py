@@ -10,12 +10,14 @@ from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from nats.aio.client import Client
 from nats.aio.msg import Msg
 from nats.errors import Error as NatsError
 from nats.errors import NoRespondersError
+from nats.errors import TimeoutError as NatsTimeoutError
 from nats.js import JetStreamContext
 from nats.js.api import (
     ConsumerConfig,
@@ -54,6 +56,10 @@ OLDEST_SERVER = (2, 9)
 REPLICAS = 3
 ANSWER_SECONDS = 2.0
 """Seconds after which an append without an answer counts as failed."""
+ATTEMPTS = 5
+"""Attempts of a request without an answer while a node starts."""
+LEADER_SECONDS = 1.0
+"""Seconds in which a stream with a leader answers."""
 SWEEP_SECONDS = 0.25
 RECONNECT_SECONDS = 0.2
 HEARTBEAT_SECONDS = 1.0
@@ -212,7 +218,7 @@ class NatsBus:
         )
         async with _create_errors():
             with contextlib.suppress(_InUseError):
-                await _or_in_use(self._js.add_stream(journal))
+                await _or_in_use(partial(self._js.add_stream, journal))
         for bucket in Bucket:
             leases = bucket is Bucket.NODES
             config = KeyValueConfig(
@@ -224,7 +230,9 @@ class NatsBus:
             )
             async with _create_errors():
                 try:
-                    self._buckets[bucket] = await _or_in_use(self._js.create_key_value(config))
+                    self._buckets[bucket] = await _or_in_use(
+                        partial(self._js.create_key_value, config)
+                    )
                 except _InUseError:
                     self._buckets[bucket] = await self._js.key_value(config.bucket)
         files = ObjectStoreConfig(
@@ -232,7 +240,14 @@ class NatsBus:
         )
         async with _create_errors():
             with contextlib.suppress(_InUseError):
-                await _or_in_use(self._js.create_object_store(self._recordings, files))
+                await _or_in_use(partial(self._js.create_object_store, self._recordings, files))
+        streams = [self._stream, *(f"KV_{self._prefix}_{bucket}" for bucket in Bucket)]
+        # A stream that another node has just created has no leader, and drops requests.
+        quick = self._nats.jetstream(timeout=LEADER_SECONDS)
+        for stream in streams:
+            async with _create_errors():
+                with contextlib.suppress(NotFoundError):
+                    await _until_answered(partial(quick.get_last_msg, stream, "any"))
 
     @property
     def _stream(self) -> str:
@@ -502,9 +517,17 @@ class _InUseError(Exception):
     """The stream exists already, possibly with other settings."""
 
 
-async def _or_in_use(creating: Awaitable[Any]) -> Any:
+async def _until_answered(ask: Callable[[], Awaitable[Any]]) -> Any:
+    """Repeat a request for a while: NATS drops those that come before a leader is elected."""
+    for _ in range(ATTEMPTS - 1):
+        with contextlib.suppress(NatsTimeoutError):
+            return await ask()
+    return await ask()
+
+
+async def _or_in_use(create: Callable[[], Awaitable[Any]]) -> Any:
     try:
-        return await creating
+        return await _until_answered(create)
     except APIError as error:
         if error.err_code == IN_USE:
             raise _InUseError from None
