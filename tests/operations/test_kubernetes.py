@@ -86,9 +86,11 @@ def test_nodes_have_time_to_drain() -> None:
     assert POD["terminationGracePeriodSeconds"] >= pause + drain + 10
 
 
-@pytest.mark.parametrize("probe", ["startupProbe", "readinessProbe"])
-def test_probes_use_the_health_page(probe: str) -> None:
-    assert SERVER[probe]["httpGet"] == {"path": "/healthz", "port": "clients"}
+@pytest.mark.parametrize(
+    ("probe", "path"), [("startupProbe", "/healthz"), ("readinessProbe", "/readyz")]
+)
+def test_probes_use_pages_of_the_server(probe: str, path: str) -> None:
+    assert SERVER[probe]["httpGet"] == {"path": path, "port": "clients"}
     assert {"name": "clients", "containerPort": 8765} in SERVER["ports"]
 
 
