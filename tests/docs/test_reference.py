@@ -116,7 +116,7 @@ def test_every_farewell_is_documented() -> None:
     given = {code for text in texts for code in re.findall(r"\.close\(\s*\"([a-z/-]+)\"", text)}
     rows = {row[0]: row[2] for row in table("protocol.md", "When the server closes")}
     assert rows.keys() == given
-    again = {"server/restart", "auth/silent", "rate/connections"}
+    again = {"server/restart", "server/handover", "auth/silent", "rate/connections"}
     assert {code for code, retry in rows.items() if retry} == again
 
 
