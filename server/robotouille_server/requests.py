@@ -94,7 +94,7 @@ class ClusterRequests(Protocol):
 
     @property
     def cut_off(self) -> bool:
-        """Whether clients must go to another node."""
+        """True while clients must go to another node."""
 
     async def look(self, code: str) -> None: ...
 

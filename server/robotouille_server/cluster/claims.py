@@ -28,7 +28,7 @@ CLAIMS_AT_A_TIME = 8
 
 @dataclass(frozen=True, slots=True)
 class Continuation:
-    """How episodes continue on this node.
+    """Settings and callbacks for episodes that continue on this node.
 
     Attributes:
         adopt: Makes a room of an episode.
@@ -98,7 +98,7 @@ class Claims:
     async def _continue(self, record: EpisodeRecord) -> str:
         stored = await self._bus.read(record.episode)
         if not stored:
-            # Its node has died after it had deleted the journal, or somebody else has deleted it.
+            # Its node has died after it had deleted the journal, or an operator has deleted it.
             await self._directory.remove(record)
             return "it has no journal"
         content, last = assembled(stored), stored[-1].sequence

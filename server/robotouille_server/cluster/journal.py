@@ -3,7 +3,7 @@
 Each write names the journal's last message that its writer knows, and NATS refuses it if there is a
 later one. So a node that was stopped, and continues after another one has taken its episode over,
 cannot write; and because events are published after they are written, it cannot send anything
-either. One write is under way at a time: what happens meanwhile goes into the next one.
+either. One write is under way at a time: later events go into the next one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class JournalKeeper(Protocol):
 
     @property
     def lease_certain(self) -> bool:
-        """Whether no other node can have taken over this node's episodes."""
+        """True if no other node can have taken over this node's episodes."""
 
     def begun(self, journal: ReplicatedJournal) -> None:
         """Watch a journal: call its `look` from time to time."""
@@ -71,7 +71,7 @@ class JournalKeeper(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class JournalEnd:
-    """Where a journal ends.
+    """End of a journal.
 
     Attributes:
         sequence: The sequence number of its last message.

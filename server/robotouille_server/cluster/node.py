@@ -70,7 +70,7 @@ class NodeRooms(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NodeParts:
-    """What a node needs besides the bus.
+    """Parts of a server that its node needs.
 
     Attributes:
         storage: The folder for closed recordings.
@@ -127,7 +127,7 @@ class ClusterNode:
 
     @property
     def ready(self) -> bool:
-        """Whether clients should come to this node."""
+        """True while clients should come to this node."""
         return not self.members.own.leaving and self.lease_certain
 
     @property
@@ -267,7 +267,7 @@ class ClusterNode:
                 get_logger().exception("the node's round failed")
 
     async def _without_bus(self, error: BusError) -> None:
-        """Log a failure once; enter everything again if somebody has deleted the buckets."""
+        """Log a failure once; enter everything again if an operator has deleted the buckets."""
         now = self._loop.time()
         if self._lost_since is None:
             self._lost_since = now

@@ -56,7 +56,7 @@ class _Answer(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class ClusterService:
-    """What clients may ask of any node. Nodes ask each other by the same methods."""
+    """Requests that clients may send to any node, and nodes to each other."""
 
     node: ClusterNode
     services: Services
@@ -78,7 +78,7 @@ class ClusterService:
 
     @property
     def cut_off(self) -> bool:
-        """Whether clients must go to another node."""
+        """True while clients must go to another node."""
         return self.node.cut_off
 
     def _owned_elsewhere(self, owner: str, reserved: bool) -> int:

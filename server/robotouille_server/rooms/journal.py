@@ -148,7 +148,7 @@ class Journal:
         return True
 
     def check_ownership(self) -> bool:
-        """Return True: the file is locked as long as it is open."""
+        """Return True, because an open file is locked."""
         return True
 
     def listen(self, changed: Callable[[], None]) -> None:
