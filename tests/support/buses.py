@@ -32,6 +32,8 @@ Handler = Callable[[str, bytes], Awaitable[bytes]]
 
 ANSWER_SECONDS = 2.0
 WATCH_SECONDS = 10.0
+SOONEST = 1e-9
+"""Seconds between two messages, because timers of the same time have no order."""
 
 
 @dataclass(slots=True)
@@ -66,6 +68,16 @@ class _Watch:
     scheduled: bool = False
 
 
+@dataclass(slots=True, eq=False)
+class _Subscription:
+    """Messages on a subject for one node, in order."""
+
+    bus: SimulatedBus
+    subject: str
+    received: Callable[[bytes], None]
+    last: float = 0.0
+
+
 @dataclass(slots=True)
 class _Request:
     """Work that a node wants of the service, and what to do with the answer."""
@@ -96,11 +108,13 @@ class SimulatedNats:
         self.quality = quality or Quality()
         self.loop = loop or asyncio.get_running_loop()
         self.quorum = True
-        self.storage = SimulatedStorage(self.loop.time, self.chance, on_changed=self._changed)
+        self.storage = SimulatedStorage(self.loop.time, self.chance)
+        self.storage.on_set.append(lambda bucket, key, value: self._changed(bucket))
         self._context = copy_context()
         self._watches: list[_Watch] = []
         self._handlers: dict[str, tuple[SimulatedBus, Handler]] = {}
         self._proposed: list[_Request] = []
+        self._subscriptions: list[_Subscription] = []
 
     def bus(self, name: str = "") -> SimulatedBus:
         """Connect a node. Answers arrive in the caller's context."""
@@ -190,8 +204,9 @@ class SimulatedNats:
             if watch.bucket is bucket:
                 self._wake(watch)
 
-    def unwatch(self, bus: SimulatedBus) -> None:
+    def forget(self, bus: SimulatedBus) -> None:
         self._watches = [watch for watch in self._watches if watch.bus is not bus]
+        self._subscriptions = [s for s in self._subscriptions if s.bus is not bus]
 
     def watches(self, bus: SimulatedBus) -> Iterator[_Watch]:
         return (watch for watch in self._watches if watch.bus is bus)
@@ -211,7 +226,25 @@ class SimulatedNats:
         for watch in self.watches(bus):
             self._wake(watch)
 
-    # Requests of nodes to nodes, which need no quorum
+    # Messages of nodes to nodes, which need no quorum
+
+    def publish(self, bus: SimulatedBus, subject: str, data: bytes) -> None:
+        """Pass a message on to all subscribers, or lose it."""
+        for subscription in self._subscriptions:
+            if subscription.subject != subject or not bus.reaches:
+                continue
+            for delay in self.delays(repeats=False):
+                at = max(self.loop.time() + delay, subscription.last + SOONEST)
+                subscription.last = at
+                context = subscription.bus.context
+                self.loop.call_at(at, _receive, subscription, data, context=context)
+
+    def subscribe(self, subscription: _Subscription) -> None:
+        self._subscriptions.append(subscription)
+
+    def unsubscribe(self, subscription: _Subscription) -> None:
+        if subscription in self._subscriptions:
+            self._subscriptions.remove(subscription)
 
     def answer(self, bus: SimulatedBus, subject: str, handler: Handler) -> None:
         self._handlers[subject] = bus, handler
@@ -244,6 +277,11 @@ class SimulatedNats:
         answer = await work
         if target.reaches:
             self._answer(asker, answer)
+
+
+def _receive(subscription: _Subscription, data: bytes) -> None:
+    if subscription.bus.hears and not subscription.bus.closed:
+        subscription.received(data)
 
 
 def _deliver_changes(watch: _Watch, changes: list[tuple[str, Entry | None]]) -> None:
@@ -300,7 +338,7 @@ class SimulatedBus:
     def close(self) -> None:
         """Forget the node, whose process has ended."""
         self.closed = True
-        self._nats.unwatch(self)
+        self._nats.forget(self)
 
     # The protocol
 
@@ -368,6 +406,20 @@ class SimulatedBus:
 
     async def answer(self, subject: str, handler: Handler) -> None:
         self._nats.answer(self, subject, handler)
+
+    def publish(self, subject: str, data: bytes) -> None:
+        self._nats.publish(self, subject, data)
+
+    async def subscribe(
+        self, subject: str, received: Callable[[bytes], None]
+    ) -> Callable[[], Awaitable[None]]:
+        subscription = _Subscription(self, subject, received)
+
+        async def end() -> None:
+            self._nats.unsubscribe(subscription)
+
+        self._nats.subscribe(subscription)
+        return end
 
 
 def _settle(answer: asyncio.Future[T], result: T | BusError) -> None:

@@ -84,7 +84,7 @@ class SimulatedStorage:
         files: The stored files.
         on_stored: Called with the writer, the journal and the message for every stored message.
         on_purged: Called with each journal that is deleted.
-        on_changed: Called with the bucket of every change.
+        on_set: Called with the bucket, the key and the value of every change.
     """
 
     now: Callable[[], float]
@@ -94,7 +94,7 @@ class SimulatedStorage:
     files: dict[str, bytes] = field(default_factory=dict)
     on_stored: Callable[[str, str, Stored], None] | None = None
     on_purged: Callable[[str], None] | None = None
-    on_changed: Callable[[Bucket], None] | None = None
+    on_set: list[Callable[[Bucket, str, bytes | None], None]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._sequence = 0
@@ -168,8 +168,8 @@ class SimulatedStorage:
 
     def set(self, bucket: Bucket, key: str, value: bytes | None) -> int:
         revision = self._buckets[bucket].set(key, value, self.now())
-        if self.on_changed is not None:
-            self.on_changed(bucket)
+        for changed in self.on_set:
+            changed(bucket, key, value)
         return revision
 
     def create(self, bucket: Bucket, key: str, value: bytes) -> int:

@@ -17,8 +17,12 @@ EXPECTED = (
     "recording not closed",
     "recording not deleted",
     "episode not restored yet",
+    "the node's report was not stored",
+    "this node is cut off from NATS",
+    "the cluster's buckets cannot be used",
+    "not written",
 )
-"""Messages that a server must log when the disk is full."""
+"""Messages that a server must log when the disk is full, or when NATS cannot be used."""
 LIBRARY_FAULTS = ("parser failed", "opening handshake failed", "unexpected internal")
 
 _report: list[Callable[[str], None]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from itertools import count
 
@@ -22,14 +22,27 @@ def run_block(first: int, last: int) -> list[Report]:
     return [run_seed(seed) for seed in range(first, last)]
 
 
-def run_many(first: int, end: int | None, jobs: int, seconds: float | None) -> Progress:
-    """Run seeds from `first` to before `end`, or for `seconds` of real time."""
+def run_many(
+    first: int,
+    end: int | None,
+    jobs: int,
+    seconds: float | None,
+    *,
+    work: Callable[[int, int], list[Report]] | None = None,
+    program: str = "tests.programs.simulation",
+) -> Progress:
+    """Run seeds from `first` to before `end`, or for `seconds` of real time.
+
+    Args:
+        work: Runs a range of seeds; `run_block` by default.
+        program: The module with which a failure is reproduced.
+    """
     deadline = None if seconds is None else time.monotonic() + seconds
-    progress = Progress()
+    progress = Progress(program)
     with ProcessPoolExecutor(jobs, max_tasks_per_child=BLOCKS_A_PROCESS) as pool:
         running: set[Future[list[Report]]] = set()
         for block in _blocks(first, end):
-            running.add(pool.submit(run_block, *block))
+            running.add(pool.submit(work or run_block, *block))
             if len(running) >= 2 * jobs:
                 done, running = wait(running, return_when=FIRST_COMPLETED)
                 progress.take(done)
@@ -49,7 +62,8 @@ def _blocks(first: int, end: int | None) -> Iterator[tuple[int, int]]:
 class Progress:
     """Summary of the runs so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, program: str) -> None:
+        self.program = program
         self.seeds = 0
         self.failed: list[int] = []
         self.counts: Counter[str] = Counter()
@@ -70,7 +84,7 @@ class Progress:
         if report.ok:
             return
         self.failed.append(report.seed)
-        again = f"python -m tests.programs.simulation --seed {report.seed} --trace"
+        again = f"python -m {self.program} --seed {report.seed} --trace"
         print(f"seed {report.seed} FAILED: {again}")
         for fault in report.faults[:SHOWN_FAULTS]:
             print(f"    {fault}", flush=True)
