@@ -122,17 +122,23 @@ async def test_overtaken_and_invalid_changes_are_ignored() -> None:
     (directory,) = Nodes(1).directories
     key = record("a").key
 
-    def change(node: str, revision: int) -> None:
-        directory.changed(key, Entry(record(node).model_dump_json().encode(), revision))
+    def claimed(node: str, claim: int) -> EpisodeRecord:
+        return record(node).model_copy(update={"claim": claim})
 
-    change("b", 5)
-    change("a", 4)
-    change("a", 5)
-    assert directory.find(CODE) == record("b")
+    def change(node: str, claim: int, revision: int) -> None:
+        value = claimed(node, claim).model_dump_json().encode()
+        directory.changed(key, Entry(value, revision))
+
+    change("b", 5, 9)
+    change("a", 4, 10)
+    assert directory.find(CODE) == claimed("b", 5)
+    # An operator has deleted the bucket, so its revisions begin again.
+    change("c", 6, 1)
+    assert directory.find(CODE) == claimed("c", 6)
     with capture_logs() as logs:
         directory.changed(key, Entry(b"{", 6))
     assert [line["log_level"] for line in logs] == ["error"]
-    assert directory.find(CODE) == record("b")
+    assert directory.find(CODE) == claimed("c", 6)
 
 
 @virtual

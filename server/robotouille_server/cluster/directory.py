@@ -1,8 +1,8 @@
-"""Which node has which episode, as a copy of a bucket that all nodes share."""
+"""Directory of the nodes of all episodes: a copy of a bucket that all nodes share."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -15,7 +15,7 @@ from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot, is_id
 
 
 class EpisodeRecord(BaseModel):
-    """What all nodes know about an episode.
+    """Facts that all nodes know about an episode.
 
     Attributes:
         episode: The episode's id.
@@ -49,11 +49,15 @@ class Directory:
 
     The copy may be a moment behind the bucket. A node that takes an outdated record for current is
     refused by the journal.
+
+    Attributes:
+        observer: Called with the id of each episode whose record has changed or is gone.
     """
 
     def __init__(self, bus: Bus) -> None:
+        self.observer: Callable[[str], None] = _ignore
         self._bus = bus
-        self._by_code: dict[str, tuple[EpisodeRecord, int]] = {}
+        self._by_code: dict[str, EpisodeRecord] = {}
         self._by_id: dict[str, str] = {}
 
     def changed(self, key: str, entry: Entry | None) -> None:
@@ -61,30 +65,33 @@ class Directory:
         if entry is None:
             self._remove(key)
             return
-        known = self._by_code.get(key)
-        if known is not None and known[1] >= entry.revision:
-            return
         try:
             record = EpisodeRecord.model_validate_json(entry.value)
         except ValidationError:
             get_logger().error("the cluster has an invalid record of an episode", code=key)
             return
-        self._by_code[key] = record, entry.revision
+        known = self._by_code.get(key)
+        # News may come in another order than the changes, and after an operator has deleted the
+        # bucket its revisions begin again. So the claim decides, which only ever grows.
+        if known is not None and (known.claim, known.ended) > (record.claim, record.ended):
+            return
+        self._by_code[key] = record
         self._by_id[record.episode] = key
+        self.observer(record.episode)
 
     def _remove(self, key: str) -> None:
         known = self._by_code.pop(key, None)
         if known is not None:
-            self._by_id.pop(known[0].episode, None)
+            self._by_id.pop(known.episode, None)
+            self.observer(known.episode)
 
     def find(self, name: str) -> EpisodeRecord | None:
         """Return the record of an episode by id or code."""
         key = self._by_id.get(name) if is_id(name) else plain_code(name)
-        known = self._by_code.get(key or "")
-        return known[0] if known is not None else None
+        return self._by_code.get(key or "")
 
     def __iter__(self) -> Iterator[EpisodeRecord]:
-        return iter([record for record, _ in self._by_code.values()])
+        return iter(list(self._by_code.values()))
 
     def __len__(self) -> int:
         return len(self._by_code)
@@ -135,6 +142,10 @@ class Directory:
             entry = await self._bus.get(Bucket.EPISODES, key)
             if entry is not None:
                 self.changed(key, entry)
+
+
+def _ignore(episode: str) -> None:
+    """Do nothing: nobody on this node is interested in other nodes' episodes."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,6 @@
-"""Which nodes are alive, and which of them gets an episode. Pure logic: time is an argument.
+"""Members of a cluster: the living nodes, and the choice of a node for an episode.
+
+This is pure logic: time is an argument.
 
 Every node renews a report once a second. A node whose report is not renewed for `LEASE_SECONDS` has
 lost its episodes: the others claim them. They may err, because a slow node is like a dead one. So
@@ -25,11 +27,13 @@ MAX_REFUSED = 200
 
 
 class NodeReport(BaseModel):
-    """What a node tells the others about itself, once a second.
+    """Report of a node to the others, once a second.
 
     Attributes:
         name: The name of the process, new at every start.
         url: The address for clients.
+        operator: The address of its operator page, or empty.
+        beat: The number of the report; every report has a higher one.
         load: The seats in its episodes that have not ended.
         protocol: The version of the protocol that it speaks.
         release: Its software and version.
@@ -42,6 +46,8 @@ class NodeReport(BaseModel):
 
     name: str
     url: str
+    operator: str = ""
+    beat: int = 0
     load: int = 0
     protocol: int = messages.PROTOCOL_VERSION
     release: str = ""
@@ -55,7 +61,7 @@ class _Member:
     """Another node. `heard` is True if it was heard since this node's last renewal."""
 
     report: NodeReport | None = None
-    revision: int = 0
+    beat: int = 0
     silent: float = 0.0
     heard: bool = False
     left: bool = False
@@ -78,14 +84,14 @@ class Members:
         self._renewed = now
         self._placed: dict[str, int] = {}
 
-    # What is known
+    # Reports
 
-    def heard(self, report: NodeReport, revision: int) -> None:
-        """Note the report of another node, and the revision of its key."""
+    def heard(self, report: NodeReport, beat: int) -> None:
+        """Note the report of another node, unless a later one is known already."""
         known = self._others.get(report.name)
-        if report.name == self.own.name or (known is not None and known.revision >= revision):
+        if report.name == self.own.name or (known is not None and known.beat >= beat):
             return
-        self._others[report.name] = _Member(report, revision, heard=True)
+        self._others[report.name] = _Member(report, beat, heard=True)
         self._placed.pop(report.name, None)
 
     def left(self, name: str) -> None:
@@ -103,7 +109,7 @@ class Members:
     def renewed(self, now: float) -> None:
         """Note that this node's own report was stored."""
         passed, self._renewed = now - self._renewed, now
-        # Silence counts only while this node is heard itself: after a failure of NATS, or after
+        # Silence counts only while the others can hear this node: after a failure of NATS, or after
         # this process was stopped, everybody was silent.
         counts = passed < LEASE_SECONDS
         for member in self._others.values():
@@ -131,6 +137,19 @@ class Members:
         """Return the last reports of all other nodes that have not left."""
         others = self._others.values()
         return [m.report for m in others if m.report is not None and not m.left]
+
+    def heard_of(self, now: float) -> list[tuple[NodeReport, float]]:
+        """Return the reports of the nodes that have not left, with the seconds since each.
+
+        This node comes first, then the others by address, also those that have fallen silent.
+        """
+        others = [
+            (member.report, member.silent)
+            for member in self._others.values()
+            if member.report is not None and not member.left
+        ]
+        others.sort(key=lambda other: (other[0].url, other[0].name))
+        return [(self.own, self.lease_age(now)), *others]
 
     def find(self, name: str) -> NodeReport | None:
         """Return the report of a node that is alive."""

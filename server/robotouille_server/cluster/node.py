@@ -117,6 +117,8 @@ class ClusterNode:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._count = 0
         self._lost_since: float | None = None
+        self._late_since = self._loop.time()
+        self._suspect = False
         self.cut_off = False
 
     # For journals
@@ -193,7 +195,7 @@ class ClusterNode:
         if entry is None:
             self.members.left(key)
         elif (report := parse_report(entry.value)) is not None and report.name == key:
-            self.members.heard(report, entry.revision)
+            self.members.heard(report, report.beat)
 
     def _episode_changed(self, key: str, entry: Entry | None) -> None:
         self.directory.changed(key, entry)
@@ -234,6 +236,7 @@ class ClusterNode:
             await self.directory.add(record)
         except BusError as error:
             room.abort("its recording could not be begun")
+            self._suspect = True
             return error
         return None
 
@@ -258,6 +261,8 @@ class ClusterNode:
                 await self._renew()
                 self._claim_orphans()
                 await self._tidy()
+                if self._suspect:
+                    await self._repair()
                 if self._lost_since is not None:
                     get_logger().info("the node's report is stored again")
                 self._lost_since = None
@@ -277,14 +282,19 @@ class ClusterNode:
         if now - self._lost_since < REPAIR_SECONDS or not self.bus.connected:
             return
         self._lost_since = now
+        await self._repair()
+
+    async def _repair(self) -> None:
+        """Create the buckets that somebody has deleted, and enter this node's episodes again."""
+        self._suspect = False
         try:
             await self.bus.prepare()
             await self.join()
             for record in self.directory:
                 if record.node == self.name:
                     await self.directory.replace(record)
-        except RobotouilleError as again:
-            get_logger().error("the cluster's buckets cannot be used", error=str(again))
+        except RobotouilleError as error:
+            get_logger().error("the cluster's buckets cannot be used", error=str(error))
 
     async def _notice_if_cut_off(self) -> None:
         """Send the participants away if other nodes still have a quorum.
@@ -303,6 +313,7 @@ class ClusterNode:
     async def _renew(self) -> None:
         load = self._rooms.seats_in_use if self._rooms is not None else 0
         changes = {
+            "beat": self.members.own.beat + 1,
             "load": load,
             "refused": tuple(self.claims.refused)[-MAX_REFUSED:],
             "keys": self._parts.keys(),
@@ -355,6 +366,10 @@ class ClusterNode:
                 journal.look(now)
                 late += bool(journal.problem)
             self._parts.metrics.uncommitted = late
+            if not late or not self.bus.connected:
+                self._late_since = now
+            elif now - self._late_since > REPAIR_SECONDS:
+                self._suspect, self._late_since = True, now
             self._parts.metrics.lease_age = self.members.lease_age(now)
 
     def _claim_orphans(self) -> None:
