@@ -75,6 +75,11 @@ class NatsCluster:
         """URLs of all servers."""
         return [self.url(i) for i in range(len(self._ports))]
 
+    @property
+    def pids(self) -> list[int]:
+        """Process ids of the running servers."""
+        return [each.pid for each in self._processes if each is not None]
+
     def url(self, i: int) -> str:
         """Return the URL of a server."""
         return f"nats://127.0.0.1:{self.port(i)}"

@@ -49,6 +49,7 @@ def verdict_rows(verdict: Verdict) -> list[tuple[str, str]]:
         ("controllers", counts(verdict.controllers)),
         ("compared", f"{verdict.states} states, {verdict.deltas} deltas, {verdict.actions} replies"
                      f" to actions, {verdict.chat} received chat messages"),
+        ("players who lost their seat", f"{len(verdict.lost)}"),
         ("chat that was not received", f"{verdict.unheard}"),
         ("spectators that missed the end", f"{verdict.unaware}"),
     ]  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import signal
@@ -70,6 +71,11 @@ class ServerProcess:
         self._reading: asyncio.Task[None] | None = None
         self._ending = False
 
+    @property
+    def ended(self) -> bool:
+        """True if this life has ended."""
+        return self._process is not None and self._process.returncode is not None
+
     async def start(self) -> None:
         """Start another life; `listening` is set once it accepts connections."""
         self.lives += 1
@@ -103,7 +109,8 @@ class ServerProcess:
         self._ending = True
         begun = time.monotonic()
         polite = number is not signal.SIGKILL and self.listening.is_set()
-        process.send_signal(number)
+        with contextlib.suppress(ProcessLookupError):  # It has ended by itself.
+            process.send_signal(number)
         try:
             async with asyncio.timeout(STOP_SECONDS):
                 status = await process.wait()

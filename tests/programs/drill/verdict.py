@@ -27,6 +27,7 @@ class Verdict:
 
     `unheard` counts chat messages sent into a connection that was just lost. `unaware` counts
     spectators who returned after the end. The server guarantees nothing in either case.
+    `lost` contains the players whose actions were refused because they had lost their seat.
     """
 
     games: int = 0
@@ -39,6 +40,7 @@ class Verdict:
     chat: int = 0
     unheard: int = 0
     unaware: int = 0
+    lost: list[str] = field(default_factory=list)
     outcomes: Counter[str] = field(default_factory=Counter)
     controllers: Counter[str] = field(default_factory=Counter)
     restarts: Counter[int] = field(default_factory=Counter)
@@ -217,6 +219,8 @@ class _Trial:
     def _act(self, row: Row) -> str:
         _, seq, action, applied, step, code = row
         self._verdict.actions += 1
+        if code == "seat/lost" and self._name not in self._verdict.lost:
+            self._verdict.lost.append(self._name)
         found = self._record.acted.get((self._name, self._seat, seq), [])
         if action is None:
             return f"action {seq} was null, recorded {found}" if found else ""

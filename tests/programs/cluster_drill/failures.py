@@ -1,0 +1,154 @@
+"""Drills in which nodes and NATS servers fail."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
+
+from tests.programs.cluster_drill.cluster import Node
+from tests.programs.cluster_drill.listeners import FAREWELLS, Listener, listening_to
+from tests.programs.cluster_drill.stage import Stage
+from tests.programs.drill.report import spread
+
+__all__ = ["kill", "nats", "partition", "stop"]
+
+TAKEOVER_SECONDS = 20.0
+AFTER_SECONDS = 4.0
+"""Seconds to observe a node that continues."""
+LISTENERS = 10
+WITHOUT_QUORUM = 5.0
+CUT_OFF = (
+    "recording failed",
+    "connection to NATS lost",
+    "the node's report was not stored",
+)
+
+
+async def kill(stage: Stage) -> None:
+    """Kill the busiest node, then start it again."""
+    node = stage.busiest()
+    lost = stage.played_at(node)
+    stage.row("episodes at the killed node", f"{len(lost)} of {len(stage.crowd.playing)} players")
+    stage.crowd.mark()
+    begun = time.monotonic()
+    await node.process.kill(signal.SIGKILL)
+    players, others = stage.players_of(lost), set(stage.crowd.playing)
+    await stage.taken_over(lost, begun, TAKEOVER_SECONDS)
+    await stage.act_again("kill → its players act again", players, begun)
+    await stage.act_again("kill → other players act", others - players, begun)
+    await node.start()
+
+
+async def stop(stage: Stage) -> None:
+    """Stop the busiest node for a while, as a frozen virtual machine does."""
+    stage.cluster.allow(*CUT_OFF)
+    node = stage.busiest()
+    lost = stage.played_at(node)
+    players = stage.players_of(lost)
+    async with _listeners(stage, node, lost) as listeners:
+        stage.crowd.mark()
+        begun = time.monotonic()
+        node.process.send(signal.SIGSTOP)
+        await stage.taken_over(lost, begun, TAKEOVER_SECONDS)
+        await asyncio.sleep(max(0.0, begun + stage.plan.away - time.monotonic()))
+        acted = len(stage.crowd.acted.keys() & players)
+        stage.row("its players who acted meanwhile", f"{acted} of {len(players)}")
+        continued = time.monotonic()
+        node.process.send(signal.SIGCONT)
+        await asyncio.sleep(AFTER_SECONDS)
+        _only_farewells(stage, listeners, dict.fromkeys(lost, continued))
+    await stage.act_again("stop → its players act again", players, begun, bound=False)
+
+
+async def partition(stage: Stage) -> None:
+    """Cut the busiest node off from NATS, from its clients, and from both."""
+    stage.cluster.allow(*CUT_OFF)
+    for nats, clients in ((True, False), (False, True), (True, True)):
+        await _partition(stage, nats, clients)
+
+
+async def _partition(stage: Stage, nats: bool, clients: bool) -> None:
+    node = stage.busiest()
+    lost = stage.played_at(node)
+    players = stage.players_of(lost)
+    links = (node.to_nats if nats else []) + (node.to_clients if clients else [])
+    which = " and ".join(["NATS"] * nats + ["clients"] * clients)
+    async with _listeners(stage, node, lost) as listeners:
+        stage.row("cut off from", f"{which}: {len(lost)} episodes")
+        stage.crowd.mark()
+        begun = time.monotonic()
+        for link in links:
+            link.cut()
+        if nats:
+            await stage.taken_over(lost, begun, TAKEOVER_SECONDS)
+        await asyncio.sleep(max(0.0, begun + stage.plan.away - time.monotonic()))
+        acted = len(stage.crowd.acted.keys() & players)
+        stage.row("its players who acted meanwhile", f"{acted} of {len(players)}")
+        healed = time.monotonic()
+        for link in links:
+            link.heal()
+        await asyncio.sleep(AFTER_SECONDS)
+        taken = stage.observer.taken_over_at(lost, begun)
+        if nats and not clients:
+            _only_farewells(stage, listeners, taken)
+        elif not nats and taken:
+            stage.fault(f"{len(taken)} episodes were taken over without a reason")
+    await stage.act_again("healed → its players act again", players, healed, bound=False)
+
+
+def _listeners(
+    stage: Stage, node: Node, episodes: set[str]
+) -> AbstractAsyncContextManager[list[Listener]]:
+    records = [stage.observer.records[episode] for episode in sorted(episodes)[:LISTENERS]]
+    codes = [(record.episode, record.code) for record in records]
+    return listening_to(node.url, codes, Path(stage.evidence))
+
+
+def _only_farewells(stage: Stage, listeners: list[Listener], since: dict[str, float]) -> None:
+    """Check what a node has sent of episodes since it lost them."""
+    told = 0
+    for listener in listeners:
+        kinds = listener.after(since.get(listener.episode, float("inf")))
+        told += len(kinds)
+        if others := [kind for kind in kinds if kind not in FAREWELLS]:
+            stage.fault(f"{listener.episode}: the node that had lost it has sent {others[:10]}")
+    stage.row("messages to listeners since", f"{told} to {len(listeners)}, apart from violations")
+
+
+async def nats(stage: Stage) -> None:
+    """Kill one NATS server, then another one, and start both again."""
+    stage.cluster.allow(*CUT_OFF)
+    servers, crowd = stage.cluster.nats, stage.crowd
+    before = {name: record.node for name, record in stage.observer.records.items()}
+    stage.crowd.mark()
+    begun = time.monotonic()
+    servers.kill(0)
+    await stage.act_again("one NATS server killed → players act", set(crowd.playing), begun)
+    servers.kill(1)
+    await asyncio.sleep(WITHOUT_QUORUM)
+    _all_wait(stage, await crowd.report())
+    crowd.mark()
+    begun, players = time.monotonic(), set(crowd.playing)
+    servers.start(0)
+    servers.start(1)
+    await servers.ready()
+    stage.row("NATS started → ready", spread([time.monotonic() - begun]))
+    await stage.act_again("NATS started → players act", players, begun)
+    await asyncio.sleep(AFTER_SECONDS)
+    after = stage.observer.records
+    moved = [n for n, node in before.items() if n in after and after[n].node != node]
+    if moved:
+        stage.fault(f"{len(moved)} episodes were taken over though all nodes lived: {moved}")
+
+
+def _all_wait(stage: Stage, situations: list[dict[str, object]]) -> None:
+    """Check that all episodes that had begun are paused because nothing can be stored."""
+    begun = [row for row in situations if row["phase"] in ("running", "paused")]
+    paused = [row for row in begun if "storage" in str(row["pause"])]
+    stage.row("players who wait for storage", f"{len(paused)} of {len(begun)}")
+    if len(paused) < len(begun) or not begun:
+        others = [(row["who"], row["phase"], row["pause"]) for row in begun if row not in paused]
+        stage.fault(f"{len(others)} of {len(begun)} players do not wait for storage: {others[:8]}")

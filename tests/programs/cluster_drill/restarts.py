@@ -1,0 +1,71 @@
+"""Drills in which nodes start again: after a loss of power, and one after the other."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import time
+
+from tests.programs.cluster_drill.failures import CUT_OFF
+from tests.programs.cluster_drill.stage import Stage
+from tests.programs.drill.report import spread
+
+__all__ = ["power", "rolling"]
+
+SETTLE_SECONDS = 2.0
+QUIET_SECONDS = 10.0
+LATE_SECONDS = 1.0
+
+
+async def power(stage: Stage) -> None:
+    """Kill all nodes and NATS servers, and start all of them again.
+
+    The kernel survives, so this does not show what a disk loses without power.
+    """
+    stage.cluster.allow(*CUT_OFF)
+    crowd, servers = stage.crowd, stage.cluster.nats
+    crowd.mark()
+    begun, players = time.monotonic(), set(crowd.playing)
+    for index in range(len(servers.urls)):
+        servers.kill(index)
+    await stage.cluster.kill()
+    crowd.mark()
+    for index in range(len(servers.urls)):
+        servers.start(index)
+    await servers.ready()
+    stage.row("loss of power → NATS ready", spread([time.monotonic() - begun]))
+    await stage.cluster.start()
+    started = time.monotonic()
+    stage.row("loss of power → nodes joined", spread([started - begun]))
+    await stage.act_again("nodes joined → players act again", players, started)
+
+
+async def rolling(stage: Stage) -> None:
+    """Restart all nodes one after the other, several times."""
+    crowd, plan = stage.crowd, stage.plan
+    quiet = min(QUIET_SECONDS, plan.away)
+    begun = time.monotonic()
+    await asyncio.sleep(quiet)
+    before = [late.seconds for late in crowd.late if late.at >= begun]
+    stage.row(f"late steps in {quiet:g} s before", spread(before))
+    begun = time.monotonic()
+    for number in range(plan.rounds):
+        for node in stage.cluster.nodes:
+            episodes = len(stage.played_at(node))
+            await node.process.kill(signal.SIGTERM)
+            took = node.process.stop_seconds[-1]
+            await node.start()
+            await asyncio.sleep(SETTLE_SECONDS)
+            stage.say(
+                f"round {number + 1}, node {node.index}: {episodes} episodes handed over"
+                f" in {took:.1f} s, {len(stage.played_at(node))} are new"
+            )
+    late = [one for one in crowd.late if one.at >= begun]
+    seconds = [one.seconds for one in late]
+    stops = [s for node in stage.cluster.nodes for s in node.process.stop_seconds]
+    stage.row("SIGTERM → ended", spread(stops))
+    stage.row(f"steps more than 0.5 s late in {time.monotonic() - begun:.0f} s", spread(seconds))
+    worst = [one for one in late if one.seconds >= LATE_SECONDS]
+    if worst:
+        text = ", ".join(f"{one.who} {one.seconds:.2f} s" for one in worst[:8])
+        stage.fault(f"{len(worst)} steps were a second late: {text}")
