@@ -18,7 +18,6 @@ from nats.aio.msg import Msg
 from nats.errors import Error as NatsError
 from nats.errors import NoRespondersError
 from nats.errors import TimeoutError as NatsTimeoutError
-from nats.js import JetStreamContext
 from nats.js.api import (
     ConsumerConfig,
     DeliverPolicy,
@@ -49,6 +48,7 @@ from robotouille_server.cluster.bus import (
     Stored,
     UnavailableError,
 )
+from robotouille_server.cluster.purging import CarefulJetStream
 from robotouille_server.runtime.logs import get_logger
 
 OLDEST_SERVER = (2, 9)
@@ -119,7 +119,7 @@ class NatsBus:
         self._address = address
         self._prefix = address.prefix
         self._nats = Client()
-        self._js: JetStreamContext = self._nats.jetstream(timeout=ANSWER_SECONDS)
+        self._js = CarefulJetStream(self._nats, timeout=ANSWER_SECONDS)
         self._buckets: dict[Bucket, KeyValue] = {}
         self._outgoing: deque[tuple[Append, bytes]] = deque()
         self._wake = asyncio.Event()
