@@ -1,28 +1,26 @@
-"""Small files that only their owner may access, written durably and atomically."""
+"""Small files that only their owner may access, also written durably and atomically."""
 
 from __future__ import annotations
 
 import os
 import secrets
-import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robotouille.domain.files import open_regular
-from robotouille.errors import RobotouilleError
+from robotouille.private_files import PrivateFileError, read_private
+
+__all__ = [
+    "Fingerprint",
+    "PrivateFileError",
+    "fingerprint",
+    "locked",
+    "read_private",
+    "write_private",
+]
 
 Fingerprint = tuple[int, int, int]
-
-
-class PrivateFileError(RobotouilleError):
-    """A file cannot be used. The message names the file and the fault."""
-
-    def __init__(self, source: str, fault: str) -> None:
-        self.source = source
-        self.fault = fault
-        super().__init__(f"{source}: {fault}")
 
 
 def fingerprint(path: Path) -> Fingerprint | None:
@@ -32,33 +30,6 @@ def fingerprint(path: Path) -> Fingerprint | None:
     except OSError:
         return None
     return found.st_mtime_ns, found.st_ino, found.st_size
-
-
-def read_private(path: Path, max_bytes: int) -> bytes:
-    """Return the content of a file.
-
-    Raises:
-        FileNotFoundError: The file does not exist.
-        PrivateFileError: Other users may access it, it has more than `max_bytes`, it is not a
-            regular file, or it cannot be read.
-    """
-    source = str(path)
-    try:
-        with open_regular(path) as file:
-            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-            # Group members may read the file (0640), so that an administrator can give a group
-            # access.
-            if sys.platform != "win32" and mode & 0o027:
-                fault = f"other users may access it (mode {mode:04o}); run `chmod 600 {path}`"
-                raise PrivateFileError(source, fault)
-            content = file.read(max_bytes + 1)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise PrivateFileError(source, f"cannot be read: {error.strerror}") from None
-    if len(content) > max_bytes:
-        raise PrivateFileError(source, f"larger than {max_bytes} bytes; it may be the wrong file")
-    return content
 
 
 def write_private(path: Path, content: bytes, *, replace: bool, durable_name: bool = True) -> None:
