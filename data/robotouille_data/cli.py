@@ -18,6 +18,7 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import explain, fail, name_and_value
 from robotouille_client.console.progress import progress_bar
+from robotouille_data.cluster_watching import ClusterOptions, fetching, watched_folders
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import URL
@@ -169,16 +170,18 @@ def index(
 
 
 @data.command()
+@options_from(ClusterOptions)
 def watch(
-    folders: FoldersArgument,
+    options: ClusterOptions,
+    folders: Annotated[list[Path] | None, typer.Argument(help="Folders of recordings.")] = None,
     database: DatabaseOption = None,
     jobs: JobsOption = 1,
     interval: Annotated[float, typer.Option(min=0.1, help="Seconds between two scans.")] = 5.0,
 ) -> None:
     """Index recordings as they are finished, until interrupted.
 
-    If the database is unavailable, the command retries at least once a minute. It then indexes
-    everything that it missed.
+    If the database or NATS is unavailable, the command retries at least once a minute. It then
+    indexes everything that it missed.
     """
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -201,10 +204,13 @@ def watch(
         def trouble(reason: str, pause: float) -> None:
             tell(printable(f"{reason}; retrying in {pause:.0f} s"), err=True)
 
-        url = database_url(database, folders[0])
+        watched = watched_folders(folders or [], options, database)
+        fetch = fetching(options, watched[0], stop) if options.cluster else lambda: None
+        url = database_url(database, watched[0])
         watch_folders(
-            url, folders, stop, jobs=jobs, interval=interval, report=report, trouble=trouble
-        )
+            url, watched, stop, jobs=jobs, interval=interval, fetch=fetch, report=report,
+            trouble=trouble,
+        )  # fmt: skip
 
 
 # Query and report

@@ -308,6 +308,7 @@ def watch(
     *,
     jobs: int = 1,
     interval: float = 5.0,
+    fetch: Callable[[], None] = lambda: None,
     report: Callable[[IndexResult], None],
     trouble: Callable[[str, float], None],
 ) -> None:
@@ -319,9 +320,10 @@ def watch(
     Args:
         stop: Event that ends the loop after the current scan.
         interval: Seconds between two scans.
+        fetch: Called before each scan. It may raise UnavailableError.
         report: Called with the result of each scan.
-        trouble: Called with the reason why the database is unavailable, and the seconds until the
-            next attempt.
+        trouble: Called with the reason why the database, a folder or what `fetch` needs is
+            unavailable, and the seconds until the next attempt.
 
     Raises:
         CatalogueError: An error that a retry cannot fix.
@@ -329,6 +331,7 @@ def watch(
     failed = 0
     while not stop.is_set():
         try:
+            fetch()
             found = index(url, folders, jobs=jobs)
         except UnavailableError as error:
             # Exponential backoff, so that a database that restarts is not flooded.
