@@ -19,12 +19,14 @@ from websockets.asyncio.server import ServerConnection, serve
 from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.cli import _greeting, first_room
+from robotouille_server.transport.connection import TLS_BUFFER, Connection
 from robotouille_server.transport.tls import (
     POLL_SECONDS,
     ServerTLS,
     TLSFileError,
     certificate_names,
 )
+from tests.support.fuzzing.wire import frame, request
 from tests.support.servers import serving
 from tests.support.virtual_time import run, virtual
 
@@ -288,3 +290,36 @@ async def test_public_url_has_the_certificates_name(tmp_path: Path) -> None:
         assert "127.0.0.1" not in received
         assert "0.0.0.0" not in received
         assert server.url == f"wss://127.0.0.1:{server.port}"
+
+
+def test_turn_decrypts_few_of_many_small_records(
+    pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each byte may be in a record of its own, and each record costs the server a call."""
+    sizes: list[int] = []
+    take = Connection.data_received
+
+    def counted(connection: Connection, data: bytes) -> None:
+        sizes.append(len(data))
+        take(connection, data)
+
+    monkeypatch.setattr(Connection, "data_received", counted)
+    hello = b'{"type": "hello", "protocol": 1, "name": "ada", "ref": 1}'
+
+    async def main() -> None:
+        async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
+            reader, writer = await asyncio.open_connection(
+                "127.0.0.1", server.port, ssl=pair.client(), server_hostname="127.0.0.1"
+            )
+            writer.write(request("robotouille.v1.json"))
+            await reader.readuntil(b"\r\n\r\n")
+            sizes.clear()
+            for byte in frame(hello + b" " * 3000):
+                writer.write(bytes((byte,)))
+            await reader.readuntil(b'"welcome"')
+            writer.transport.abort()
+
+    # Virtual time could pass the deadline for `hello` while so many records are in transit.
+    asyncio.run(main())
+    assert sum(sizes) > 3000
+    assert max(sizes) <= len(TLS_BUFFER)

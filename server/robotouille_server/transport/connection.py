@@ -105,11 +105,13 @@ class Handler(Protocol):
 
 READ_BUFFER = memoryview(bytearray(64 * 1024))
 """Buffer that all connections of a process read into, one after the other."""
-TLS_BUFFER = READ_BUFFER[:256]
+TLS_BUFFER = READ_BUFFER[:128]
 """Part of it for TLS. Each byte may be in a record of its own, which takes microseconds to decrypt,
 so a full buffer would block the event loop for a quarter of a second."""
 TLS_COST = 4.0
-"""Cost of decrypting so many records, in frames."""
+"""Cost of filling `TLS_BUFFER` from such records, in frames."""
+MAX_ENCRYPTED = 16 * 1024
+"""Encrypted bytes of a connection above which no more are read. The default is 256 KiB."""
 
 
 class BufferedReader(asyncio.BufferedProtocol):
@@ -579,6 +581,8 @@ class PendingConnection(BufferedReader):
                 self._end()
         if encrypted is not None:
             try:
+                if not encrypted.is_closing():
+                    cast("Any", encrypted).set_read_buffer_limits(high=MAX_ENCRYPTED)
                 self._wait(encrypted)
             except Exception:
                 get_logger().exception("a connection failed")
