@@ -15,25 +15,28 @@ import os
 import resource
 import select
 import socket
+import ssl
 import struct
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
 import psutil
+import trustme
 from websockets.exceptions import WebSocketException
-from websockets.sync.client import ClientConnection, connect
-from websockets.typing import Subprotocol
+from websockets.sync.client import connect
 
 from robotouille_server.auth import Role, Tokens
 from robotouille_server.auth.keys import FileKeyring
 from tests.programs.audience_flood import AudienceFlood
+from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
+from tests.programs.record_flood import RecordFlood
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 from tests.support.server_process import ServerProcess, server_process
 
@@ -48,10 +51,8 @@ MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
 READY = "ready\n"
 """Line that the flooding process prints when it begins."""
-SUBPROTOCOL = Subprotocol("robotouille.v1.json")
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
 """Header of a proxy, so that the server treats the connection as a remote one."""
-HELLO: dict[str, object] = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
 
 
 def _message(message: Mapping[str, object]) -> bytes:
@@ -87,7 +88,8 @@ class Flood:
     plays in rooms with 200 spectators each, given by their tasks and views; with `resyncs`, these
     spectators ask for snapshots. With `elsewhere`, its connections are remote; new clients are then
     remote too and have a token. `rooms` is the number of other episodes on the server. With `page`,
-    each connection requests this page again and again.
+    each connection requests this page again and again. With `records`, the server uses TLS, and the
+    connections send each byte in a record of its own.
     """
 
     what: str
@@ -100,6 +102,7 @@ class Flood:
     chats: bool = False
     resyncs: bool = False
     page: str = ""
+    records: bool = False
     elsewhere: bool = False
     rooms: int = 0
     connections: int = 4
@@ -154,6 +157,7 @@ FLOODS = {
         connections=60,
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
+    "records": Flood("TLS records of one byte, from 30 connections", records=True, connections=30),
     "acts": Flood(
         "actions of spectators, from 60 connections",
         lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
@@ -264,11 +268,14 @@ def attack(name: str, port: int, code: str) -> None:
         if flood.watched
         else None
     )
+    records = RecordFlood(port, flood.connections) if flood.records else None
     print(READY, end="", flush=True)
     if name == "none":
         time.sleep(3600)
     if rooms is not None:
         rooms.run()
+    if records is not None:
+        records.run()
     if flood.silent:
         _keep_silent(port, flood.silent, flood.elsewhere)
     attackers = [Attacker(flood, port, code) for _ in range(flood.connections)]
@@ -309,59 +316,6 @@ def _is_closed(held: socket.socket) -> bool:
     return over
 
 
-class HonestGame:
-    """Two players in real time who measure the gaps between deltas, on a server with `rooms` other
-    waiting episodes.
-    """
-
-    def __init__(self, server: ServerProcess, rooms: int) -> None:
-        self._open = ExitStack()
-        for number in range(rooms):
-            if number % 30 == 0:
-                host = self._player(server, f"host {number}")
-            self._ask(host, {"type": "create", "task": "multi_agent/01"}, "created")
-        self._players = [self._player(server, f"player {i}") for i in (1, 2)]
-        order = {"type": "create", "clock": "realtime", "step_rate": 20}
-        created = self._ask(self._players[0], order, "created")
-        self.code = str(created["code"])
-        for player in self._players:
-            self._ask(player, {"type": "join", "episode": self.code}, "joined")
-
-    def _player(self, server: ServerProcess, name: str) -> ClientConnection:
-        player = self._open.enter_context(
-            connect(server.url, subprotocols=[SUBPROTOCOL], compression=None)
-        )
-        self._ask(player, {**HELLO, "name": name}, "welcome")
-        return player
-
-    @staticmethod
-    def _ask(player: ClientConnection, message: dict[str, object], kind: str) -> dict[str, object]:
-        player.send(json.dumps(message))
-        while True:
-            answer: dict[str, object] = json.loads(player.recv(timeout=20))
-            if answer["type"] == kind:
-                return answer
-            assert answer["type"] != "error", answer
-
-    def longest_gap(self, seconds: float) -> float:
-        """Return the longest gap between two deltas, in seconds."""
-        end = time.monotonic() + seconds
-        last, longest = time.monotonic(), 0.0
-        while time.monotonic() < end:
-            for player in self._players[1:]:
-                with suppress(TimeoutError):
-                    while player.recv(timeout=0):
-                        pass
-            answer = json.loads(self._players[0].recv(timeout=60))
-            if answer["type"] == "delta":
-                now = time.monotonic()
-                last, longest = now, max(longest, now - last)
-        return longest
-
-    def close(self) -> None:
-        self._open.close()
-
-
 @dataclass(frozen=True, slots=True)
 class Result:
     """Effect of a flood: the longest gap of each run, and the server's growth in bytes."""
@@ -385,9 +339,10 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
     """Run one flood against its own server, whose soft limit of descriptors may be set."""
     _limit_descriptors(descriptors)
     with tempfile.TemporaryDirectory(prefix="robotouille-flood-") as folder:
-        with server_process(Path(folder), *FLAGS) as server:
+        flags, tls = _tls(Path(folder)) if FLOODS[name].records else ((), None)
+        with server_process(Path(folder), *FLAGS, *flags) as server:
             process = psutil.Process(server.process.pid)
-            game = HonestGame(server, FLOODS[name].rooms)
+            game = HonestGame(server, FLOODS[name].rooms, tls)
             game.longest_gap(1.0)
             before, gaps, most, admitted = process.memory_info().rss, [], 0, True
             for _ in range(runs):
@@ -395,7 +350,7 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
                     time.sleep(0.3)
                     gaps.append(game.longest_gap(seconds))
                     most = max(most, process.memory_info().rss)
-                    admitted = _admitted(server, FLOODS[name].elsewhere) and admitted
+                    admitted = _admitted(server, FLOODS[name].elsewhere, tls) and admitted
             game.close()
             size = server.log.stat().st_size
             return Result(name, tuple(gaps), most - before, size, admitted)
@@ -421,7 +376,17 @@ def _flooding(name: str, port: int, code: str) -> Iterator[None]:
         process.wait()
 
 
-def _admitted(server: ServerProcess, elsewhere: bool) -> bool:
+def _tls(folder: Path) -> tuple[tuple[str, ...], ssl.SSLContext]:
+    """Write a certificate; return the server's flags and a context that trusts it."""
+    authority, trusting = trustme.CA(), ssl.create_default_context()
+    authority.configure_trust(trusting)
+    pem, issued = folder / "chain.pem", authority.issue_cert("127.0.0.1")
+    issued.private_key_and_cert_chain_pem.write_to_path(pem)
+    pem.chmod(0o600)
+    return ("--tls-cert", str(pem), "--tls-key", str(pem)), trusting
+
+
+def _admitted(server: ServerProcess, elsewhere: bool, tls: ssl.SSLContext | None) -> bool:
     """Return whether a new client is admitted within five seconds."""
     end, hello = time.monotonic() + 5, {**HELLO, "name": "newcomer"}
     headers: dict[str, str] = {}
@@ -433,7 +398,11 @@ def _admitted(server: ServerProcess, elsewhere: bool) -> bool:
     while time.monotonic() < end:
         with suppress(OSError, TimeoutError, EOFError, WebSocketException):
             with connect(
-                server.url, subprotocols=[SUBPROTOCOL], open_timeout=3, additional_headers=headers
+                server.url,
+                subprotocols=[SUBPROTOCOL],
+                open_timeout=3,
+                additional_headers=headers,
+                ssl=tls,
             ) as newcomer:
                 newcomer.send(json.dumps(hello))
                 return bool(json.loads(newcomer.recv(timeout=3))["type"] == "welcome")
