@@ -1,7 +1,7 @@
 """Connections over TLS that send each byte in a record of its own.
 
-Such a record is 23 bytes long and costs the server a decryption and a call, as a record of 16 KiB
-does. One read of the server takes thousands of them.
+A record of one byte has 23 bytes on the wire. The server spends a decryption and a call on it, as on
+a record of 16 KiB. One read of the server takes thousands of these records.
 """
 
 from __future__ import annotations
