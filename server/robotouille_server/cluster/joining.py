@@ -7,17 +7,19 @@ import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from urllib.parse import SplitResult, urlsplit
 
 from robotouille.errors import RobotouilleError
 from robotouille.installation import RELEASE
 from robotouille_server.app import Server
 from robotouille_server.auth import key_file, read_private, revoked_file
+from robotouille_server.auth.keys import Keyring
 from robotouille_server.cluster.bus import Bus, BusError
 from robotouille_server.cluster.members import NodeReport
 from robotouille_server.cluster.nats_bus import NatsAddress, nats_bus
 from robotouille_server.cluster.node import ClusterNode, NodeParts
-from robotouille_server.cluster.secrets import SharedSecrets, read_cluster_key
+from robotouille_server.cluster.secrets import SharedSecrets, keys_digest, read_cluster_key
 from robotouille_server.cluster.service import ClusterService
 from robotouille_server.rooms.room_factory import Surroundings
 from robotouille_server.rooms.storage import Folder
@@ -91,13 +93,17 @@ async def joined_through(
     )
     metrics = ClusterMetrics()
     storage = around.storage or Folder(settings.recordings)
+    digest = shared.digest
+    if settings.signing_keys is not None:
+        ring = Keyring.parse(settings.signing_keys.get_secret_value())
+        digest = partial(keys_digest, ring.keys)
     parts = NodeParts(
-        storage, metrics, around.wall, settings.recovery_seconds, shared.share_changes
+        storage, metrics, around.wall, settings.recovery_seconds, shared.share_changes, digest
     )
     name = f"{around.randomness.getrandbits(64):016x}"
     try:
         await shared.join()
-        report = NodeReport(name=name, url="", release=RELEASE, keys=shared.digest())
+        report = NodeReport(name=name, url="", release=RELEASE, keys=digest())
         node = ClusterNode(bus, report, parts)
         await node.join()
     except BusError as error:
