@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Route
 
 from robotouille_server.operator.event_streams import EventStreams
+from robotouille_server.operator.forwarding import NodeRequest
 from robotouille_server.operator.guard import SAFE
 from robotouille_server.operator.models import (
     AnnounceRequest,
@@ -23,11 +24,13 @@ from robotouille_server.operator.models import (
     EpisodeDetail,
     KickRequest,
     MuteRequest,
+    NodeOverview,
     NoRequest,
     Overview,
     Problem,
     RecordingPage,
 )
+from robotouille_server.operator.other_nodes import EpisodeElsewhereError, OtherNodes, OverviewQuery
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.service import OperatorService
 from robotouille_server.runtime.logs import get_logger
@@ -76,7 +79,6 @@ CHANGE = {
     "description": "Any value, e.g. `1`. Pages of other sites cannot send this header.",
 }
 OVERVIEW_SECONDS = 1.0
-WATCH_SECONDS = 0.25
 
 router = APIRouter(prefix="/api", responses={"default": {"model": Problem}})
 
@@ -122,7 +124,19 @@ async def overview(
     limit: Limit = 50,
     offset: Offset = 0,
 ) -> Overview:
-    return service.overview(phase, search, limit, offset)
+    return await service.overview(OverviewQuery(phase, search, limit, offset))
+
+
+@router.get("/node", include_in_schema=False)
+async def node(
+    service: TheService,
+    phase: PhaseParameter = "",
+    search: Search = "",
+    limit: Annotated[int, Query(ge=0, le=200)] = 0,
+    offset: Offset = 0,
+) -> NodeOverview:
+    # Other nodes of a cluster ask for this.
+    return service.part(OverviewQuery(phase, search, limit, offset))
 
 
 @router.get(
@@ -141,7 +155,7 @@ async def overview_events(
     offset: Offset = 0,
 ) -> Response:
     async def read() -> BaseModel:
-        return service.overview(phase, search, limit, offset)
+        return await service.overview(OverviewQuery(phase, search, limit, offset))
 
     return _events(streams.events(read, OVERVIEW_SECONDS, principal))
 
@@ -160,7 +174,8 @@ async def episode(service: TheService, episode: str) -> EpisodeDetail:
 async def episode_events(
     service: TheService, streams: TheStreams, principal: ThePrincipal, episode: str
 ) -> Response:
-    return _events(streams.events(service.watch(episode).detail, WATCH_SECONDS, principal))
+    read, seconds = service.watch_anywhere(episode)
+    return _events(streams.events(read, seconds, principal))
 
 
 @router.post("/episodes/{episode}/pause", summary="Pause an episode")
@@ -195,7 +210,7 @@ async def announce(service: TheService, episode: str, request: AnnounceRequest) 
 
 @router.post("/announce", summary="Send an announcement to all episodes")
 async def announce_to_all(service: TheService, request: AnnounceRequest) -> Done:
-    return service.announce_to_all(request.text)
+    return await service.announce_to_all(request.text)
 
 
 @router.get("/recordings", summary="List recordings, newest first")
@@ -231,15 +246,34 @@ def _events(events: AsyncIterator[str]) -> StreamingResponse:
 async def _refused(request: Request, error: Exception) -> Response:
     if not isinstance(error, RequestRefusedError):
         raise error
+    service: OperatorService = request.app.state.service.for_principal(request.state.principal)
+    if isinstance(error, EpisodeElsewhereError) and service.others is not None:
+        try:
+            return await _forwarded(request, error, service.others)
+        except RequestRefusedError as refused:
+            error = refused
     # A failed read is no event for the audit log, except by a token for another episode.
     if request.method not in SAFE or error.status is HTTPStatus.FORBIDDEN:
-        service: OperatorService = request.app.state.service.for_principal(request.state.principal)
         what = request.scope["route"].name.replace("_", " ")
         service.refused(what, request.path_params.get("episode", ""), error.code)
     refusal = _problem(error.status, error.code, error.message)
     if error.retry_seconds is not None:
         refusal.headers["retry-after"] = str(error.retry_seconds)
     return refusal
+
+
+async def _forwarded(
+    request: Request, elsewhere: EpisodeElsewhereError, others: OtherNodes
+) -> Response:
+    """Return the answer of the node that has the episode of a request."""
+    asked = NodeRequest(
+        "GET" if request.method in SAFE else "POST",
+        request.url.path,
+        request.url.query,
+        await request.body(),
+    )
+    answer = await others.ask(elsewhere.node, request.state.principal, asked)
+    return Response(answer.body, answer.status, dict(answer.headers))
 
 
 async def _invalid(request: Request, error: Exception) -> Response:
@@ -294,7 +328,7 @@ def application(service: OperatorService | None, streams: EventStreams | None) -
     app = OperatorApi(
         title="Robotouille operator API",
         version=API_VERSION,
-        summary="Watch and control the episodes of one server.",
+        summary="Watch and control the episodes of a server, or of a cluster.",
         description=DESCRIPTION,
         docs_url=None,
         redoc_url=None,

@@ -6,6 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+RANKS = 8
+"""Ranks of episodes in the overview: with and without a problem, in each phase."""
+
 
 class ResponseModel(BaseModel):
     """Part of a response body."""
@@ -106,6 +109,7 @@ class EpisodeRow(ResponseModel):
     outcome: EpisodeResult | None
     watch: str = Field(description="Command that shows the episode in a window.")
     labels: dict[str, str] = Field({}, description="Labels that a study gave the episode.")
+    node: str = Field("", description="Address of the episode's node; empty without a cluster.")
 
 
 class LogLine(ResponseModel):
@@ -131,7 +135,7 @@ class Lateness(ResponseModel):
     """Lateness of the steps of the last minute, in milliseconds.
 
     Each value is the upper bound of its bucket in a histogram. It is null if there were no steps,
-    or if the lateness exceeds the last bucket.
+    or if the lateness exceeds the last bucket. In a cluster, it is that of the slowest node.
     """
 
     steps: int
@@ -150,7 +154,7 @@ class EpisodeCounts(ResponseModel):
 
 
 class Totals(ResponseModel):
-    """Figures of the whole server."""
+    """Figures of the whole server, or of all nodes of a cluster together."""
 
     connections: int
     episodes: EpisodeCounts
@@ -173,6 +177,7 @@ class RecordingFault(ResponseModel):
     episodes: int = Field(description="Number of affected episodes; 0 for a problem of a file.")
     episode: str = Field(description="First affected episode, or empty.")
     code: str = Field(description="Code of this episode, or empty.")
+    node: str = Field("", description="Address of the node; empty without a cluster.")
 
 
 class AlertRow(ResponseModel):
@@ -181,6 +186,7 @@ class AlertRow(ResponseModel):
     kind: str = Field(description="`disk`, `log`, `descriptors`, `participant` or `audit`.")
     text: str
     severity: Literal["warning", "critical"]
+    node: str = Field("", description="Address of the node; empty without a cluster.")
 
 
 class ServerInfo(ResponseModel):
@@ -195,8 +201,22 @@ class ServerInfo(ResponseModel):
     only: str = Field(description="The only episode that your token allows; empty for all.")
 
 
+class NodeRow(ResponseModel):
+    """Node of a cluster."""
+
+    node: str = Field(description="Address for clients.")
+    operator: str = Field(description="Address of its operator page, or empty.")
+    seats: int = Field(description="Seats in its episodes that have not ended.")
+    silent: float = Field(description="Seconds since its last report, which it renews each second.")
+    leaving: bool = Field(description="True if it hands its episodes over and stops.")
+    version: str = Field(description="Its software and version.")
+    same_version: bool = Field(description="False if it differs from the node that you asked.")
+    same_keys: bool = Field(description="False if it signs tokens with other keys.")
+    problem: str = Field("", description="Reason why its episodes are missing, or empty.")
+
+
 class Overview(ResponseModel):
-    """First view of the operator page."""
+    """First view of the operator page. In a cluster, it contains all nodes that answer."""
 
     server: ServerInfo
     totals: Totals
@@ -204,6 +224,22 @@ class Overview(ResponseModel):
     faults: list[RecordingFault]
     found: int = Field(description="Number of matching episodes.")
     episodes: list[EpisodeRow] = Field(description="Episodes with problems first, ended ones last.")
+    nodes: list[NodeRow] = Field(
+        [], description="Nodes of the cluster, the one that you asked first; empty without one."
+    )
+
+
+class NodeOverview(Overview):
+    """Part of a node in the overview of its cluster."""
+
+    ranks: Annotated[
+        list[Annotated[int, Field(ge=0)]],
+        Field(
+            min_length=RANKS,
+            max_length=RANKS,
+            description="Number of matching episodes of each rank, in the order of the list.",
+        ),
+    ]
 
 
 class RecordingRow(ResponseModel):

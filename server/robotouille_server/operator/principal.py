@@ -23,10 +23,14 @@ CODES = {
     "request/method": "the path does not support this method",
     "episode/unknown": "no episode has this id or code",
     "episode/ended": "the episode has already ended",
+    "episode/handover": "in a cluster, the episode is moving to another node; try again",
     "session/unknown": "the session is not in the episode",
     "recording/unknown": "no recording has this name",
     "recording/unreadable": "the recordings folder or a file in it cannot be read",
-    "operator/busy": "too many pages are open, or too many requests for recordings wait",
+    "node/keys": "the episode's node signs tokens with other keys, so it refuses yours",
+    "node/unavailable": "the episode's node does not answer, or has no operator page",
+    "node/size": "the answer is too large to be forwarded; the message names the episode's node",
+    "operator/busy": "too many pages are open, or too many requests for recordings or nodes wait",
     "operator/rate": "too many requests with this token, or too many without a token",
     "operator/internal": "internal error; see the server's log",
 }
@@ -66,10 +70,12 @@ class Principal:
     Attributes:
         grant: Grant of the caller's token; None for a local program without a token.
         check_token: Raises RequestRefusedError if the token has expired or was revoked.
+        via: Address of the node that has forwarded the request; empty if none has.
     """
 
     grant: RoleGrant | None = None
     check_token: Callable[[], object] = field(default=_nothing_to_check, repr=False)
+    via: str = ""
 
     @property
     def name(self) -> str:

@@ -138,8 +138,6 @@ def _growth(first: RateSample, last: RateSample, of: Callable[[RateSample], floa
 
 
 DEFAULT_PORT = 8765
-PHASES = ("paused", "running", "waiting", "ended")
-"""Phases in the order of the overview: those that need the operator come first."""
 
 
 def phase_of(room: Room) -> str:
@@ -153,9 +151,14 @@ def shown_code(code: str) -> str:
 
 
 class RoomRows:
-    """Rows of one server's rooms. It remembers counters to compute rates."""
+    """Rows of one server's rooms. It remembers counters to compute rates.
 
-    def __init__(self, server: Server) -> None:
+    Attributes:
+        node: Returns the address of the server's node in a cluster.
+    """
+
+    def __init__(self, server: Server, node: Callable[[], str] = str) -> None:
+        self.node = node
         self._server = server
         self._rate = RateMeter()
 
@@ -185,6 +188,7 @@ class RoomRows:
             outcome=_result(episode.outcome),
             watch=self._watch(room),
             labels=dict(room.labels),
+            node=self.node(),
         )
 
     def detail(self, room: Room, now: float, lines: Iterable[LogLine]) -> EpisodeDetail:

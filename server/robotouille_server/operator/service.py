@@ -5,26 +5,38 @@ from __future__ import annotations
 import asyncio
 import copy
 from collections import Counter, OrderedDict
-from collections.abc import AsyncIterator, Callable, Container, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Container, Iterable
+from functools import partial
 from http import HTTPStatus
+from operator import itemgetter
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RecordingError
 from robotouille.installation import VERSION
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
+from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
 from robotouille_server.operator.load import HeavyJobs
+from robotouille_server.operator.merging import PHASES, rank
 from robotouille_server.operator.models import (
+    RANKS,
     AlertRow,
     Done,
     EpisodeCounts,
     EpisodeDetail,
     LogLine,
+    NodeOverview,
     Overview,
     RecordingFault,
     RecordingPage,
     ServerInfo,
     Totals,
+)
+from robotouille_server.operator.other_nodes import (
+    EpisodeElsewhereError,
+    OtherNodes,
+    OverviewQuery,
+    cluster_node,
 )
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.recordings import (
@@ -36,7 +48,6 @@ from robotouille_server.operator.recordings import (
     pieces,
 )
 from robotouille_server.operator.rows import (
-    PHASES,
     MetricsHistory,
     RoomRows,
     by_label,
@@ -52,6 +63,12 @@ from robotouille_server.runtime.workers import ElsewhereError
 
 MAX_UNRESTORED = 20
 MAX_TRANSCRIPTS = 256
+WATCH_SECONDS = 0.25
+"""Seconds between two looks at an episode that somebody watches."""
+OTHER_NODE_SECONDS = 1.0
+"""The same for an episode of another node."""
+RETRY_SECONDS = 1
+"""Seconds after which a request for an episode that moves to another node may succeed."""
 
 
 class OperatorService:
@@ -65,7 +82,9 @@ class OperatorService:
         self._server = server
         self._now = now
         self._opened = now()
-        self._rows = RoomRows(server)
+        node = cluster_node(server)
+        self.others = OtherNodes(node) if node is not None else None
+        self._rows = RoomRows(server, self._node)
         self._history = MetricsHistory(server.metrics)
         storage: ReadableStorage = server.storage or NoRecordings()
         self._jobs = HeavyJobs()
@@ -90,20 +109,26 @@ class OperatorService:
         self._transcripts.forget(self._server.lobby.rooms)
         self._server.sample(now)
 
-    def overview(
-        self, phase: str = "", search: str = "", limit: int = 50, offset: int = 0
-    ) -> Overview:
+    async def overview(self, query: OverviewQuery) -> Overview:
         """Return totals and the episodes that are in a phase and contain all words of a search."""
-        words = search.lower().split()
+        if self.others is not None:
+            return await self.others.overview(self.part, self._principal, query)
+        return Overview(**dict(self.part(query)))
+
+    def part(self, query: OverviewQuery) -> NodeOverview:
+        """Return this server's part of the overview."""
+        phase, words = query.phase, query.search.lower().split()
         census = [(room, phase_of(room)) for room in self._rooms()]
         found = [
-            (room, its)
+            (rank(its, room.problem), room)
             for room, its in census
             if phase in ("", its) and (not words or _matches(room, words))
         ]
-        found.sort(key=_rank)
+        found.sort(key=itemgetter(0))
+        ranks = Counter(map(itemgetter(0), found))
         now = self._now()
-        return Overview(
+        shown = found[query.offset : query.offset + query.limit]
+        return NodeOverview(
             server=ServerInfo(
                 version=VERSION,
                 url=self._server.public_url,
@@ -115,13 +140,19 @@ class OperatorService:
             alerts=self._alerts(),
             faults=self._faults(room for room, _ in census),
             found=len(found),
-            episodes=[self._rows.row(room, now) for room, _ in found[offset : offset + limit]],
+            episodes=[self._rows.row(room, now) for _, room in shown],
+            ranks=[ranks[number] for number in range(RANKS)],
         )
+
+    def _node(self) -> str:
+        """Return the address of this node; empty without a cluster."""
+        return self.others.own.url if self.others is not None else ""
 
     def room(self, name: str) -> Room:
         """Return the room with an id or a code.
 
         Raises:
+            EpisodeElsewhereError: Another node of the cluster has the episode.
             RequestRefusedError: There is no such room, or the principal may not see it. A
                 principal of one episode gets the same error for both, so that it cannot find out
                 which other episodes exist.
@@ -131,14 +162,30 @@ class OperatorService:
             self._principal.require_episode(room.id, room.code)
             return room
         except ProtocolError as error:
-            self._principal.require_episode(name)
+            self._require(name)
+            if self.others is not None and error.code == "server/handover":
+                raise _moving(error.message) from None
             raise RequestRefusedError(
                 HTTPStatus.NOT_FOUND, "episode/unknown", error.message
             ) from None
         except ElsewhereError as error:
-            self._principal.require_episode(name)
+            self._require(name)
+            if self.others is not None:
+                raise self._elsewhere(name) from None
             message = f"{name} runs on another worker; use the operator page of that worker"
             raise RequestRefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", message) from error
+
+    def _require(self, name: str) -> None:
+        """Refuse an episode of another process that the principal may not see."""
+        names = (name,) if self.others is None else self.others.names(name)
+        self._principal.require_episode(*names)
+
+    def _elsewhere(self, name: str) -> RequestRefusedError:
+        node = self.others.place(name) if self.others is not None else None
+        # A request that was forwarded here is not forwarded again.
+        if node is None or self._principal.via:
+            return _moving("this episode is moving to another node; try again in a moment")
+        return EpisodeElsewhereError(node, name)
 
     async def recordings(self, search: str, limit: int, offset: int) -> RecordingPage:
         """Return a page of the list of recordings, newest first."""
@@ -156,7 +203,16 @@ class OperatorService:
         closed_name = name.removesuffix(".part")
         if self._principal.only_episode and not closed_name.endswith(self._only_file()):
             self._principal.require_episode()
-        file, size = await self._jobs.run(self._store.opened, name, self._live_size(name))
+        try:
+            file, size = await self._jobs.run(self._store.opened, name, self._live_size(name))
+        except RequestRefusedError as refused:
+            node = self.others.place_of_recording(name) if self.others is not None else None
+            if refused.code != "recording/unknown" or node is None or self._principal.via:
+                raise
+            raise EpisodeElsewhereError(node, name) from None
+        if self.others is not None and self._principal.via and size > MAX_ANSWER_BYTES:
+            file.close()
+            raise too_large(self.others.own)
         self._note("recording", file=name)
         return size, pieces(file, size)
 
@@ -270,13 +326,17 @@ class OperatorService:
         done = f"announcement sent to {shown_code(room.code)}"
         return self._done("announce", room, done, text=text)
 
-    def announce_to_all(self, text: str) -> Done:
-        """Send an announcement to everyone in all episodes."""
+    async def announce_to_all(self, text: str) -> Done:
+        """Send an announcement to everyone in all episodes, on all nodes of a cluster."""
         self._principal.require_episode()
         self._server.announce(text)
         get_logger().info("operator: announce to all", text=text)
         self._note("announce to all", text=text)
-        return Done(done="announcement sent to all episodes")
+        done = "announcement sent to all episodes"
+        if self.others is not None and not self._principal.via:
+            failed = await self.others.announce(self._principal, text)
+            done += f", but not on {', '.join(failed)}" if failed else ""
+        return Done(done=done)
 
     def _live(self, name: str) -> Room:
         room = self.room(name)
@@ -296,6 +356,8 @@ class OperatorService:
 
     def _note(self, what: str, episode: str = "", result: str = "done", **details: str) -> None:
         principal = self._principal
+        if principal.via:
+            details["via"] = principal.via
         self._server.audit.note(
             what,
             by=principal.name,
@@ -309,6 +371,24 @@ class OperatorService:
         """Return a view of one episode that can be read repeatedly."""
         room = self.room(name)
         return EpisodeWatch(room, self._transcripts.of(room), self._rows, self._now)
+
+    def watch_anywhere(self, name: str) -> tuple[Callable[[], Awaitable[EpisodeDetail]], float]:
+        """Return a function that reads an episode of any node, and the seconds between reads."""
+        try:
+            watch = self.watch(name)
+        except EpisodeElsewhereError:
+            return partial(self._detail_anywhere, name), OTHER_NODE_SECONDS
+        # In a cluster, the episode may move to another node meanwhile.
+        read = watch.detail if self.others is None else partial(self._detail_anywhere, name)
+        return read, WATCH_SECONDS
+
+    async def _detail_anywhere(self, name: str) -> EpisodeDetail:
+        try:
+            return await self.watch(name).detail()
+        except EpisodeElsewhereError as elsewhere:
+            if self.others is None:
+                raise
+            return await self.others.detail(elsewhere.node, self._principal, name)
 
 
 class EpisodeWatch:
@@ -396,10 +476,10 @@ class RoomTranscripts:
             del self._kept[gone]
 
 
-def _rank(found: tuple[Room, str]) -> tuple[bool, int]:
-    """Return a sort key: problems first, then paused episodes; ended episodes last."""
-    room, phase = found
-    return not room.problem, PHASES.index(phase)
+def _moving(message: str) -> RequestRefusedError:
+    return RequestRefusedError(
+        HTTPStatus.SERVICE_UNAVAILABLE, "episode/handover", message, RETRY_SECONDS
+    )
 
 
 def _matches(room: Room, words: list[str]) -> bool:

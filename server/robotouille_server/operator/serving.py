@@ -88,7 +88,7 @@ async def operator_view(
     listening = _listen(host, port)
     with contextlib.closing(listening):
         where = OperatorPort(host, listening.getsockname()[1], tls is not None)
-        async with _served(server, access, listening, tls):
+        async with _served(server, access, listening, where, tls):
             get_logger().info("operator page", url=where.url, token=access.always)
             yield where
 
@@ -134,8 +134,13 @@ def _listen(host: str, port: int) -> socket.socket:
 
 @asynccontextmanager
 async def _served(
-    server: Server, access: Access, listening: socket.socket, tls: ssl.SSLContext | None
+    server: Server,
+    access: Access,
+    listening: socket.socket,
+    where: OperatorPort,
+    tls: ssl.SSLContext | None,
 ) -> AsyncIterator[None]:
+    from robotouille_server.operator.answering import answering
     from robotouille_server.operator.api import application
     from robotouille_server.operator.connections import ConnectionFactory, ConnectionSlots
     from robotouille_server.operator.event_streams import EventStreams
@@ -146,7 +151,8 @@ async def _served(
     logins = LoginAudit(server.audit, now, addresses=server.settings.record_addresses)
     slots = ConnectionSlots(now)
     connections = ConnectionFactory(slots, tls)
-    guard = Guard(application(service, streams), access, logins, RequestRates(now))
+    app = application(service, streams)
+    guard = Guard(app, access, logins, RequestRates(now))
     http = _http_server(guard, connections)
     ticks = (service.tick, logins.tick, slots.check)
     tasks = [
@@ -154,7 +160,8 @@ async def _served(
         asyncio.create_task(http.serve(sockets=[listening]), name="operator port: HTTP"),
     ]
     try:
-        yield
+        async with answering(app, server, where.url, tokens_only=access.always):
+            yield
     finally:
         streams.stop()
         http.should_exit = True
