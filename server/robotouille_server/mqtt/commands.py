@@ -5,21 +5,27 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from typing import Any
+from urllib.parse import quote
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, read_object, validated
-from robotouille.protocol.messages import ListEpisodes
+from robotouille.protocol.messages import Close, ListEpisodes
 from robotouille_server.app import Server
 from robotouille_server.auth import Role, RoleGrant, check_opening, check_scope
 from robotouille_server.mqtt import messages as mqtt
 from robotouille_server.mqtt.limits import CommandLimits
 from robotouille_server.mqtt.messages import Command, CommandError, CommandReply, OpenedEpisode
 from robotouille_server.mqtt.stream import Watch, Watches
+from robotouille_server.operator.models import Done
+from robotouille_server.operator.other_nodes import EpisodeElsewhereError
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.service import OperatorService
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
+
+EpisodeCommand = mqtt.AnnounceCommand | mqtt.PauseCommand | mqtt.ResumeCommand
 
 LIST_COST = 3.0
 """Commands that a `list` counts as, because its reply describes up to 500 episodes."""
@@ -98,7 +104,8 @@ class Commands:
         except (ProtocolError, RequestRefusedError) as error:
             refused = error
         except ElsewhereError as error:
-            text = f"{error}: send the command to that process"
+            where = f"{error.episode} runs on {error.url}" if error.url else str(error)
+            text = f"{where}: send the command to that process"
             refused = ProtocolError("episode/unknown", text, "episode")
         self._note_refused(command, grant, refused.code)
         return _refusal(command.ref, refused)
@@ -113,22 +120,38 @@ class Commands:
             case mqtt.OpenCommand():
                 return await self._open(command, grant)
             case mqtt.ListCommand():
-                return self._list(command, grant)
+                return await self._list(command, grant)
             case mqtt.WatchCommand():
                 done = self._watch(command, grant)
             case mqtt.UnwatchCommand():
                 done = self._unwatch(command, grant)
             case mqtt.CloseCommand():
-                done = self._close(command, grant)
+                done = await self._close(command, grant)
             case mqtt.AnnounceCommand(episode=None, text=text):
-                done = self._serving(grant).announce_to_all(text).done
+                done = (await self._serving(grant).announce_to_all(text)).done
             case mqtt.AnnounceCommand(episode=str(episode), text=text):
-                done = self._serving(grant).announce(episode, text).done
+                work = partial(self._serving(grant).announce, episode, text)
+                done = await self._anywhere(work, grant, command, text=text)
             case mqtt.PauseCommand(episode=episode):
-                done = self._serving(grant).pause(episode).done
+                work = partial(self._serving(grant).pause, episode)
+                done = await self._anywhere(work, grant, command)
             case mqtt.ResumeCommand(episode=episode):
-                done = self._serving(grant).resume(episode).done
+                work = partial(self._serving(grant).resume, episode)
+                done = await self._anywhere(work, grant, command)
         return CommandReply(ref=command.ref, ok=True, done=done)
+
+    async def _anywhere(
+        self, work: Callable[[], Done], grant: RoleGrant, command: EpisodeCommand, **body: str
+    ) -> str:
+        """Do something with an episode here, or let the node do it that has the episode."""
+        try:
+            return work().done
+        except EpisodeElsewhereError as elsewhere:
+            path = f"/api/episodes/{quote(str(command.episode), safe='')}/{command.type}"
+            others = self._service.others
+            if others is None:
+                raise
+            return (await others.change(elsewhere.node, Principal(grant), path, body)).done
 
     def _serving(self, grant: RoleGrant) -> OperatorService:
         return self._service.for_principal(Principal(grant))
@@ -170,10 +193,14 @@ class Commands:
         ended = self._watches.remove(Watch(grant.subject, None, episode, command.labels))
         return f"{ended} watches ended"
 
-    def _list(self, command: mqtt.ListCommand, grant: RoleGrant) -> CommandReply:
+    async def _list(self, command: mqtt.ListCommand, grant: RoleGrant) -> CommandReply:
         request = ListEpisodes(labels=command.labels, skip=command.skip)
         operator = grant.role is Role.OPERATOR
-        found = self._server.lobby.infos(request, grant.episode, grant.subject, operator=operator)
+        only, owner, cluster = grant.episode, grant.subject, self._server.services.cluster
+        if cluster is not None:
+            found = await cluster.list(request, only, owner, operator=operator)
+        else:
+            found = self._server.lobby.infos(request, only, owner, operator=operator)
         return CommandReply(ref=command.ref, ok=True, episodes=found.episodes, total=found.total)
 
     async def _open(self, command: mqtt.OpenCommand, grant: RoleGrant) -> CommandReply:
@@ -195,13 +222,18 @@ class Commands:
         self._note(command, grant, count=len(opened), labels=_text(create.labels))
         return CommandReply(ref=command.ref, ok=error is None, opened=opened, error=error)
 
-    def _close(self, command: mqtt.CloseCommand, grant: RoleGrant) -> str:
+    async def _close(self, command: mqtt.CloseCommand, grant: RoleGrant) -> str:
         check_opening(grant.episode)
         reason = command.reason or f"closed by the {grant.role}"
-        operator = grant.role is Role.OPERATOR
-        room = self._server.lobby.close(command.episode, reason, grant.subject, operator=operator)
-        self._note(command, grant, room.id, reason=reason)
-        return f"{room.id} has ended"
+        operator, owner = grant.role is Role.OPERATOR, grant.subject
+        if (cluster := self._server.services.cluster) is not None:
+            closing = Close(episode=command.episode, reason=reason)
+            episode = await cluster.close(closing, owner, operator=operator)
+        else:
+            lobby = self._server.lobby
+            episode = lobby.close(command.episode, reason, owner, operator=operator).id
+        self._note(command, grant, episode, reason=reason)
+        return f"{episode} has ended"
 
 
 def _read(payload: bytes) -> dict[str, Any]:
