@@ -33,11 +33,14 @@ class Continuation:
     Attributes:
         adopt: Makes a room of an episode.
         wall: Returns the seconds since 1970, for new events.
+        now: Returns the time of the rooms, which excludes the time in which the process was
+            suspended.
         patience: The seconds for which an episode waits for its players.
     """
 
     adopt: Callable[[ArchivedEpisode], object]
     wall: Callable[[], float]
+    now: Callable[[], float]
     patience: float
 
 
@@ -123,8 +126,8 @@ class Claims:
 
     async def _restored(self, content: bytes, record: EpisodeRecord) -> tuple[Recording, Restored]:
         recording = Recording(content, record.file)
-        now = asyncio.get_running_loop().time()
-        work = restoring(recording, now, self._continuation.patience, shared_world)
+        now, patience = self._continuation.now(), self._continuation.patience
+        work = restoring(recording, now, patience, shared_world)
         try:
             return recording, await in_turns(work)
         except RecordingError as error:

@@ -61,6 +61,8 @@ class NodeRooms(Protocol):
     @property
     def seats_in_use(self) -> int: ...
 
+    def now(self) -> float: ...
+
     def adopt(self, found: ArchivedEpisode) -> Room: ...
 
     def give_up(self, episode: str) -> list[Session]: ...
@@ -112,7 +114,7 @@ class ClusterNode:
         self._journals: set[ReplicatedJournal] = set()
         self._registering: dict[str, asyncio.Task[BusError | None]] = {}
         self._closing = Closing(bus, self.directory, parts.storage)
-        continuation = Continuation(self._adopted, parts.wall, parts.recovery_seconds)
+        continuation = Continuation(self._adopted, parts.wall, self._now, parts.recovery_seconds)
         self.claims = Claims(bus, self.directory, self, self._closing, continuation)
         self._tasks: set[asyncio.Task[Any]] = set()
         self._count = 0
@@ -239,6 +241,9 @@ class ClusterNode:
             self._suspect = True
             return error
         return None
+
+    def _now(self) -> float:
+        return self._rooms.now() if self._rooms is not None else self._loop.time()
 
     def _adopted(self, found: ArchivedEpisode) -> None:
         """Make a room of an episode that this node has taken over."""

@@ -259,6 +259,10 @@ class Lobby:
         get_logger().info("episode restored", episode=room.id, code=room.code, step=step)
         return room
 
+    def now(self) -> float:
+        """Return the time of the rooms."""
+        return self._timers.time()
+
     # Finding
 
     def find(self, name: str) -> Room:
