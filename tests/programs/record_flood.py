@@ -1,7 +1,7 @@
 """Connections over TLS that send each byte in a record of its own.
 
-A record of one byte has 23 bytes on the wire. The server spends a decryption and a call on it, as on
-a record of 16 KiB. One read of the server takes thousands of these records.
+A record of one byte has 23 bytes on the wire. The server spends a decryption and a call on it, as
+on a record of 16 KiB. One read of the server takes thousands of these records.
 """
 
 from __future__ import annotations
