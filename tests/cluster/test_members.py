@@ -98,6 +98,20 @@ def test_lease_is_uncertain_before_another_node_can_claim() -> None:
     assert not view.members.certain(view.now + passed - RENEW_SECONDS / 2)
 
 
+def test_silence_counts_from_the_last_report_although_the_own_one_is_stored_slowly() -> None:
+    """A round has the time at which the own report was sent, and ends when it is stored."""
+    view = View()
+    view.rounds(2, report("b"))
+    stored = view.now + 1.9
+    view.rounds(1, report("b"), seconds=0.0)
+    last_heard = stored
+    while not view.members.lapsed("b"):
+        view.now = stored + RENEW_SECONDS
+        view.members.renewed(view.now)
+        stored = view.now
+    assert view.now - last_heard >= LEASE_SECONDS
+
+
 def test_node_that_has_left_lapses_at_once() -> None:
     view = View()
     view.rounds(1, report("b"))

@@ -113,7 +113,14 @@ class Members:
         # this process was stopped, everybody was silent.
         counts = passed < LEASE_SECONDS
         for member in self._others.values():
-            member.silent = 0.0 if member.heard or not counts else member.silent + passed
+            if member.heard or not counts:
+                member.silent = 0.0
+            elif not member.silent:
+                # The other was possibly heard while this node waited for its own report to be
+                # stored. Since then, a whole pause between two rounds has passed.
+                member.silent = min(passed, RENEW_SECONDS)
+            else:
+                member.silent += passed
             member.heard = False
 
     def lapsing(self) -> list[str]:
