@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
+import pytest
+
+from robotouille.replay.recorder import Recorder
 from robotouille_client import connect
+from robotouille_server.cluster.bus import Append, BusError, Stored
+from robotouille_server.cluster.journal import JournalKeeper, ReplicatedJournal
 from tests.support.clusters import cluster_of
 from tests.support.virtual_time import virtual
 
@@ -32,3 +39,51 @@ async def test_a_game_goes_on_at_once_on_a_node_that_was_suspended_before(tmp_pa
             while games[0].step < 2 * STEPS:
                 await games[0].next_event()
             assert asyncio.get_running_loop().time() - begun < SUSPENDED / 2
+
+
+class Keeper:
+    """Node whose appends the test answers."""
+
+    name = "node"
+    lease_certain = True
+
+    def __init__(self) -> None:
+        self.bus = self
+        self.appends: list[tuple[Append, Callable[[int | BusError], None]]] = []
+
+    def append(self, message: Append, done: Callable[[int | BusError], None]) -> None:
+        self.appends.append((message, done))
+
+    async def last(self, subject: str) -> Stored | None:
+        raise AssertionError(subject)
+
+    def begun(self, journal: ReplicatedJournal) -> None:
+        pass
+
+    def written(self, journal: ReplicatedJournal, seconds: float) -> None:
+        pass
+
+
+@virtual
+@pytest.mark.parametrize(("seconds", "publishes"), [(1.0, True), (SUSPENDED, False)])
+async def test_an_answer_from_before_a_suspension_publishes_nothing(
+    seconds: float, publishes: bool
+) -> None:
+    keeper = Keeper()
+    recorder = cast("Recorder", None)
+    journal = ReplicatedJournal(
+        cast("JournalKeeper", keeper), "episode", "file", recorder, begin=b"step"
+    )
+    changes: list[bool] = []
+    journal.listen(lambda: changes.append(journal.settled))
+    journal.write()
+    await asyncio.sleep(seconds)
+    (_, done), *_ = keeper.appends
+    done(1)
+    assert changes == ([True] if publishes else [])
+    assert journal.settled is publishes
+    if not publishes:
+        again, done = keeper.appends[1]
+        assert (again.data, again.expected) == (b"", 1)
+        done(2)
+        assert changes == [True]

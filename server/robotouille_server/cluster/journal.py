@@ -25,6 +25,7 @@ from robotouille_server.cluster.bus import (
     UnavailableError,
 )
 from robotouille_server.rooms.journal import MAX_RECORDING_BYTES, MAX_RECORDING_FRAMES
+from robotouille_server.cluster.members import LEASE_SECONDS
 from robotouille_server.runtime.logs import get_logger
 
 MAX_PIECE = 512 * 1024
@@ -90,6 +91,7 @@ class _Write:
 
     message: Append
     begun: float
+    sent: float = 0.0
     retry_at: float = 0.0
     asking: bool = field(default=False)
 
@@ -188,6 +190,7 @@ class ReplicatedJournal:
 
     def _send(self, write: _Write) -> None:
         write.retry_at = float("inf")
+        write.sent = self._loop.time()
         self._keeper.bus.append(write.message, lambda result: self._answered(write, result))
 
     def check_ownership(self) -> bool:
@@ -222,7 +225,9 @@ class ReplicatedJournal:
         self._keep = None
         self.size += len(write.message.data)
         self._keeper.written(self, self._loop.time() - write.begun)
-        if self._pending:
+        # If this process was suspended, the answer is old, and another node may have the episode.
+        old = self._loop.time() - write.sent >= LEASE_SECONDS
+        if self._pending or old:
             self._begin_write()
             return
         if self.problem:
@@ -240,6 +245,7 @@ class ReplicatedJournal:
 
     async def _ask(self, write: _Write) -> None:
         """Find out whether a refused write was stored by an earlier attempt, or is too late."""
+        write.sent = self._loop.time()
         try:
             last = await self._keeper.bus.last(self.episode)
         except BusError as error:
