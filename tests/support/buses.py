@@ -218,9 +218,10 @@ class SimulatedNats:
 
     def _pump(self, watch: _Watch) -> None:
         watch.scheduled = False
-        if watch.bus.hears and self.quorum and not watch.bus.closed:
+        bus = watch.bus
+        if bus.hears and bus.watches and self.quorum and not bus.closed:
             watch.position, changes = self.storage.changes(watch.bucket, watch.position)
-            self.loop.call_soon(_deliver_changes, watch, changes, context=watch.bus.context)
+            self.loop.call_soon(_deliver_changes, watch, changes, context=bus.context)
 
     def wake(self, bus: SimulatedBus) -> None:
         for watch in self.watches(bus):
@@ -299,13 +300,14 @@ class SimulatedBus:
     Attributes:
         reaches: False while nothing that the node sends arrives.
         hears: False while nothing arrives at the node.
+        watches: False while no changes of buckets arrive.
         closed: True once the node is gone.
         context: The context in which answers arrive.
     """
 
     def __init__(self, nats: SimulatedNats, name: str) -> None:
         self.name = name
-        self.reaches = self.hears = True
+        self.reaches = self.hears = self.watches = True
         self.closed = False
         self.context: Context = copy_context()
         self._nats = nats
@@ -322,9 +324,13 @@ class SimulatedBus:
         """Cut the node off, or only lose everything that is sent to it."""
         self.reaches, self.hears = answers_only, False
 
+    def deafen(self) -> None:
+        """Send the node no changes of buckets."""
+        self.watches = False
+
     def heal(self) -> None:
         """Connect the node again; the client library then sends what it has kept."""
-        self.reaches = self.hears = True
+        self.reaches = self.hears = self.watches = True
         buffered, self._buffered = self._buffered, []
         for arrive in buffered:
             arrive()

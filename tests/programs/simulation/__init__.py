@@ -9,6 +9,7 @@ connections, and the faults. The same seed gives the same course, event for even
     python -m tests.programs.simulation --seed 1234 --trace      # one seed, with every event
     python -m tests.programs.simulation --hours 8                # nightly: seeds until time is up
     python -m tests.programs.simulation --day                    # 24 hours of one server
+    python -m tests.programs.simulation.cluster --seeds 0:1000   # three nodes of a cluster
 
 | module | content |
 | --- | --- |
@@ -21,6 +22,8 @@ connections, and the faults. The same seed gives the same course, event for even
 | `scenario`, `adversary` | the episodes and the faults |
 | `simulation`, `day` | a run from its seed to the last check; a long run |
 | `runs`, `__main__` | many seeds in several processes; the command |
+| `cluster` | three nodes on a simulated NATS, with faults and invariants of their own |
+| `cluster_nodes`, `cluster_games`, `cluster_oracle` | its processes, its players, its checks |
 
 Faults:
 

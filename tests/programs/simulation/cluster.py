@@ -5,8 +5,8 @@
 
 A seed determines everything. Three machines run `ClusterNode` with a `Lobby`; players act in two
 episodes and go from node to node. Nodes are killed, stopped (and continue later as if nothing had
-happened), cut off from NATS, and asked to leave; NATS loses its quorum, or all messages are slow,
-lost or repeated for a while; all nodes are killed.
+happened), cut off from NATS or only from its news, and asked to leave. NATS loses its quorum, or
+all messages are slow, lost or repeated for a while. All nodes are killed at once.
 
 Invariants:
 
@@ -32,7 +32,7 @@ from contextvars import copy_context
 from unittest.mock import patch
 
 from robotouille_server.cluster import node
-from robotouille_server.cluster.bus import Bucket
+from robotouille_server.cluster.bus import Bucket, Stored
 from tests.programs.simulation.cluster_games import Game
 from tests.programs.simulation.cluster_nodes import NodeMachine
 from tests.programs.simulation.cluster_oracle import ClusterOracle
@@ -55,7 +55,7 @@ PATIENCE = 240.0
 LINGER_SECONDS = 140.0
 """Seconds after the end of all episodes after which the cluster must have forgotten them."""
 LINGERING = 10
-FAULTS = ("kill", "stop", "cut", "lose_quorum", "spoil", "leave", "kill_all")
+FAULTS = ("kill", "stop", "cut", "deafen", "lose_quorum", "spoil", "leave", "kill_all")
 
 
 class ClusterSimulation:
@@ -80,9 +80,9 @@ class ClusterSimulation:
         self.machines = [NodeMachine(self, number) for number in range(NODES)]
         self.games = [Game(self, f"g{number}") for number in range(GAMES)]
 
-    def _stored(self, writer: str, journal: str, message: object) -> None:
-        self.trace("stored", writer, journal, getattr(message, "id", ""))
-        self.oracle.stored(writer, journal, message)  # type: ignore[arg-type]
+    def _stored(self, writer: str, journal: str, message: Stored) -> None:
+        self.trace("stored", writer, journal, message.sequence, message.keep, len(message.data))
+        self.oracle.stored(writer, journal, message)
 
     def fail(self, fault: str) -> None:
         """Report a broken invariant."""
@@ -224,15 +224,26 @@ class ClusterSimulation:
         return ""
 
     def _stop(self) -> str:
-        process = self._machine().process
+        machine = self._machine()
+        process, bus = machine.process, machine.bus
         if process.suspended or process.dead:
             return ""
         process.suspend()
-        return f"{process.name} {self._later(process.wake):.3f}"
+        seconds = self._later(process.wake)
+        # NATS closes the connection of a stopped client, so its watches begin again only later.
+        bus.deafen()
+        self.loop.call_later(seconds + self.chance.choice((0.0, 0.5, 2.0)), bus.heal)
+        return f"{process.name} {seconds:.3f}"
 
     def _cut(self) -> str:
         machine = self._machine()
         machine.bus.cut(answers_only=self.chance.random() < 0.5)
+        return f"{machine.name} {self._later(machine.bus.heal):.3f}"
+
+    def _deafen(self) -> str:
+        """Let the server with a node's watches die."""
+        machine = self._machine()
+        machine.bus.deafen()
         return f"{machine.name} {self._later(machine.bus.heal):.3f}"
 
     def _lose_quorum(self) -> str:

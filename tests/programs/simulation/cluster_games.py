@@ -117,7 +117,8 @@ class Player:
 
     def _enter(self, room: Room, sessions: Sessions) -> Session:
         session = sessions.by_id.get(self.session)
-        if session is None:
+        # A node may take over an episode that it has already. The player then comes back.
+        if session is None or session.room not in (None, room):
             session = Session(self.session, name=self.session, kind="bot", role=Role.PLAYER)
             sessions.by_id[session.id] = session
         if session.room is not None:
@@ -140,9 +141,11 @@ class Player:
         if session.player is None or not room.episode.running:
             return
         seat = room.episode.seat(session.player)
-        if self._asked is None or seat.seq >= self._asked.seq:
+        asked, step = self._asked, room.episode.step
+        # The same number again means the same action, unless it was rejected as outdated.
+        if asked is None or seat.seq >= asked.seq or asked.basis != step:
             self._seq = max(self._seq, seat.seq) + 1
             actions = room.episode.state.actions(session.player)
             index = self._chance.randrange(len(actions)) if actions else None
-            self._asked = messages.Act(seq=self._seq, action=index, basis=room.episode.step)
+            self._asked = messages.Act(seq=self._seq, action=index, basis=step)
         room.act(session, self._asked)

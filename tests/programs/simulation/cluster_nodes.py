@@ -55,13 +55,13 @@ def _metrics() -> Metrics:
 class WatchedBus(SimulatedBus):
     """Bus that reports when its node begins to claim an episode."""
 
-    def __init__(self, nats: SimulatedNats, name: str, claims: Callable[[str, str], None]) -> None:
+    def __init__(self, nats: SimulatedNats, name: str, claims: Callable[[str], None]) -> None:
         super().__init__(nats, name)
         self._claims = claims
 
     def append(self, message: Append, done: Callable[[int | BusError], None]) -> None:
         if ".claim." in message.id:
-            self._claims(self.name, message.subject)
+            self._claims(message.subject)
         super().append(message, done)
 
 
@@ -95,6 +95,7 @@ class NodeMachine:
         self.node: ClusterNode | None = None
         self.lobby: Lobby | None = None
         self.sessions: Sessions | None = None
+        self._rooms: dict[str, Room] = {}
 
     @property
     def name(self) -> str:
@@ -110,13 +111,14 @@ class NodeMachine:
         sim = self.sim
         process = self.process = Process(self.name, sim.loop)
         sim.processes.append(process)
-        self.bus = process.call(WatchedBus, sim.nats, self.name, sim.oracle.claims)
+        self.bus = process.call(WatchedBus, sim.nats, self.name, self._claims)
         process.on_death.append(partial(self._died, process, self.bus))
         process.start(self._main())
 
     def _died(self, process: Process, bus: SimulatedBus) -> None:
         self.sim.trace("death", process.name)
         bus.close()
+        self._rooms.clear()
         self.node = self.lobby = self.sessions = None
         if not self.sim.ending:
             delay = self.sim.chance.uniform(*REBOOT_SECONDS)
@@ -150,10 +152,18 @@ class NodeMachine:
             return
         self.node, self.lobby, self.sessions = node, lobby, sessions
 
+    def _claims(self, journal: str) -> None:
+        record = self.node.directory.find(journal) if self.node is not None else None
+        if record is not None:
+            self.sim.oracle.claims(self.name, journal, record.node)
+
     # Observer of the rooms
 
     def opened(self, room: Room) -> None:
         self.sim.trace("room", self.name, room.id)
+        earlier, self._rooms[room.id] = self._rooms.get(room.id), room
+        if earlier is not None and any(member.room is earlier for member in earlier.members):
+            self.sim.oracle.counts["rooms that replace a living one"] += 1
 
     def published(self, room: Room, events: list[Event]) -> None:
         for event in events:

@@ -68,6 +68,7 @@ class ClusterOracle:
         self._fail = fail
         self._now = now
         self._reports: defaultdict[str, list[float]] = defaultdict(list)
+        self._beats: dict[str, int] = {}
         self._nodes: dict[str, str] = {}
 
     # Reports of the service
@@ -91,17 +92,29 @@ class ClusterOracle:
         if bucket is Bucket.NODES and value is None:
             self.leaving.add(key)
         elif bucket is Bucket.NODES and value is not None:
-            self._reports[key].append(self._now())
-            if NodeReport.model_validate_json(value).leaving:
-                self.leaving.add(key)
+            self._reported(NodeReport.model_validate_json(value))
         elif bucket is Bucket.EPISODES and value is not None:
             record = EpisodeRecord.model_validate_json(value)
             self._nodes[record.episode] = record.node
 
-    def claims(self, node: str, journal: str) -> None:
-        """Check that a node claims an episode only from a node that was silent or has left."""
+    def _reported(self, report: NodeReport) -> None:
+        # A copy of an earlier report, which arrives late, is no sign of life.
+        if report.beat > self._beats.get(report.name, 0):
+            self._beats[report.name] = report.beat
+            self._reports[report.name].append(self._now())
+        if report.leaving:
+            self.leaving.add(report.name)
+
+    def claims(self, node: str, journal: str, believed: str) -> None:
+        """Check that a node claims an episode only from a node that was silent or has left.
+
+        `believed` is the owner in the node's copy of the directory, which may be outdated.
+        """
         self.counts["claims"] += 1
         owner = self._nodes.get(journal, "")
+        if believed != owner:
+            self.counts["claims by an outdated record"] += 1
+            return
         if owner in ("", node) or owner in self.leaving:
             return
         now = self._now()
