@@ -100,6 +100,13 @@ async def test_made_up_tokens_open_no_session(tmp_path: Path) -> None:
         assert await mcp.alive(await mcp.opened(ada), ada)
 
 
+async def test_token_that_is_too_long_is_refused_without_repeating_it(tmp_path: Path) -> None:
+    async with service(tmp_path) as mcp:
+        answer = await mcp.send(HELLO, "x" * 2001)
+        assert answer.status_code == 401
+        assert "xxxx" not in answer.text
+
+
 async def test_session_works_with_its_own_token_only(tmp_path: Path) -> None:
     async with service(tmp_path) as mcp:
         ada, eve = mcp.token("ada"), mcp.token("eve")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser
 from mcp.server.auth.provider import AccessToken
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
+from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -171,6 +172,8 @@ class SessionKeeper:
         try:
             async with asyncio.timeout(CHECK_SECONDS), self._checks, self._games.visit(caller):
                 return None
+        except ValidationError:  # Its text would repeat the token.
+            return invalid_token("the token is too long or not a token")
         except ProtocolError as error:
             if error.code.startswith("auth/"):
                 return invalid_token(error.message)
