@@ -41,8 +41,14 @@ def quoted(text: str) -> str:
     return printable_json(json.dumps(text, ensure_ascii=False))
 
 
-# The characters are those that OWASP lists for CSV injection.
-FORMULA = "\\A(?:[ \\t\\r\\n]*[=+\\-@\uff1d\uff0b\uff0d\uff20]|[\\t\\r\\n])"
+_BLANK = (
+    "\\x00-\\x20\\x7f-\u00a0\u00ad\u034f\u061c\u115f\u1160\u1680\u17b4\u17b5\u180b-\u180f"
+    "\u2000-\u200f\u2028-\u202f\u205f-\u206f\u2800\u3000\u3164\ufe00-\ufe0f\ufeff\uffa0\ufff0-\ufffb"
+    "\U000e0000-\U000e0fff"
+)
+"""Ranges of controls, spaces and characters without a width. Programs may trim or ignore them."""
+# The characters after them are those that OWASP lists for CSV injection.
+FORMULA = f"\\A(?:[{_BLANK}]*[=+\\-@\uff1d\uff0b\uff0d\uff20]|[\\t\\r\\n])"
 """Regular expression for texts that a spreadsheet may interpret as a formula."""
 
 
