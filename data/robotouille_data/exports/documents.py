@@ -10,7 +10,7 @@ import hashlib
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -21,7 +21,7 @@ from sqlalchemy.engine import Connection
 
 from robotouille.domain.files import whole_file
 from robotouille.installation import VERSION
-from robotouille.terminal import printable
+from robotouille.terminal import printable, printable_json
 from robotouille_data.database import CatalogueError, in_pieces
 from robotouille_data.exports.request import TABLES, About, ExportEntry, ExportFormat, ExportRequest
 from robotouille_data.schema import EPISODES, LABELS
@@ -147,6 +147,10 @@ LICENSES = (
 """SPDX identifiers of common licences for data."""
 OWN_LICENSE = re.compile(r"LicenseRef-[A-Za-z0-9.-]{1,48}")
 """Identifiers for licences that SPDX does not list."""
+MAX_LISTED = 50
+"""Tasks, labels and versions that the card lists. `export.json` has all."""
+MAX_SHOWN = 500
+"""Characters of a text from outside that the card shows."""
 DTYPES = {
     "biginteger": "int64",
     "integer": "int32",
@@ -305,8 +309,8 @@ def _features(entry: Mapping[str, Any]) -> Iterator[str]:
 
 def _contents(manifest: Mapping[str, Any], codebook: Mapping[str, Any]) -> str:
     counts = f"{manifest['episodes']:,} episodes, {manifest['seats']:,} seats, "
-    tasks = ", ".join(f"{_quoted(name)} ({count:,})" for name, count in manifest["tasks"].items())
-    labels = ", ".join(f"{_quoted(name)} ({n:,} values)" for name, n in manifest["labels"].items())
+    tasks = _listed(f"{_quoted(name)} ({count:,})" for name, count in manifest["tasks"].items())
+    labels = _listed(f"{_quoted(name)} ({n:,} values)" for name, n in manifest["labels"].items())
     lines = [
         f"{counts}{manifest['steps']:,} steps.",
         f"Tasks: {tasks}.",
@@ -343,7 +347,7 @@ def _parts(manifest: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _origin(manifest: Mapping[str, Any]) -> str:
-    versions = ", ".join(
+    versions = _listed(
         f"{name if PLAIN.fullmatch(name) else _quoted(name)} ({count:,})"
         for name, count in manifest["recorded_by"].items()
     )
@@ -392,8 +396,16 @@ def _people(manifest: Mapping[str, Any]) -> str:
 
 def _quoted(text: str) -> str:
     """Return outside text as inline code that cannot break a line, table or quotation."""
-    words = " ".join(text.split()).replace("`", "'").replace("|", "/")
-    return f"`{printable(words)}`"
+    words = " ".join(text[: MAX_SHOWN + 1].split()).replace("`", "'").replace("|", "/")
+    shown = words if len(text) <= MAX_SHOWN else f"{words[:MAX_SHOWN]}…"
+    return f"`{printable_json(shown)}`"
+
+
+def _listed(items: Iterable[str]) -> str:
+    """Return the first items, and how many more there are."""
+    every = list(items)
+    more = len(every) - MAX_LISTED
+    return ", ".join(every[:MAX_LISTED]) + (f" and {more:,} more" if more > 0 else "")
 
 
 def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -81,7 +81,21 @@ def test_rewriting_a_card_refuses_other_folders_and_licences(tmp_path: Path, wri
 def test_query_cannot_break_a_line_of_the_card(write: Write) -> None:
     folder = write(labels={"condition": "a"}, query="SELECT id\n---\n, '`| \x1b[2J' FROM episodes")
     card = (folder / "README.md").read_text()
-    assert "the query `SELECT id --- , ''/ \ufffd[2J' FROM episodes`" in card
+    assert "the query `SELECT id --- , ''/ \\u001b[2J' FROM episodes`" in card
+
+
+def test_card_shows_a_part_of_many_and_long_names(write: Write) -> None:
+    folder = write()
+    received = manifest(folder)
+    received["labels"] = {f"l{number}\u202e\u200b": 1 for number in range(1000)}
+    received["tasks"] = {"x" * 100_000: 1}
+    received["recorded_by"] = {f"{number}.0": 1 for number in range(60)}
+    (folder / "export.json").write_text(json.dumps(received))
+    card = rewrite_card(folder, {})
+    assert "`l49\\u202e\\u200b` (1 values) and 950 more." in card
+    assert f"Tasks: `{'x' * 500}…` (1)." in card
+    assert "49.0 (1) and 10 more, exported by" in card
+    assert card.replace("\n", "").isprintable()
 
 
 def test_unusual_version_is_quoted(write: Write) -> None:
@@ -90,4 +104,4 @@ def test_unusual_version_is_quoted(write: Write) -> None:
     received["recorded_by"] = {"1 <script>`|\n---\n# Mine\x1b": 1, "0.1.0+local": 2}
     (folder / "export.json").write_text(json.dumps(received))
     card = rewrite_card(folder, {})
-    assert "Recorded by Robotouille `1 <script>'/ --- # Mine\ufffd` (1), 0.1.0+local (2), " in card
+    assert "Recorded by Robotouille `1 <script>'/ --- # Mine\\u001b` (1), 0.1.0+local (2), " in card
