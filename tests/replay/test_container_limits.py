@@ -10,6 +10,7 @@ import pytest
 from robotouille import RecordingError
 from robotouille.replay import container
 from robotouille.replay.container import (
+    MAGIC,
     MAX_ENTRIES,
     MAX_FRAME,
     compress,
@@ -17,6 +18,7 @@ from robotouille.replay.container import (
     frames_with_ends,
     pack_frame,
     plain,
+    read_frames,
 )
 from robotouille.replay.recording import Recording, recording_of
 from tests.support.games import recorded_game
@@ -89,6 +91,30 @@ def test_recording_with_too_many_frames_is_refused_before_it_is_read(
         Recording(stream)
     with pytest.raises(RecordingError, match="more than 1,000 frames"):
         list(frames_with_ends(stream))
+
+
+def test_recording_with_too_many_notes_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    note = {"note": "quota", "t": 0, "player": "robot1"}
+    notes = pack_frame({"kind": "notes", "notes": [note] * 100})
+    monkeypatch.setattr(container, "MAX_NOTES", 1000 + Recording(BEGINNING).note_count)
+    assert Recording(BEGINNING + notes * 10).note_count == container.MAX_NOTES
+    stream = BEGINNING + notes * 11
+    with pytest.raises(RecordingError, match=r"more than 1,\d* notes"):
+        Recording(stream)
+    with pytest.raises(RecordingError, match=r"more than 1,\d* notes"):
+        list(frames_with_ends(stream))
+
+
+def test_recording_with_too_many_labels_is_refused() -> None:
+    head = next(read_frames(GAME))
+
+    def labelled(count: int) -> bytes:
+        labels = {f"label{number}": "x" for number in range(count)}
+        return MAGIC + pack_frame({**head, "labels": labels})
+
+    assert len(Recording(labelled(16)).header["labels"]) == 16
+    with pytest.raises(RecordingError, match=r"frame 0: header.labels: .* at most 16 items"):
+        Recording(labelled(17))
 
 
 def test_empty_notes_are_refused() -> None:

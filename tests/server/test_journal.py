@@ -49,7 +49,8 @@ async def test_seat_beyond_its_quota_is_notified_and_plays_on(
 
 
 @pytest.mark.parametrize(
-    ("limit", "most"), [("MAX_RECORDING_BYTES", 30_000), ("MAX_RECORDING_FRAMES", 60)]
+    ("limit", "most"),
+    [("MAX_RECORDING_BYTES", 30_000), ("MAX_RECORDING_FRAMES", 60), ("MAX_RECORDING_NOTES", 10)],
 )
 @virtual
 async def test_episode_ends_at_the_maximum_size(
@@ -72,15 +73,23 @@ async def test_episode_ends_at_the_maximum_size(
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "aborted"
     assert recording.outcome["detail"] == "the recording has reached its maximum size"
-    assert most < (recording.count if limit.endswith("FRAMES") else len(recording.stream))
+    reached = {
+        "MAX_RECORDING_BYTES": len(recording.stream),
+        "MAX_RECORDING_FRAMES": recording.count,
+        "MAX_RECORDING_NOTES": recording.note_count,
+    }
+    assert most < reached[limit]
     assert len(recording.stream) < 35_000
 
 
 def test_writers_limit_is_below_the_readers_limit() -> None:
-    from robotouille.replay.container import MAX_FILE, MAX_FRAMES
+    from robotouille.replay.container import MAX_FILE, MAX_FRAMES, MAX_NOTES
 
     most_seats = 16
     words = most_seats * quota.MAX_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES
     assert words < journal.MAX_RECORDING_BYTES
     assert journal.MAX_RECORDING_BYTES + 2**25 < MAX_FILE
     assert journal.MAX_RECORDING_FRAMES + 2**15 < MAX_FRAMES
+    assert journal.MAX_RECORDING_NOTES + 2**14 < MAX_NOTES
+    # One hostile participant cannot end the episode of the others.
+    assert 2 * quota.MAX_SEAT_BYTES / quota.NOTE_BYTES < journal.MAX_RECORDING_NOTES

@@ -21,6 +21,17 @@ MAX_RECORDING_BYTES = 192 * 1024 * 1024
 """Size at which an episode is ended, so that readers can always read its recording."""
 MAX_RECORDING_FRAMES = 1_200_000
 """Number of frames at which an episode is ended, for the same reason."""
+MAX_RECORDING_NOTES = 280_000
+"""Number of notes at which an episode is ended, for the same reason."""
+
+
+def is_full(size: int, recorder: Recorder) -> bool:
+    """Return whether a recording of this size must end, so that readers can read it."""
+    return (
+        size > MAX_RECORDING_BYTES
+        or recorder.frames > MAX_RECORDING_FRAMES
+        or recorder.notes > MAX_RECORDING_NOTES
+    )
 
 
 def name_in(head: dict[str, Any]) -> str:
@@ -106,7 +117,7 @@ class Journal:
     @property
     def full(self) -> bool:
         """True if the recording has reached its maximum size."""
-        return self.size > MAX_RECORDING_BYTES or self.recorder.frames > MAX_RECORDING_FRAMES
+        return is_full(self.size, self.recorder)
 
     @property
     def problem(self) -> str:

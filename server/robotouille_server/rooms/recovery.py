@@ -201,8 +201,8 @@ class Recovery(Generic[RoomT]):
             closed = close_recording(self._storage, name, file.read(), size)
             self.archive.add(closed)
             return False
-        frames = recording.count
-        recorder = Recorder(restored.episode.world, self._wall, self._now, frames)
+        counts = recording.count, recording.note_count
+        recorder = Recorder(restored.episode.world, self._wall, self._now, *counts)
         journal = Journal(self._storage, name, recorder, found=file, size=size)
         room = self._adopt(ArchivedEpisode(recording.header, restored, recorder, journal))
         for seat in restored.episode.seats.values():

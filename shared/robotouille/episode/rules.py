@@ -41,6 +41,8 @@ Substitute = Literal["planner", "random"]
 Countdown = Annotated[float, Field(ge=0, le=60)]
 OpenFor = Annotated[float, Field(ge=60, le=90 * 86_400)]
 # All phrases are in `rules`, which every snapshot sends.
+MAX_LABELS = 16
+"""Labels of an episode."""
 MAX_PHRASES = 32
 MAX_DELAY_MS = 10_000
 ShownKind = Literal["human", "bot", "model"]

@@ -11,7 +11,7 @@ from typing_extensions import TypedDict
 
 from robotouille.episode.events import Reason
 from robotouille.episode.lifecycle import Absence, Controller, PauseReason, Phase
-from robotouille.episode.rules import PRINTABLE, Chat, Clock
+from robotouille.episode.rules import MAX_LABELS, PRINTABLE, Chat, Clock
 from robotouille.world.unmet import Unmet, UnmetKind
 
 Identifier = Annotated[str, Field(min_length=1, max_length=64)]
@@ -27,7 +27,7 @@ Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
 LabelName = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
 LabelValue = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)]
-Labels = Annotated[dict[LabelName, LabelValue], Field(max_length=16)]
+Labels = Annotated[dict[LabelName, LabelValue], Field(max_length=MAX_LABELS)]
 """Labels that a study attaches to an episode, such as its condition, pair or round."""
 
 # A line end could forge a line of another participant, and a NUL cannot be stored in PostgreSQL.

@@ -41,6 +41,9 @@ MAX_FILE = 256 * 1024 * 1024
 MAX_FRAMES = 1_250_000
 """Frames of a recording: the longest game has a million steps. A few kilobytes of compressed
 recording can contain ten million frames, which take minutes to read."""
+MAX_NOTES = 300_000
+"""Notes of a recording. The quota of a seat is enough for 115,000 of the shortest ones. A few
+kilobytes of compressed frames can contain millions, which take minutes to read."""
 BLOCK = 4 * 1024
 """Bytes in a compressed block. A damaged block is lost as a whole, so blocks are small."""
 PIECE, PLAIN_PIECE = 16 * 1024, 1024 * 1024
@@ -334,7 +337,7 @@ def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
     """
     check_magic(stream)
     _check_number(stream)
-    position = len(MAGIC)
+    position, notes = len(MAGIC), 0
     while position < len(stream):
         end, fault = _end_of_frame(stream, position)
         if fault:
@@ -343,8 +346,18 @@ def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
             if _is_torn(stream, position):
                 return
             raise RecordingError(f"damaged at byte {position}: {fault}")
-        yield frame_value(stream, position, end), end
+        frame = frame_value(stream, position, end)
+        notes += notes_in(frame)
+        if notes > MAX_NOTES:
+            raise RecordingError(f"damaged: more than {MAX_NOTES:,} notes")
+        yield frame, end
         position = end
+
+
+def notes_in(frame: dict[str, Any]) -> int:
+    """Return the number of notes in a frame, which need not be valid."""
+    notes = frame.get("notes")
+    return len(notes) if isinstance(notes, list) else 0
 
 
 def frame_ends(stream: bytes, start: int = len(MAGIC)) -> Iterator[int]:

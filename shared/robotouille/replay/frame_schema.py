@@ -29,7 +29,7 @@ from robotouille.episode.events import (
     SeatChanged,
     Started,
 )
-from robotouille.episode.rules import SeatTreatment
+from robotouille.episode.rules import MAX_LABELS, SeatTreatment
 from robotouille.errors import RecordingError
 from robotouille.protocol.states import why_row
 from robotouille.world.grounding.actions import GroundAction
@@ -117,7 +117,7 @@ class Header(Frame):
     tables: Tables
     code: str = ""
     owner: str = ""
-    labels: dict[str, str] = {}
+    labels: Annotated[dict[str, str], Field(max_length=MAX_LABELS)] = {}
     treatments: dict[str, SeatTreatment] = {}
     open_until: int = 0
 

@@ -102,12 +102,14 @@ class Recorder:
         clock: Returns the seconds on a clock that is never set, as the caller of the episode reads
             them. None records none.
         frames: Number of frames in the file so far.
+        notes: Number of notes in the file so far.
     """
 
     world: World
     wall: Callable[[], float] | None = None
     clock: Callable[[], float] | None = None
     frames: int = 0
+    notes: int = 0
     writer: StateWriter = field(init=False)
 
     def __post_init__(self) -> None:
@@ -149,6 +151,7 @@ class Recorder:
                 continue
             else:
                 notes.append(note_of(event, self._times()))
+                self.notes += 1
                 continue
             if notes:
                 frames += _notes_frames(notes)

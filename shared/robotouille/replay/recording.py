@@ -20,6 +20,7 @@ from robotouille.replay.container import (
     frame_value,
     frames_with_ends,
     is_closed,
+    notes_in,
     pack_frame,
     plain,
 )
@@ -131,7 +132,7 @@ class Recording:
         check_magic(stream)
         self.header: dict[str, Any] = {}
         self.whole = 0
-        self.length = self.count = 0
+        self.length = self.count = self.note_count = 0
         self.outcome: dict[str, Any] | None = None
         self.damage = ""
 
@@ -150,6 +151,7 @@ class Recording:
             elif frame["kind"] == "footer":
                 self.outcome = frame["outcome"]
             self.whole, self.count = end, number + 1
+            self.note_count += notes_in(frame)
             yield self.length
         if not self.header:
             raise RecordingError(f"{self.source}: the header is missing")
