@@ -255,6 +255,30 @@ def test_slots_per_address_are_limited() -> None:
     assert [door.enters(guest(1)) for _ in range(2)] == [True, False]
 
 
+def network(number: int) -> Visitor:
+    """Return a visitor from a /64 network of one /48."""
+    return seen((f"2001:db8:1:{number:x}::1", 1, 0, 0))
+
+
+def test_slots_per_ipv6_site_are_limited() -> None:
+    """A household has many /64 networks, and a subject counts on its own."""
+    door = Door(2)
+    assert [door.enters(network(1)) for _ in range(3)] == [True, True, False]
+    assert sum(door.enters(network(number)) for number in range(2, 100)) == 30
+    assert not door.enters(network(100))
+    assert door.enters(network(100), "p-1")
+    assert door.enters(seen(("2001:db8:2::1", 1, 0, 0)))
+
+
+def test_silent_connections_per_ipv6_site_are_limited() -> None:
+    door = Door(1)
+    callers = [door.call(network(number), number) for number in range(17)]
+    assert door.sent_away == [0]
+    for caller in callers:
+        door.release(caller)
+    assert door.groups == 0
+
+
 def test_repeated_hello_takes_one_slot() -> None:
     """A `hello` that is refused for another reason, such as its name, may be sent again."""
     door = Door(2)

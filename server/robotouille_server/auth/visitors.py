@@ -1,7 +1,8 @@
 """Visitors: addresses of clients, allowed origins, and limits per address.
 
 All tables are bounded, and time is an argument. Limits count an IPv6 address as its /64 network,
-because one customer of a provider usually has that many addresses.
+because one customer of a provider usually has that many addresses. Many customers have a whole /56
+or /48, so connections have a second, larger limit per /48.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ PROXY_HEADERS = ("X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Forwarded-Host"
 MAX_HOPS = 32
 WRONG_CODES_A_MINUTE = 20
 UNKNOWN = "unknown"
+SITE_FACTOR = 16
+"""Limit of connections per IPv6 /48 network, as a multiple of that per address."""
 
 
 class TooManyConnectionsError(ProtocolError):
@@ -52,11 +55,13 @@ class Visitor:
         address: The trusted address of the client.
         local: True if the client is a program on this machine, and not behind a proxy on it.
         group: The name under which limits count the client.
+        site: The /48 network of an IPv6 address, or empty.
     """
 
     address: str
     local: bool
     group: str
+    site: str = ""
 
 
 # Settings
@@ -136,7 +141,7 @@ def visitor(peer: object, headers: Headers, proxies: Collection[Network] = ()) -
         if claimed is None:
             break
         address = claimed
-    return Visitor(str(address), local, _group(address))
+    return Visitor(str(address), local, _group(address), _site(address))
 
 
 def newcomer_group(peer: object, proxies: Collection[Network]) -> str:
@@ -183,6 +188,12 @@ def _group(address: Address) -> str:
         return str(address)
     # Limiting single IPv6 addresses would limit nobody: a customer can use 2 ** 64 of them.
     return str(ipaddress.ip_network((address, 64), strict=False))
+
+
+def _site(address: Address) -> str:
+    if isinstance(address, ipaddress.IPv4Address) or address.is_loopback:
+        return ""
+    return str(ipaddress.ip_network((address, 48), strict=False))
 
 
 def _names_this_machine(headers: Headers) -> bool:
@@ -235,7 +246,7 @@ def counted_as(who: Visitor, subject: str) -> Visitor:
 
     Otherwise, strangers behind the same address could use up the bearer's limits.
     """
-    return replace(who, group=f"subject {subject}") if subject else who
+    return replace(who, group=f"subject {subject}", site="") if subject else who
 
 
 @dataclass(eq=False, slots=True)
@@ -245,12 +256,12 @@ class CountedConnection:
     Attributes:
         who: Where the connection comes from.
         close: Closes the connection.
-        slot: The group whose slot the connection has; None while it is on probation.
+        slot: The visitor whose slot the connection has; None while it is on probation.
     """
 
     who: Visitor
     close: Callable[[], None]
-    slot: str | None = None
+    slot: Visitor | None = None
 
 
 class ConnectionLimiter:
@@ -258,7 +269,8 @@ class ConnectionLimiter:
 
     A connection is on probation until `hello`. Each address may have `limit` connections on
     probation; one more replaces the oldest. With `hello`, a connection takes one of the `limit`
-    slots of its address or, with a token, of its subject.
+    slots of its address or, with a token, of its subject. An IPv6 /48 network has `SITE_FACTOR`
+    times as many of both.
     """
 
     def __init__(self, limit: int) -> None:
@@ -270,14 +282,15 @@ class ConnectionLimiter:
         """Add a connection on probation, and close the oldest one if there are too many."""
         if connection.who.local:
             return
-        waiting = self._waiting.setdefault(connection.who.group, {})
-        waiting[connection] = None
-        if len(waiting) > self._limit:
-            # The oldest goes, not the newest: connections that never send `hello` must not lock out
-            # new clients of the same address.
-            oldest = next(iter(waiting))
-            del waiting[oldest]
-            oldest.close()
+        for name, limit in self._limits(connection.who):
+            waiting = self._waiting.setdefault(name, {})
+            waiting[connection] = None
+            if len(waiting) > limit:
+                # The oldest goes, not the newest: connections that never send `hello` must not lock
+                # out new clients of the same address.
+                oldest = next(iter(waiting))
+                self._leave_probation(oldest)
+                oldest.close()
 
     def admit(
         self,
@@ -296,33 +309,43 @@ class ConnectionLimiter:
         self.release(connection)
         # A returning client replaces its own connection, which the server may not know to be dead
         # yet. Without this, a client at the limit could not come back.
-        if instead_of is not None and instead_of.slot == who.group:
+        replaced = instead_of.slot if instead_of is not None else None
+        if instead_of is not None and replaced is not None and replaced.group == who.group:
             self.release(instead_of)
-        if self._slots[who.group] >= self._limit:
-            text = f"you have {self._limit} connections already; close one of them first"
-            raise TooManyConnectionsError("rate/connections", text)
-        self._slots[who.group] += 1
-        connection.slot = who.group
+        for name, limit in self._limits(who):
+            if self._slots[name] >= limit:
+                whose = f"your network {name} has" if name == who.site else "you have"
+                text = f"{whose} {limit} connections already; close one of them first"
+                raise TooManyConnectionsError("rate/connections", text)
+        self._slots.update(name for name, _ in self._limits(who))
+        connection.slot = who
 
     def release(self, connection: CountedConnection) -> None:
         """Free the slot of a connection that is closed or was replaced."""
         self._leave_probation(connection)
-        group, connection.slot = connection.slot, None
-        if group is not None:
-            self._slots[group] -= 1
-            if self._slots[group] <= 0:
-                del self._slots[group]
+        slot, connection.slot = connection.slot, None
+        if slot is not None:
+            for name, _ in self._limits(slot):
+                self._slots[name] -= 1
+                if self._slots[name] <= 0:
+                    del self._slots[name]
+
+    def _limits(self, who: Visitor) -> list[tuple[str, int]]:
+        """Return the names under which a visitor counts, each with its limit."""
+        limits = [(who.group, self._limit)]
+        return [*limits, (who.site, SITE_FACTOR * self._limit)] if who.site else limits
 
     def _leave_probation(self, connection: CountedConnection) -> None:
-        waiting = self._waiting.get(connection.who.group)
-        if waiting is not None:
-            waiting.pop(connection, None)
-            if not waiting:
-                del self._waiting[connection.who.group]
+        for name, _ in self._limits(connection.who):
+            waiting = self._waiting.get(name)
+            if waiting is not None:
+                waiting.pop(connection, None)
+                if not waiting:
+                    del self._waiting[name]
 
     @property
     def groups(self) -> int:
-        """Number of remembered groups; never more than there are connections."""
+        """Number of remembered groups; never more than two for each connection."""
         return len(self._waiting) + len(self._slots)
 
 
