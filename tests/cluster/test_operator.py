@@ -227,7 +227,9 @@ class TestEpisodes:
             await asyncio.sleep(2)  # The recording is stored.
             answer = await asked.post(f"{at.path}/pause")
             assert (answer.status_code, answer.json()["code"]) == (409, "episode/ended")
-            name = (await asked.get(at.path))["recording"]["name"]
+            seen = await asked.get(at.path)
+            assert seen["lines"][-1]["text"] == "ended, aborted: late"
+            name = seen["recording"]["name"]
             download = await asked.http.get(f"/api/recordings/{name}")
             assert download.content == (at.nodes[owner].folder / name).read_bytes()
             assert name in download.headers["content-disposition"]

@@ -1,6 +1,7 @@
 // The list of episodes.
 
 import { isPausedByOperator, pauseOrResume } from "./actions.js";
+import { nodeName } from "./nodes.js";
 import { Rows, button, bytes, countdown, h, latency, number, setAttribute, setText, taskTitle } from "./dom.js";
 
 const REASONS = {
@@ -105,6 +106,7 @@ function card(row, watch) {
   const traffic = h("span");
   const recording = h("span");
   const spectators = h("span");
+  const node = h("span", { class: "node" });
   const labels = h("ul", { class: "labels" });
   const labelRows = new Rows(labels, ([name]) => name, labelChip);
   let now = row;
@@ -114,7 +116,7 @@ function card(row, watch) {
     h("div", { class: "what" }, h("div", { class: "chips" }, parts.heading.code, parts.phase.root), parts.heading.title, parts.heading.about, labels),
     parts.progress.root,
     seats,
-    h("div", { class: "figures" }, traffic, spectators, recording),
+    h("div", { class: "figures" }, traffic, spectators, recording, node),
     h("div", { class: "actions" }, pauseButton, watchButton),
   );
   return {
@@ -126,6 +128,7 @@ function card(row, watch) {
       setText(traffic, `${number(next.rates.received)} in · ${number(next.rates.sent)} out msg/s`);
       setText(spectators, next.spectators ? `${next.spectators} watching` : "");
       setText(recording, recordingWords(next));
+      setText(node, next.node ? `on ${nodeName(next.node)}` : "");
       labelRows.update(Object.entries(next.labels));
       setAttribute(recording, "class", next.problem ? "bad" : "");
       pauseButton.hidden = next.phase === "ended";

@@ -4,6 +4,7 @@ import { announceToAll } from "./actions.js";
 import { follow, get } from "./api.js";
 import { setText } from "./dom.js";
 import { Episodes } from "./episodes.js";
+import { Nodes } from "./nodes.js";
 import { Recordings } from "./recordings.js";
 import { Totals } from "./totals.js";
 import { Watch } from "./watch.js";
@@ -21,6 +22,7 @@ const watch = new Watch($("watch"), (episode) => {
 });
 const show = (episode) => watch.show(episode);
 const totals = new Totals($("totals"), $("faults"), $("alerts"), show);
+const nodes = new Nodes($("nodes"));
 const episodes = new Episodes($("episodes"), show);
 const recordings = new Recordings($("recordings"));
 
@@ -44,6 +46,7 @@ function followOverview() {
     },
     received: (overview) => {
       totals.update(overview);
+      nodes.update(overview);
       $("announce").hidden = Boolean(overview.server.only);
       const counts = overview.totals.episodes;
       setText($("count-episodes"), counts.running + counts.paused + counts.waiting + counts.ended);

@@ -1,5 +1,6 @@
 // Figures of the server, problems and warnings.
 
+import { nodeName } from "./nodes.js";
 import { Rows, bytes, h, icon, number, setAttribute, setText, span, sparkline } from "./dom.js";
 
 function card(label, withLine = false) {
@@ -27,24 +28,25 @@ export class Totals {
       late: card("Step lateness, 99 %"),
     };
     root.append(...Object.values(this.cards).map((one) => one.root));
-    this.faults = new Rows(faults, (fault) => fault.episode + fault.text, (fault) => {
+    this.faults = new Rows(faults, (fault) => fault.node + fault.episode + fault.text, (fault) => {
       const words = h("span");
       const see = fault.episode
         ? h("button", { class: "button", onclick: () => watch(fault.episode) }, "Show")
         : null;
       return {
         root: h("p", {}, icon("warn"), words, see),
-        update: (now) => setText(words, now.code ? `${now.code}${others(now)}: ${now.text}` : now.text),
+        update: (now) => setText(words, [now.node && nodeName(now.node), now.code && `${now.code}${others(now)}`, now.text].filter(Boolean).join(": ")),
       };
     });
-    this.alerts = new Rows(alerts, (alert) => alert.kind, () => {
+    this.alerts = new Rows(alerts, (alert) => alert.node + alert.kind, () => {
       const words = h("span");
       const row = h("p", {}, icon("warn"), words);
       return {
         root: row,
         update: (now) => {
           setAttribute(row, "data-severity", now.severity);
-          setText(words, now.text.charAt(0).toUpperCase() + now.text.slice(1));
+          const text = now.text.charAt(0).toUpperCase() + now.text.slice(1);
+          setText(words, now.node ? `${nodeName(now.node)}: ${text}` : text);
         },
       };
     });

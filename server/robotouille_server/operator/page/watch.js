@@ -4,6 +4,7 @@ import { announce, end, kick, mute, pauseOrResume } from "./actions.js";
 import { download, follow } from "./api.js";
 import { toast } from "./dialogs.js";
 import { controllerWords, heading, phaseBadge, progress, recordingWords, updatePauseButton, stepWords } from "./episodes.js";
+import { nodeName } from "./nodes.js";
 import { Rows, button, bytes, h, icon, latency, setAttribute, setText } from "./dom.js";
 
 const traffic = (row) => (row.received_bytes ? `${bytes(row.received_bytes)} in` : "");
@@ -34,6 +35,11 @@ function person(row, remove, silence) {
       removeButton.hidden = muteButton.hidden = !next.session;
     },
   };
+}
+
+function emptyLog(row) {
+  if (!row.recording) return "Events are read from the recording, but this episode is not recorded.";
+  return row.node && row.phase !== "ended" ? "In a cluster, events are shown after the end." : "No events yet.";
 }
 
 function line(entry, number) {
@@ -82,6 +88,7 @@ export class Watch {
     this.logRows = new Rows(this.log, (entry) => entry.key, (entry) => line(entry, this.numberOf(entry.who)));
     this.text = h("pre", { class: "state", tabindex: "0" });
     this.problem = h("p", { class: "problem" });
+    this.node = h("p", { class: "about" });
     this.pauseButton = button("pause", "Pause", () => pauseOrResume(this.row));
     this.endButton = button("stop", "End", () => end(this.row), "danger");
     this.command = h("code");
@@ -92,7 +99,7 @@ export class Watch {
       h("div", { class: "head" },
         h("div", { class: "chips" }, this.heading.code, this.phase.root,
           button("away", "Close", () => this.show(""), "icon close")),
-        this.heading.title, this.heading.about, this.progress.root, this.problem,
+        this.heading.title, this.heading.about, this.node, this.progress.root, this.problem,
         h("div", { class: "actions" }, this.pauseButton, this.endButton)),
       h("h4", {}, "Seats and spectators"), this.people,
       h("h4", {}, "Events"), this.log, this.say,
@@ -129,6 +136,8 @@ export class Watch {
     for (const seat of row.seats) setAttribute(this.peopleRows.rows.get(seat.player).root, "data-number", this.numberOf(seat.player));
     this.updateLog(row);
     setText(this.text, row.text);
+    setText(this.node, row.node ? `on ${nodeName(row.node)}; other nodes' episodes are updated every second` : "");
+    this.node.hidden = !row.node;
     setText(this.problem, row.problem);
     this.problem.hidden = !row.problem;
     setText(this.command, row.watch);
@@ -136,7 +145,8 @@ export class Watch {
     this.pauseButton.hidden = this.endButton.hidden = this.say.hidden = ended;
     updatePauseButton(this.pauseButton, row);
     setText(this.recording, recordingWords({ ...row, problem: "" }));
-    this.save.hidden = !row.recording || (!ended && !row.recording.size);
+    // In a cluster, there is no file before the end.
+    this.save.hidden = !row.recording || (!ended && (!row.recording.size || Boolean(row.node)));
     if (row.recording) {
       setAttribute(this.save, "href", `api/recordings/${row.recording.name}`);
       setAttribute(this.save, "download", row.recording.name);
@@ -152,7 +162,7 @@ export class Watch {
       seen.set(plain, (seen.get(plain) ?? 0) + 1);
       return { ...entry, key: `${plain}${seen.get(plain)}` };
     }));
-    this.log.dataset.empty = row.recording ? "No events yet." : "Events are read from the recording, but this episode is not recorded.";
+    this.log.dataset.empty = emptyLog(row);
     this.log.classList.toggle("empty", row.lines.length === 0);
     if (atEnd) this.log.scrollTop = this.log.scrollHeight;
   }
