@@ -14,7 +14,7 @@ from robotouille.protocol import codec, messages
 from robotouille.replay import container
 from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
-from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
+from robotouille_server.auth.visitors import SITE_FACTOR, WRONG_CODES_A_MINUTE
 from robotouille_server.mqtt import stream
 from robotouille_server.mqtt.broker import MAX_WAITING_BYTES, MAX_WAITING_COMMANDS
 from robotouille_server.mqtt.commands import KEPT_REPLIES
@@ -31,7 +31,11 @@ from robotouille_server.rooms import archive
 from robotouille_server.rooms.audience import DELIVERY_SECONDS, MAX_STEP_BYTES, MAX_STEPS
 from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES
 from robotouille_server.rooms.episode_setup import MAX_FINISHED
-from robotouille_server.rooms.journal import MAX_RECORDING_BYTES, MAX_RECORDING_FRAMES
+from robotouille_server.rooms.journal import (
+    MAX_RECORDING_BYTES,
+    MAX_RECORDING_FRAMES,
+    MAX_RECORDING_NOTES,
+)
 from robotouille_server.rooms.lobby import LINGER_SECONDS
 from robotouille_server.rooms.publisher import ROSTER_SECONDS, WAITING_SECONDS
 from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
@@ -165,6 +169,9 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Connections per address without a token; an IPv6 /64 network counts as one "
               "address, this machine is not limited", "{max_connections_per_address}",
               "`hello` is answered with `bye` and status 1013.", "rate/connections"),
+        Limit("Connections per IPv6 /48 network without a token",
+              f"{SITE_FACTOR} times the limit per address", "`hello` is answered with `bye` and status 1013.",
+              "rate/connections"),
         Limit("Connections per token subject", "{max_connections_per_address}",
               "`hello` is answered with `bye` and status 1013.", "rate/connections"),
         Limit("Connections per address that have not sent `hello`",
@@ -274,6 +281,10 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Frames of a recording being written", f"{MAX_RECORDING_FRAMES:,}",
               "The episode ends with `aborted`."),
         Limit("Frames of a recording to read", f"{container.MAX_FRAMES:,}",
+              "The recording is not read."),
+        Limit("Notes of a recording being written", f"{MAX_RECORDING_NOTES:,}",
+              "The episode ends with `aborted`."),
+        Limit("Notes of a recording to read", f"{container.MAX_NOTES:,}",
               "The recording is not read."),
         Limit("Recording to read, uncompressed", _size(container.MAX_FILE),
               "The recording is not read."),
