@@ -24,8 +24,8 @@ from robotouille_server.cluster.bus import (
     Stored,
     UnavailableError,
 )
-from robotouille_server.rooms.journal import MAX_RECORDING_BYTES, MAX_RECORDING_FRAMES
 from robotouille_server.cluster.members import LEASE_SECONDS
+from robotouille_server.rooms.journal import is_full
 from robotouille_server.runtime.logs import get_logger
 
 MAX_PIECE = 512 * 1024
@@ -139,7 +139,7 @@ class ReplicatedJournal:
     @property
     def full(self) -> bool:
         """True if the recording has reached its maximum size."""
-        return self.size > MAX_RECORDING_BYTES or self.recorder.frames > MAX_RECORDING_FRAMES
+        return is_full(self.size, self.recorder)
 
     @property
     def waiting(self) -> int:
