@@ -1,4 +1,4 @@
-"""Which node has which episode."""
+"""Directory of the episodes of a cluster."""
 
 from __future__ import annotations
 

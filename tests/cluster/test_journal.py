@@ -195,7 +195,7 @@ class Course:
         self._heal()
         self.nats.quality = Quality()
         await asyncio.gather(*takeovers)
-        for writer in self.writers:  # Whoever has lost the journal learns it now at the latest.
+        for writer in self.writers:  # A writer that has lost the journal learns it here at the latest.
             writer.add()
         await asyncio.sleep(10)
         self._check()
@@ -324,7 +324,7 @@ def test_fault_of_a_journal_is_found(
 
 
 class Pair:
-    """Two nodes, of which the first writes."""
+    """Two nodes; the first one writes."""
 
     def __init__(self) -> None:
         self.nats = SimulatedNats()

@@ -1,4 +1,4 @@
-"""Which nodes count as alive, and which of them gets an episode."""
+"""Leases of nodes, and the division of episodes among them."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Simulated NATS, which delays, reorders, loses and repeats messages as a seed determines.
 
-The service runs on the loop of the test. What a node has sent arrives even if the node is killed
-meanwhile, and what the service sends arrives in the context of the node: a suspended process of
-`tests.programs.simulation.loop` receives it when it continues, and a dead one never.
+The service runs on the loop of the test. A message of a node arrives even if the node is killed in
+between. Messages of the service arrive in the context of the node: a suspended process of
+`tests.programs.simulation.loop` receives them when it continues, and a dead one never.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class SimulatedNats:
         quality: The quality of all connections.
         loop: The loop of the nodes; the running one by default.
         quorum: False while the service stores nothing.
-        storage: What the service stores.
+        storage: Journals, buckets and files.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What a simulated NATS stores: journals, buckets and files, without messages in between."""
+"""Storage of a simulated NATS: journals, buckets and files, without messages in between."""
 
 from __future__ import annotations
 
