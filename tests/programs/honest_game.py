@@ -41,7 +41,14 @@ class HonestGame:
 
     def _player(self, server: ServerProcess, name: str) -> ClientConnection:
         player = self._open.enter_context(
-            connect(server.url, subprotocols=[SUBPROTOCOL], compression=None, ssl=self._tls)
+            connect(
+                server.url,
+                subprotocols=[SUBPROTOCOL],
+                compression=None,
+                ssl=self._tls,
+                # No one reads between two runs, so the client would miss the answers to its pings.
+                ping_interval=None,
+            )
         )
         self._ask(player, {**HELLO, "name": name}, "welcome")
         return player

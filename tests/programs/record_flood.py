@@ -19,11 +19,11 @@ from tests.support.fuzzing.wire import TEXT, frame, request
 
 __all__ = ["RecordFlood"]
 
-AT_FIRST, AT_ONCE = 20_000, 2_000
+AT_FIRST, AT_ONCE = 6_000, 2_000
 """Records that a connection prepares before the flood, and later for each write."""
 CHUNK = 256 * 1024
 MESSAGE = b" " * 60_000
-"""Message that is still incomplete after all records prepared before the flood."""
+"""Message that is still incomplete after the records prepared before the flood."""
 
 
 class _Connection:
