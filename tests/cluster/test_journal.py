@@ -195,7 +195,8 @@ class Course:
         self._heal()
         self.nats.quality = Quality()
         await asyncio.gather(*takeovers)
-        for writer in self.writers:  # A writer that has lost the journal learns it here at the latest.
+        # A writer that has lost the journal learns it here at the latest.
+        for writer in self.writers:
             writer.add()
         await asyncio.sleep(10)
         self._check()
