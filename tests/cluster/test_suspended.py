@@ -13,6 +13,9 @@ from robotouille.replay.recorder import Recorder
 from robotouille_client import connect
 from robotouille_server.cluster.bus import Append, BusError, Stored
 from robotouille_server.cluster.journal import JournalKeeper, ReplicatedJournal
+from robotouille_server.rooms.publisher import SpectatorRosters
+from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.runtime.timer_queue import TimerQueue
 from tests.support.clusters import cluster_of
 from tests.support.virtual_time import virtual
 
@@ -87,3 +90,33 @@ async def test_an_answer_from_before_a_suspension_publishes_nothing(
         assert (again.data, again.expected) == (b"", 1)
         done(2)
         assert changes == [True]
+
+
+class OwnershipLog:
+    """Recording that is written at once, but whose owner may have changed."""
+
+    waiting, problem = 0, ""
+
+    def __init__(self, owned: bool) -> None:
+        self.owned = owned
+
+    def add(self, events: object) -> None:
+        raise AssertionError(events)
+
+    def write(self) -> bool:
+        return True
+
+    def check_ownership(self) -> bool:
+        return self.owned
+
+
+@virtual
+@pytest.mark.parametrize("owned", [True, False])
+async def test_a_roster_waits_until_the_node_knows_that_it_owns_the_episode(owned: bool) -> None:
+    gate, rosters = CommitGate(OwnershipLog(owned)), list[str]()
+    spectators = SpectatorRosters(TimerQueue(), gate, lambda: rosters.append("roster"))
+    spectators.changed()
+    await asyncio.sleep(1)
+    assert rosters == (["roster"] if owned else [])
+    gate.release()
+    assert rosters == ["roster"]

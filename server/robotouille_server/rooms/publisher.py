@@ -146,7 +146,8 @@ class SpectatorRosters:
         elif self._wanted:
             self._wanted = False
             self._rested_at = max(due, self._timers.time()) + ROSTER_SECONDS
-            self._publish()
+            # Another node may have the episode, if this process was suspended.
+            self._gate.when_committed(self, self._publish)
 
 
 ABANDONED = (
