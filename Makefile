@@ -55,6 +55,7 @@ nightly: $(STAMP)  ## Run drills, many seeds, hostile inputs and floods: hours; 
 	$(BIN)/python -m tests.programs.simulation --seeds $(SEEDS)
 	$(BIN)/python -m tests.programs.simulation --day
 	$(BIN)/python -m tests.programs.drill
+	$(BIN)/python -m tests.programs.cluster_drill all
 	$(BIN)/python -m tests.programs.hostile --count $(HOSTILE)
 	$(BIN)/python -m tests.programs.floods
 	$(BIN)/python -m tests.programs.every_bit

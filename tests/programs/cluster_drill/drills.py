@@ -25,7 +25,7 @@ LONG = {
     "rolling": Plan(games=300, mix="steady"),
     THROUGHPUT: Plan(games=30),
 }
-SHORT = Plan(games=10, away=6.0, rounds=2, steps=(40, 120), patience=60.0)
+SHORT = Plan(games=10, away=6.0, rounds=2, steps=(40, 120), patience=60.0, timed=False)
 SHORT_THROUGHPUT = Plan(games=4, away=4.0)
 
 Adapt = Callable[[Plan], Plan]

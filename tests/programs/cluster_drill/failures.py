@@ -17,13 +17,15 @@ __all__ = ["kill", "nats", "partition", "stop"]
 
 TAKEOVER_SECONDS = 20.0
 AFTER_SECONDS = 4.0
-"""Seconds to observe a node that continues."""
+"""Longest time to observe a node that continues."""
 LISTENERS = 10
 WITHOUT_QUORUM = 5.0
 CUT_OFF = (
     "recording failed",
     "connection to NATS lost",
     "the node's report was not stored",
+    "the cluster's buckets cannot be used",
+    "this node is cut off from NATS, and other nodes take its episodes over",
 )
 
 
@@ -58,7 +60,7 @@ async def stop(stage: Stage) -> None:
         stage.row("its players who acted meanwhile", f"{acted} of {len(players)}")
         continued = time.monotonic()
         node.process.send(signal.SIGCONT)
-        await asyncio.sleep(AFTER_SECONDS)
+        await asyncio.sleep(min(AFTER_SECONDS, stage.plan.away / 2))
         _only_farewells(stage, listeners, dict.fromkeys(lost, continued))
     await stage.act_again("stop → its players act again", players, begun, bound=False)
 
@@ -90,7 +92,7 @@ async def _partition(stage: Stage, nats: bool, clients: bool) -> None:
         healed = time.monotonic()
         for link in links:
             link.heal()
-        await asyncio.sleep(AFTER_SECONDS)
+        await asyncio.sleep(min(AFTER_SECONDS, stage.plan.away / 2))
         taken = stage.observer.taken_over_at(lost, begun)
         if nats and not clients:
             _only_farewells(stage, listeners, taken)
@@ -137,7 +139,7 @@ async def nats(stage: Stage) -> None:
     await servers.ready()
     stage.row("NATS started → ready", spread([time.monotonic() - begun]))
     await stage.act_again("NATS started → players act", players, begun)
-    await asyncio.sleep(AFTER_SECONDS)
+    await asyncio.sleep(min(AFTER_SECONDS, stage.plan.away / 2))
     after = stage.observer.records
     moved = [n for n, node in before.items() if n in after and after[n].node != node]
     if moved:

@@ -95,7 +95,7 @@ class Crowd:
         self._arguments += ["--mix", mix]
         self._processes: list[asyncio.subprocess.Process] = []
         self._readers: list[asyncio.Task[None]] = []
-        self._finishing = False
+        self._finishing = self._stopping = False
 
     async def start(self, slots: int, processes: int, windows: int) -> None:
         """Start episodes in all slots, divided among processes, and start the windows."""
@@ -146,6 +146,7 @@ class Crowd:
 
     async def stop(self) -> None:
         """Kill the processes and their children."""
+        self._stopping = True
         for process in self._processes:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
@@ -193,7 +194,7 @@ class Crowd:
                 log.write(line)
                 self._heed(json.loads(line))
         status = await process.wait()
-        if status != 0:
+        if status != 0 and not self._stopping:
             self.faults.append(f"a bot process ended with status {status}")
 
     def _heed(self, row: dict[str, Any]) -> None:
