@@ -79,7 +79,9 @@ class Answering:
         try:
             await self._node.bus.answer(f"operator.{self._node.name}", self.answer)
         except BusError as error:
-            get_logger().error("other nodes cannot show this one's episodes", error=str(error))
+            get_logger().error(
+                "other nodes cannot show the episodes of this node", error=str(error)
+            )
         self._tell(url)
         try:
             yield

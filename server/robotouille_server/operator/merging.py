@@ -75,7 +75,7 @@ def merged(
 
     Args:
         own: The overview of the node that was asked.
-        others: Those of the nodes that have answered.
+        others: The overviews of the nodes that have answered.
         rows: The episodes to show, those of one node after those of another.
         nodes: The nodes.
     """
@@ -117,7 +117,7 @@ def _sum(values: Iterable[float]) -> float:
 
 
 def _added_histories(histories: Iterable[list[float]]) -> list[float]:
-    """Add histories of which each ends now."""
+    """Add histories that all end now."""
     newest_first = zip_longest(*(reversed(history) for history in histories), fillvalue=0.0)
     return [_sum(values) for values in newest_first][::-1]
 

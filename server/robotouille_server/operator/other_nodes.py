@@ -55,7 +55,7 @@ class EpisodeElsewhereError(RequestRefusedError):
 
 @dataclass(frozen=True, slots=True)
 class OverviewQuery:
-    """Which episodes an overview contains."""
+    """Selection of episodes for an overview."""
 
     phase: str = ""
     search: str = ""

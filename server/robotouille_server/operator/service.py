@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import copy
-from collections import Counter, OrderedDict
-from collections.abc import AsyncIterator, Awaitable, Callable, Container, Iterable
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from functools import partial
 from http import HTTPStatus
 from operator import itemgetter
 
 from robotouille.episode import Phase
-from robotouille.errors import ProtocolError, RecordingError
+from robotouille.errors import ProtocolError
 from robotouille.installation import VERSION
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
@@ -24,7 +23,6 @@ from robotouille_server.operator.models import (
     Done,
     EpisodeCounts,
     EpisodeDetail,
-    LogLine,
     NodeOverview,
     Overview,
     RecordingFault,
@@ -40,13 +38,12 @@ from robotouille_server.operator.other_nodes import (
 )
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.operator.recordings import (
-    NewFrames,
     NoRecordings,
     ReadableStorage,
     RecordingStore,
-    Transcript,
     pieces,
 )
+from robotouille_server.operator.room_transcripts import RoomTranscript, RoomTranscripts
 from robotouille_server.operator.rows import (
     MetricsHistory,
     RoomRows,
@@ -62,9 +59,8 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 
 MAX_UNRESTORED = 20
-MAX_TRANSCRIPTS = 256
 WATCH_SECONDS = 0.25
-"""Seconds between two looks at an episode that somebody watches."""
+"""Seconds between two looks at a watched episode."""
 OTHER_NODE_SECONDS = 1.0
 """The same for an episode of another node."""
 RETRY_SECONDS = 1
@@ -378,7 +374,7 @@ class OperatorService:
             watch = self.watch(name)
         except EpisodeElsewhereError:
             return partial(self._detail_anywhere, name), OTHER_NODE_SECONDS
-        # In a cluster, the episode may move to another node meanwhile.
+        # In a cluster, the episode may move to another node between two reads.
         read = watch.detail if self.others is None else partial(self._detail_anywhere, name)
         return read, WATCH_SECONDS
 
@@ -406,74 +402,6 @@ class EpisodeWatch:
         """Return the episode as it is now."""
         await self._transcript.catch_up()
         return self._rows.detail(self._room, self._now(), self._transcript.lines)
-
-
-class RoomTranscript:
-    """Recent events of one room's recording, shared by everyone who watches the room."""
-
-    def __init__(self, room: Room, storage: ReadableStorage, jobs: HeavyJobs) -> None:
-        self._room = room
-        self._storage = storage
-        self._jobs = jobs
-        self._transcript = Transcript(lambda row: room.world.action(*row).sentence)
-        self._read = ("", 0)
-        self._reading = asyncio.Lock()
-
-    @property
-    def lines(self) -> Iterable[LogLine]:
-        """Lines for the events, oldest first."""
-        return self._transcript.lines
-
-    async def catch_up(self) -> None:
-        """Read the new frames of the recording.
-
-        If the recording cannot be read, the lines stay as they are. The room reports the problem.
-
-        Raises:
-            RequestRefusedError: There are no lines yet, and too many other jobs wait.
-        """
-        async with self._reading:
-            room = self._room
-            name, size = recording_name(room), room.journal.size if room.journal is not None else 0
-            if not name or (name, size) == self._read:
-                return
-            try:
-                new = await self._jobs.run(self._new_frames, name)
-            except (OSError, RecordingError) as error:
-                get_logger().debug("recording not read", file=name, error=str(error))
-                return
-            except RequestRefusedError:
-                if not self._read[0]:
-                    raise
-                return
-            self._transcript.add(new)
-            self._read = name, size
-
-    def _new_frames(self, name: str) -> NewFrames:
-        with self._storage.open(name) as file:
-            return self._transcript.new_frames(file)
-
-
-class RoomTranscripts:
-    """Transcripts of the rooms that were watched last."""
-
-    def __init__(self, storage: ReadableStorage, jobs: HeavyJobs) -> None:
-        self._storage = storage
-        self._jobs = jobs
-        self._kept: OrderedDict[str, RoomTranscript] = OrderedDict()
-
-    def of(self, room: Room) -> RoomTranscript:
-        """Return the transcript of a room."""
-        found = self._kept.pop(room.id, None) or RoomTranscript(room, self._storage, self._jobs)
-        self._kept[room.id] = found
-        if len(self._kept) > MAX_TRANSCRIPTS:
-            self._kept.popitem(last=False)
-        return found
-
-    def forget(self, rooms: Container[str]) -> None:
-        """Forget the rooms that no longer exist; `rooms` contains those that do."""
-        for gone in [name for name in self._kept if name not in rooms]:
-            del self._kept[gone]
 
 
 def _moving(message: str) -> RequestRefusedError:
