@@ -16,7 +16,13 @@ from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
 from robotouille_server.auth.visitors import SITE_FACTOR, WRONG_CODES_A_MINUTE
 from robotouille_server.mqtt import stream
-from robotouille_server.mqtt.broker import MAX_WAITING_BYTES, MAX_WAITING_COMMANDS
+from robotouille_server.mqtt.client import (
+    COMMANDS_READ_A_SECOND,
+    MAX_CONTROL_BYTES,
+    MAX_UNSENT_PACKETS,
+    MAX_WAITING_COMMANDS,
+    PACKETS_A_SECOND,
+)
 from robotouille_server.mqtt.commands import KEPT_REPLIES
 from robotouille_server.mqtt.limits import (
     BRIEF_A_SECOND,
@@ -24,7 +30,12 @@ from robotouille_server.mqtt.limits import (
     COMMANDS_A_SECOND,
     COMMANDS_BURST,
 )
-from robotouille_server.mqtt.messages import MAX_OPENED, MAX_PACKET_BYTES, MAX_WATCH_SECONDS
+from robotouille_server.mqtt.messages import (
+    MAX_OPENED,
+    MAX_PACKET_BYTES,
+    MAX_PROPERTY_BYTES,
+    MAX_WATCH_SECONDS,
+)
 from robotouille_server.operator import connections, event_streams, load, recordings
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
 from robotouille_server.rooms import archive
@@ -114,6 +125,8 @@ INVALID = "message/invalid-field"
 REFUSED = "The message is refused."
 CREATE = "`create` is refused."
 CUT = "The server closes the connection."
+MQTT_CUT = "The server closes the connection and connects again later."
+DROPPED = "The command is dropped."
 NO_START = "The server does not start."
 NOT_SHOWN = "The client learns only that the episode ended."
 
@@ -336,11 +349,17 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     "MQTT": (
         Limit("Size of a command", _size(codec.MAX_CLIENT_BYTES), "The command is refused.",
               "message/too-large"),
-        Limit("Size of a packet from the broker", _size(MAX_PACKET_BYTES),
-              "The broker does not deliver the packet. If it does, the server closes the "
+        Limit("Command with its topic and properties", _size(MAX_PACKET_BYTES),
+              "The broker does not deliver the command. If it does, the server closes the "
               "connection."),
-        Limit("Received commands that wait", f"{MAX_WAITING_COMMANDS}, with up to "
-              f"{_size(MAX_WAITING_BYTES)}", "Further commands are dropped."),
+        Limit("Properties of a command", _size(MAX_PROPERTY_BYTES), DROPPED),
+        Limit("Commands that the server reads", f"{COMMANDS_READ_A_SECOND:,.0f} a second", DROPPED),
+        Limit("Received commands that wait", f"{MAX_WAITING_COMMANDS}", DROPPED + " From half of "
+              "this number on, commands without a valid token are dropped."),
+        Limit("Packets from the broker, except acknowledgements; each 8 KiB count as a packet",
+              f"{PACKETS_A_SECOND:,.0f} a second", MQTT_CUT),
+        Limit("Other packets from the broker", _size(MAX_CONTROL_BYTES), MQTT_CUT),
+        Limit("Packets that the broker does not read", f"{MAX_UNSENT_PACKETS:,}", MQTT_CUT),
         Limit("Accepted commands of all senders", f"{COMMANDS_A_SECOND:g} a second, bursts of "
               f"{COMMANDS_BURST:g}", "The command is refused.", "rate/limited"),
         Limit("Commands refused with the reason", f"{COMMANDS_A_SECOND:g} a second, bursts of "

@@ -8,21 +8,14 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-import aiomqtt
 import pytest
 
 from robotouille.errors import RobotouilleError
 from robotouille_server import ServerSettings
-from robotouille_server.mqtt import broker as broker_module
-from robotouille_server.mqtt.broker import (
-    MAX_WAITING_BYTES,
-    MAX_WAITING_COMMANDS,
-    BrokerAddress,
-    server_name,
-)
-from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
+from robotouille_server.mqtt.broker import BrokerAddress, server_name
 from robotouille_server.mqtt.service import on_broker
 from robotouille_server.runtime.workers import WorkerSlot
+from tests.mqtt.lying import CONNACK
 from tests.support.operator import table
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual
@@ -104,7 +97,6 @@ def test_names_that_are_invalid_in_topics_are_refused(name: str) -> None:
         server_name(ServerSettings(mqtt_name=name), WorkerSlot(), 8765)
 
 
-CONNACK = bytes([0x20, 3, 0, 0, 0])
 REFUSED = bytes([0x20, 3, 0, 0x86, 0])
 """Bad user name or password."""
 
@@ -182,90 +174,3 @@ async def test_server_starts_and_stops_without_a_broker(tmp_path: Path) -> None:
     async with serving(tmp_path, mqtt="mqtt://127.0.0.1:1") as server, on_broker(server):
         async with table(server) as play:
             await play.until(lambda game: game.step >= 10)
-
-
-def packet(first: int, body: bytes) -> bytes:
-    """Return an MQTT packet with an honest length."""
-    assert len(body) < 128
-    return bytes([first, len(body)]) + body
-
-
-async def received(reader: asyncio.StreamReader) -> tuple[int, bytes]:
-    """Return the first byte and the body of the client's next packet."""
-    first, length, shift = (await reader.readexactly(1))[0], 0, 0
-    while (byte := (await reader.readexactly(1))[0]) >= 128:
-        length, shift = length | (byte & 127) << shift, shift + 7
-    return first, await reader.readexactly(length | byte << shift)
-
-
-TOO_LONG = bytes([0x30, 0xFF, 0xFF, 0xFF, 0x7F]) + b"\0\1t\0"
-"""Beginning of a message of 256 MiB."""
-EXACTLY_ONCE = packet(0x34, b"\0\1t\0\1\0" + bytes(100))
-"""Message of QoS 2."""
-
-
-class LyingBroker:
-    """Broker that works until the server is online, and then sends `lie` and `more` without end.
-
-    `sent` counts the bytes of each connection after the lie.
-    """
-
-    def __init__(self, lie: bytes, more: bytes) -> None:
-        self.lie = lie
-        self.more = more
-        self.sent: list[int] = []
-
-    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        try:
-            await received(reader)
-            writer.write(CONNACK)
-            _, subscribe = await received(reader)
-            writer.write(packet(0x90, subscribe[:2] + b"\0\1"))
-            _, presence = await received(reader)
-            number = 2 + int.from_bytes(presence[:2], "big")
-            writer.write(packet(0x40, presence[number : number + 2]))
-            writer.write(self.lie)
-            await self.pour(writer)
-        except (ConnectionError, asyncio.IncompleteReadError):
-            pass
-        finally:
-            writer.close()
-
-    async def pour(self, writer: asyncio.StreamWriter) -> None:
-        self.sent.append(0)
-        while not writer.is_closing():
-            writer.write(self.more)
-            self.sent[-1] += len(self.more)
-            await writer.drain()
-            await asyncio.sleep(0.01)
-
-
-@pytest.mark.parametrize(
-    ("lie", "more"),
-    [(TOO_LONG, bytes(65_536)), (b"", 600 * EXACTLY_ONCE)],
-    ids=["too long", "QoS 2"],
-)
-@virtual
-async def test_broker_that_ignores_the_limits_is_cut_off(
-    tmp_path: Path, lie: bytes, more: bytes
-) -> None:
-    broker = LyingBroker(lie, more)
-    listening = await asyncio.start_server(broker.serve, "127.0.0.1", 0)
-    url = f"mqtt://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
-    async with listening, serving(tmp_path, mqtt=url, mqtt_name="lab") as server:
-        async with on_broker(server), asyncio.timeout(60):
-            while len(broker.sent) < 3:
-                await asyncio.sleep(0.1)
-        assert max(broker.sent[:2]) < 4 * 1024 * 1024
-
-
-@virtual
-async def test_waiting_commands_are_bounded_in_bytes() -> None:
-    waiting = broker_module._CommandQueue(maxsize=MAX_WAITING_COMMANDS)
-    command = aiomqtt.Message("commands", bytes(MAX_PACKET_BYTES), 1, False, 0, None)
-    while not waiting.full():
-        waiting.put_nowait(command)
-    assert waiting.qsize() * MAX_PACKET_BYTES == MAX_WAITING_BYTES
-    waiting.get_nowait()
-    waiting.put_nowait(command)
-    assert waiting.full()

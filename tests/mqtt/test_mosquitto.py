@@ -17,6 +17,7 @@ from typing import Any
 import aiomqtt
 import pytest
 import trustme
+from paho.mqtt.properties import VariableByteIntegers
 
 from robotouille.protocol.messages import Create
 from robotouille_client import connect
@@ -25,6 +26,7 @@ from robotouille_server.auth import Role
 from robotouille_server.mqtt import service as service_module
 from robotouille_server.mqtt.messages import LifecycleEvent
 from robotouille_server.mqtt.service import on_broker
+from tests.mqtt.lying import packet, text
 from tests.support.brokers import Mosquitto, missing, mosquitto, role_token
 from tests.support.pages import DOCS
 from tests.support.processes import started
@@ -191,6 +193,28 @@ async def test_refused_commands_do_not_displace_valid_ones(
         answers = [each for each in subscriber.on("answers") if not each["ok"]]
         assert [each["ref"] for each in answers] == [f"x{number}" for number in range(80)]
         assert not any("subject" in each for each in answers)
+
+
+async def test_commands_with_many_properties_are_dropped_and_retained_ones_not_delivered(
+    tmp_path: Path, broker: Mosquitto
+) -> None:
+    # paho would read them for half a second, and the retained ones at each connection.
+    topic, many = text(f"{LAB}/commands"), b"\x26\0\0\0\0" * 10_000
+    size: bytes = VariableByteIntegers.encode(len(many))  # type: ignore[no-untyped-call]
+    opening = packet(0x10, text("MQTT") + b"\5\2\0\x3c\0" + text("flood"))
+    async with on_mosquitto(tmp_path / "r", broker) as server, subscribed(broker) as subscriber:
+        await reached(lambda: server.metrics.mqtt_connected)
+        reader, writer = await asyncio.open_connection("127.0.0.1", broker.port)
+        writer.write(opening + packet(0x33, topic + b"\0\1" + size + many + b"{}"))
+        await reader.readuntil(b"\x40\x02\0\1")  # Acknowledged, so it is retained.
+        writer.close()
+        listed = await subscriber.ask(type="list", ref="l", token=role_token(server))
+        assert listed["ok"]
+        assert server.metrics.mqtt_dropped_commands == 1
+    async with on_mosquitto(tmp_path / "r", broker) as server, subscribed(broker) as subscriber:
+        await reached(lambda: server.metrics.mqtt_connected)
+        assert (await subscriber.ask(type="list", ref="m", token=role_token(server)))["ok"]
+        assert server.metrics.mqtt_dropped_commands == 0
 
 
 async def test_documented_access_list_restricts_users(tmp_path: Path) -> None:

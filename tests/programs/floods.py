@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -35,6 +35,7 @@ from websockets.sync.client import connect
 from robotouille_server.auth import Role, Tokens
 from robotouille_server.auth.keys import FileKeyring
 from tests.programs.audience_flood import AudienceFlood
+from tests.programs.broker_flood import flooding_broker
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
 from tests.programs.record_flood import RecordFlood
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
@@ -89,8 +90,8 @@ class Flood:
     spectators ask for snapshots. With `elsewhere`, its connections are remote; new clients are then
     remote too and have a token. `rooms` is the number of other episodes on the server. With `page`,
     each connection requests this page again and again. With `records`, the server uses TLS, and the
-    connections send each byte in a record of its own. `max_growth` is the limit for the server's
-    memory.
+    connections send each byte in a record of its own. With `broker`, the flood comes from the MQTT
+    broker, during the whole measurement. `max_growth` is the limit for the server's memory.
     """
 
     what: str
@@ -104,6 +105,7 @@ class Flood:
     resyncs: bool = False
     page: str = ""
     records: bool = False
+    broker: bool = False
     elsewhere: bool = False
     rooms: int = 0
     connections: int = 4
@@ -166,6 +168,7 @@ FLOODS = {
         # A TLS connection takes 280 KiB. Closed ones wait for the garbage collector.
         max_growth=2 * MAX_GROWTH,
     ),
+    "broker": Flood("packets of an MQTT broker in shifted TLS records", broker=True),
     "acts": Flood(
         "actions of spectators, from 60 connections",
         lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
@@ -278,7 +281,7 @@ def attack(name: str, port: int, code: str) -> None:
     )
     records = RecordFlood(port, flood.connections) if flood.records else None
     print(READY, end="", flush=True)
-    if name == "none":
+    if name == "none" or flood.broker:
         time.sleep(3600)
     if rooms is not None:
         rooms.run()
@@ -347,8 +350,11 @@ class Result:
 def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Result:
     """Run one flood against its own server, whose soft limit of descriptors may be set."""
     _limit_descriptors(descriptors)
-    with tempfile.TemporaryDirectory(prefix="robotouille-flood-") as folder:
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="robotouille-flood-"))
         flags, tls = _tls(Path(folder)) if FLOODS[name].records else ((), None)
+        if FLOODS[name].broker:
+            flags = _broker(Path(folder), stack)
         with server_process(Path(folder), *FLAGS, *flags) as server:
             process = psutil.Process(server.process.pid)
             game = HonestGame(server, FLOODS[name].rooms, tls)
@@ -393,6 +399,15 @@ def _tls(folder: Path) -> tuple[tuple[str, ...], ssl.SSLContext]:
     issued.private_key_and_cert_chain_pem.write_to_path(pem)
     pem.chmod(0o600)
     return ("--tls-cert", str(pem), "--tls-key", str(pem)), trusting
+
+
+def _broker(folder: Path, stack: ExitStack) -> tuple[str, ...]:
+    """Start the flooding broker; return the server's flags."""
+    authority, pem, ca = trustme.CA(), folder / "broker.pem", folder / "ca.pem"
+    authority.cert_pem.write_to_path(ca)
+    authority.issue_cert("127.0.0.1").private_key_and_cert_chain_pem.write_to_path(pem)
+    url = stack.enter_context(flooding_broker(pem))
+    return ("--mqtt", url, "--mqtt-ca", str(ca), "--mqtt-name", "flood")
 
 
 def _admitted(server: ServerProcess, elsewhere: bool, tls: ssl.SSLContext | None) -> bool:

@@ -19,6 +19,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
 import aiomqtt
+from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from robotouille_server import Server
 from robotouille_server.auth import Role
@@ -103,8 +104,9 @@ class FakeClient:
         self._broker = broker
         self._subscribed = False
 
-    async def subscribe(self, topic: str, qos: int) -> None:
-        assert (topic, qos) == ("robotouille/v1/lab/commands", 1)
+    async def subscribe(self, topic: str, options: SubscribeOptions) -> None:
+        assert (topic, options.QoS) == ("robotouille/v1/lab/commands", 1)
+        assert options.retainHandling == SubscribeOptions.RETAIN_DO_NOT_SEND
         self._subscribed = True
 
     async def publish(

@@ -21,8 +21,9 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from robotouille.errors import RobotouilleError
 from robotouille_server.auth import read_private
+from robotouille_server.mqtt.client import BoundedClient
 from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
-from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
 
@@ -36,10 +37,6 @@ ANSWER_SECONDS = 5.0
 CONNECT_SECONDS = 3.0
 KEEPALIVE_SECONDS = 15
 """The broker publishes the will after 1.5 times this period without data."""
-MAX_WAITING_COMMANDS = 100
-"""aiomqtt drops further commands."""
-MAX_WAITING_BYTES = 4 * MAX_PACKET_BYTES
-"""Bytes of waiting commands. aiomqtt drops further commands."""
 SESSION_SECONDS = 1
 """Time for which the broker keeps the session of a lost connection.
 
@@ -150,21 +147,31 @@ def server_name(settings: ServerSettings, worker: WorkerSlot, port: int) -> str:
     return f"{name}-w{worker.index}" if worker.count > 1 else name
 
 
-def broker_connection(address: BrokerAddress, name: str, will: tuple[str, bytes]) -> Connect:
+def broker_connection(
+    address: BrokerAddress,
+    name: str,
+    will: tuple[str, bytes],
+    metrics: Metrics,
+    authorized: Callable[[bytes], bool],
+) -> Connect:
     """Return a function that opens a connection to a broker.
 
     Args:
         address: The broker.
         name: The server's name. The broker closes older connections with the same name.
         will: The topic and payload that the broker publishes when the connection is lost.
+        metrics: Counts dropped commands.
+        authorized: Returns whether a command contains a valid token.
     """
 
     @asynccontextmanager
     async def connect(owns_name: bool) -> AsyncIterator[aiomqtt.Client]:
         identifier = f"robotouille-{name}"
-        client = aiomqtt.Client(
-            address.host,
-            address.port,
+        client = BoundedClient(
+            metrics=metrics,
+            authorized=authorized,
+            hostname=address.host,
+            port=address.port,
             username=address.user,
             password=address.password,
             identifier=identifier if owns_name else f"{identifier}-{secrets.token_hex(4)}",
@@ -173,15 +180,12 @@ def broker_connection(address: BrokerAddress, name: str, will: tuple[str, bytes]
             will=aiomqtt.Will(*will, qos=1, retain=True) if owns_name else None,
             timeout=ANSWER_SECONDS,
             keepalive=KEEPALIVE_SECONDS,
-            queue_type=_CommandQueue,
-            max_queued_incoming_messages=MAX_WAITING_COMMANDS,
             properties=_connect_properties(),
             logger=LIBRARY_LOG,
             tls_context=address.tls,
             socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
         client._client.connect_timeout = CONNECT_SECONDS  # aiomqtt has no option for it.
-        _bound_packets(client)
         try:
             async with client:
                 yield client
@@ -202,56 +206,6 @@ def _connect_properties() -> Properties:
     properties.MaximumPacketSize = MAX_PACKET_BYTES
     properties.SessionExpiryInterval = SESSION_SECONDS
     return properties
-
-
-class _CommandQueue(asyncio.Queue[aiomqtt.Message]):
-    """Queue of received commands that is also full when they have too many bytes."""
-
-    _bytes = 0
-
-    def full(self) -> bool:
-        return super().full() or self._bytes >= MAX_WAITING_BYTES
-
-    def _put(self, item: aiomqtt.Message) -> None:
-        self._bytes += _payload_size(item)
-        super()._put(item)
-
-    def _get(self) -> aiomqtt.Message:
-        item: aiomqtt.Message = super()._get()
-        self._bytes -= _payload_size(item)
-        return item
-
-
-def _payload_size(message: aiomqtt.Message) -> int:
-    return len(message.payload) if isinstance(message.payload, bytes) else 0
-
-
-def _bound_packets(client: aiomqtt.Client) -> None:
-    """Make a client close its connection when the broker sends what it was asked not to send.
-
-    An honest broker respects `MaximumPacketSize`. For any other broker, paho reads up to 256 MiB
-    into memory. An upstream option is wanted that enforces `MaximumPacketSize`. Until then, this
-    replaces paho's only method that reads from the socket.
-    """
-    paho = client._client
-    receive = paho._sock_recv
-
-    def receive_bounded(bufsize: int) -> bytes:
-        # paho asks for all bytes that the packet's head announces.
-        if bufsize > MAX_PACKET_BYTES:
-            raise _refused(f"the broker sends a packet of {bufsize:,} bytes")
-        # Subscriptions have QoS 1. paho keeps messages of QoS 2 until the broker releases them.
-        if paho._in_messages:
-            raise _refused("the broker sends a message of QoS 2")
-        return receive(bufsize)
-
-    paho._sock_recv = receive_bounded  # type: ignore[method-assign]
-
-
-def _refused(reason: str) -> OSError:
-    # Logged here, because paho reports only that the connection was lost.
-    get_logger().error("connection to the broker closed", reason=reason)
-    return ConnectionAbortedError(reason)
 
 
 async def _close_socket(client: aiomqtt.Client) -> None:

@@ -46,7 +46,7 @@ class CommandLimits:
         size = len(payload)
         if size <= LARGE_BYTES or self._refused.left(self._now()) >= _cost(size):
             return
-        if not self._has_token(payload):
+        if not has_host_token(self._tokens, payload):
             raise _too_many("refused commands")
 
     def accept(self, cost: float) -> None:
@@ -71,15 +71,16 @@ class CommandLimits:
             return _too_many("refused commands")
         return None
 
-    def _has_token(self, payload: bytes) -> bool:
-        # The first text that looks like a token. Reading the whole command would cost what this
-        # check saves.
-        found = _TOKEN.search(payload)
-        try:
-            token = found[1].decode() if found else ""
-            return self._tokens.check_role(token).role.includes(Role.HOST)
-        except (ProtocolError, UnicodeDecodeError):
-            return False
+
+def has_host_token(tokens: Tokens, payload: bytes) -> bool:
+    """Return whether the first text that looks like a token is one of a host or operator."""
+    # Reading the whole command would cost what this check saves.
+    found = _TOKEN.search(payload)
+    try:
+        token = found[1].decode() if found else ""
+        return tokens.check_role(token).role.includes(Role.HOST)
+    except (ProtocolError, UnicodeDecodeError):
+        return False
 
 
 def _too_many(what: str) -> ProtocolError:

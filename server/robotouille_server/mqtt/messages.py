@@ -8,6 +8,7 @@ from pydantic import Field, TypeAdapter, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from robotouille.protocol import messages
+from robotouille.protocol.codec import MAX_CLIENT_BYTES
 from robotouille.protocol.message_parts import Identifier, Labels, Position, Token
 from robotouille_server.auth import Role
 from robotouille_server.operator.models import Problem, ResponseModel
@@ -18,8 +19,10 @@ MAX_TOPIC = 200
 MAX_OPENED = 100
 """Maximum number of episodes that one command opens."""
 MAX_WATCH_SECONDS = 86_400.0
-MAX_PACKET_BYTES = 2 * 1024 * 1024
-"""Largest packet that the broker may deliver."""
+MAX_PACKET_BYTES = MAX_CLIENT_BYTES + 16 * 1024
+"""Largest packet that the broker may deliver: a command, its topic and its properties."""
+MAX_PROPERTY_BYTES = 2 * 1024
+"""Longest properties of a command."""
 
 
 class Topics:

@@ -12,10 +12,12 @@ import random
 import socket
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
+from functools import partial
 
 import aiomqtt
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from robotouille.installation import VERSION
 from robotouille_server.app import Server
@@ -27,6 +29,7 @@ from robotouille_server.mqtt.broker import (
     server_name,
 )
 from robotouille_server.mqtt.commands import Commands
+from robotouille_server.mqtt.limits import has_host_token
 from robotouille_server.mqtt.messages import Presence, Topics
 from robotouille_server.mqtt.stream import Outbox, OutgoingMessage, RoomStream, Watches, encode
 from robotouille_server.runtime.logs import get_logger
@@ -82,7 +85,8 @@ async def on_broker(
     if connect is None:
         address = BrokerAddress.from_settings(server.settings)
         will = topics.presence, encode(Presence(state="gone"))
-        connect = broker_connection(address, topics.server, will)
+        authorized = partial(has_host_token, server.tokens)
+        connect = broker_connection(address, topics.server, will, server.metrics, authorized)
         get_logger().info("broker", url=str(address), name=topics.server)
     service = BrokerService(server, topics, connect, rng or random.SystemRandom())
     running = asyncio.create_task(service.run(), name="broker")
@@ -156,7 +160,7 @@ class BrokerService:
 
     async def _use(self, client: aiomqtt.Client) -> None:
         if self._owns_name:
-            await client.subscribe(self._topics.commands, qos=1)
+            await client.subscribe(self._topics.commands, options=_subscribe_options())
             await self._publish_presence(client, self._presence)
         self._metrics.mqtt_connected = True
         get_logger().info("broker connected")
@@ -261,6 +265,12 @@ class BrokerService:
         finally:
             for steps in waiting:
                 self._outbox.drop(steps)
+
+
+def _subscribe_options() -> SubscribeOptions:
+    # A retained command would be executed at each connection.
+    never = SubscribeOptions.RETAIN_DO_NOT_SEND
+    return SubscribeOptions(qos=1, retainHandling=never)
 
 
 def _presence(server: Server) -> Presence:

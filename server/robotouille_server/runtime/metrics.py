@@ -108,6 +108,7 @@ class Metrics(Collector):
         self.log_suppressed = 0
         self.mqtt_connected: bool | None = None
         self.mqtt_published = self.mqtt_dropped_steps = self.mqtt_dropped_messages = 0
+        self.mqtt_dropped_commands = 0
         self.received = self.sent_messages = self.sent_bytes = 0
         self.disk_free: int | None = None
         self.descriptors: int | None = None
@@ -202,11 +203,12 @@ class Metrics(Collector):
         )
         dropped = CounterMetricFamily(
             "robotouille_mqtt_dropped",
-            "Steps and messages not published over MQTT",
+            "Steps and messages not published over MQTT, and commands not read",
             labels=["what"],
         )
         dropped.add_metric(["steps"], self.mqtt_dropped_steps)
         dropped.add_metric(["messages"], self.mqtt_dropped_messages)
+        dropped.add_metric(["commands"], self.mqtt_dropped_commands)
         yield dropped
         yield _known(
             "robotouille_disk_free_bytes", "Free bytes on the recordings' disk", self.disk_free
