@@ -99,6 +99,11 @@ class Claims:
         return why
 
     async def _continue(self, record: EpisodeRecord) -> str:
+        # The copy of the directory may be behind, and the episode in good hands.
+        await self._directory.look(record.code)
+        current = self._directory.find(record.episode)
+        if current is None or (current.node, current.claim) != (record.node, record.claim):
+            return "another node was first"
         stored = await self._bus.read(record.episode)
         if not stored:
             # Its node has died after it had deleted the journal, or an operator has deleted it.

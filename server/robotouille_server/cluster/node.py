@@ -272,9 +272,16 @@ class ClusterNode:
                     get_logger().info("the node's report is stored again")
                 self._lost_since = None
             except BusError as error:
-                await self._without_bus(error)
+                await self._without_bus_safely(error)
             except Exception:
                 get_logger().exception("the node's round failed")
+
+    async def _without_bus_safely(self, error: BusError) -> None:
+        try:
+            await self._without_bus(error)
+        except Exception:
+            # The node must report itself again when NATS is back, whatever has failed.
+            get_logger().exception("the node's repair failed")
 
     async def _without_bus(self, error: BusError) -> None:
         """Log a failure once; enter everything again if an operator has deleted the buckets."""

@@ -18,9 +18,13 @@ async def is_ready(url: str) -> bool:
     Args:
         url: The address of the node for clients, `ws://…` or `wss://…`.
     """
-    parts = urlsplit(url)
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError:
+        return False
     encrypted = parts.scheme == "wss"
-    port = parts.port or (443 if encrypted else 80)
+    port = port or (443 if encrypted else 80)
     tls = ssl.create_default_context() if encrypted else None
     path = parts.path.rstrip("/") + READY_PATH
     request = f"GET {path} HTTP/1.1\r\nHost: {parts.netloc}\r\nConnection: close\r\n\r\n"
