@@ -20,7 +20,7 @@ def few(plan: Plan) -> Plan:
 
 # One test for all drills: they share a cluster, because starting one takes longer than a drill.
 @pytest.mark.process
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(bool(missing()), reason=missing())
 def test_episodes_survive_failures_of_nodes_and_of_nats(tmp_path: Path) -> None:
     results = asyncio.run(run_short([*DRILLS, THROUGHPUT], tmp_path, print, few))

@@ -181,8 +181,8 @@ class ReplicatedJournal:
 
     def _begin_write(self) -> None:
         data, self._pending = self._pending[:MAX_PIECE], self._pending[MAX_PIECE:]
-        # The name of the node is new in every process, so no two writes ever have one id. A node can
-        # take an episode back, and NATS stores no second message with an id, but confirms it.
+        # The name of the node is new in every process, so no two writes ever have one id. A node
+        # can take an episode back, and NATS stores no second message with an id, but confirms it.
         name = f"{self.episode}.{self._keeper.name}.{next(_numbers)}"
         message = Append(self.episode, data, self._sequence, name, self._keep)
         self._write = _Write(message, self._loop.time())
