@@ -1,8 +1,8 @@
 """Copying the closed recordings of a cluster from NATS into a folder.
 
 The nodes of a cluster store closed recordings in a JetStream object store. An object has one
-message with its description, and its content in further messages. Whoever can write to NATS chooses
-both, so descriptions are checked like other input and bound the size of contents.
+message with its description, and its content in further messages. Anyone who can write to NATS
+chooses both, so descriptions are checked like other input and bound the size of contents.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class ClusterRecordings:
             raise UnavailableError(text) from None
         last = info.state.last_seq
         if info.created != self._created or last < self._after:
-            # Somebody deleted the store, and a node created another one.
+            # An operator deleted the store, and a node created another one.
             self._created, self._after = info.created, 0
         found: dict[str, Description] = {}
         if last > self._after:

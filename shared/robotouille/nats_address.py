@@ -1,4 +1,4 @@
-"""How programs reach the NATS servers of a cluster."""
+"""Addresses and credentials of the NATS servers of a cluster."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MAX_PASSWORD_BYTES = 4096
 
 @dataclass(frozen=True, slots=True)
 class NatsAddress:
-    """How to reach NATS.
+    """Address of NATS, and the credentials for it.
 
     Attributes:
         servers: The URLs of its servers, without a user.

@@ -1,4 +1,4 @@
-"""What the nodes of a cluster need of the service that connects them.
+"""Interface of the service that connects the nodes of a cluster.
 
 `nats_bus.NatsBus` is the real one. Tests replace it by a simulated one that delays, drops and
 repeats messages.
@@ -20,7 +20,7 @@ class Bucket(StrEnum):
     NODES = "nodes"
     """The report of each node, by the node's name; a key disappears if it is not renewed."""
     EPISODES = "episodes"
-    """Which node has which episode, by join code."""
+    """The node of each episode, by join code."""
     SHARED = "shared"
     """Signing keys, revoked tokens and used tokens."""
 
@@ -78,12 +78,12 @@ class Entry:
 class Bus(Protocol):
     """Journals, buckets, files and requests that all nodes share.
 
-    Unless something else is said, methods raise UnavailableError.
+    Methods raise UnavailableError unless their docstring names another error.
     """
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection to the service."""
+        """True while there is a connection to the service."""
 
     async def prepare(self) -> None:
         """Create journals and buckets that do not exist; raise RobotouilleError."""

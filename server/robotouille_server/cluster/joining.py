@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import socket
-import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
-from urllib.parse import SplitResult, urlsplit
+from urllib.parse import urlsplit
 
 from robotouille.errors import RobotouilleError
 from robotouille.installation import RELEASE
+from robotouille.nats_address import nats_address
 from robotouille_server.app import Server
-from robotouille_server.auth import key_file, read_private, revoked_file
+from robotouille_server.auth import key_file, revoked_file
 from robotouille_server.auth.keys import Keyring
 from robotouille_server.cluster.bus import Bus, BusError
 from robotouille_server.cluster.members import NodeReport
-from robotouille_server.cluster.nats_bus import NatsAddress, nats_bus
+from robotouille_server.cluster.nats_bus import nats_bus
 from robotouille_server.cluster.node import ClusterNode, NodeParts
 from robotouille_server.cluster.secrets import SharedSecrets, keys_digest, read_cluster_key
 from robotouille_server.cluster.service import ClusterService
@@ -26,8 +26,6 @@ from robotouille_server.rooms.storage import Folder
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import ClusterMetrics
 from robotouille_server.runtime.settings import ServerSettings
-
-MAX_PASSWORD_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +71,14 @@ async def joined(settings: ServerSettings) -> AsyncIterator[Cluster]:
         raise RobotouilleError(text)
     if not settings.record:
         raise RobotouilleError("--cluster needs recordings: other nodes continue from them")
-    async with nats_bus(_address(settings)) as bus, joined_through(bus, settings) as cluster:
+    address = nats_address(
+        settings.cluster,
+        settings.cluster_name,
+        password_file=settings.cluster_password_file,
+        ca=settings.cluster_ca,
+        credentials=settings.cluster_credentials,
+    )
+    async with nats_bus(address) as bus, joined_through(bus, settings) as cluster:
         yield cluster
 
 
@@ -121,50 +126,6 @@ async def joined_through(
         yield Cluster(around, node, metrics, shared)
     finally:
         await node.close()
-
-
-def _address(settings: ServerSettings) -> NatsAddress:
-    parts = [_parts(text.strip()) for text in settings.cluster.split(",") if text.strip()]
-    if not parts:
-        raise RobotouilleError("--cluster: no address of a NATS server")
-    users = {part.username or "" for part in parts}
-    if len(users) > 1 or any(part.password for part in parts):
-        raise RobotouilleError(
-            "--cluster: give all addresses the same user, and the password in a file: "
-            "--cluster-password-file"
-        )
-    password = ""
-    if (file := settings.cluster_password_file) is not None:
-        password = read_private(file, MAX_PASSWORD_BYTES).decode("utf-8", "replace").strip()
-    encrypted = any(part.scheme == "tls" for part in parts) or settings.cluster_ca is not None
-    return NatsAddress(
-        tuple(f"{part.scheme}://{part.netloc.rpartition('@')[2]}" for part in parts),
-        settings.cluster_name,
-        users.pop(),
-        password,
-        str(settings.cluster_credentials or ""),
-        _tls(settings) if encrypted else None,
-    )
-
-
-def _parts(text: str) -> SplitResult:
-    try:
-        parts = urlsplit(text)
-        valid = parts.scheme in ("nats", "tls") and parts.hostname and parts.port != 0
-    except ValueError:
-        valid = False
-    if not valid:
-        raise RobotouilleError(
-            f"--cluster: {text!r} is not nats://[USER@]HOST[:PORT] or tls://[USER@]HOST[:PORT]"
-        )
-    return parts
-
-
-def _tls(settings: ServerSettings) -> ssl.SSLContext:
-    try:
-        return ssl.create_default_context(cafile=settings.cluster_ca)
-    except (OSError, ssl.SSLError) as error:
-        raise RobotouilleError(f"--cluster-ca: {settings.cluster_ca}: {error}") from None
 
 
 def _url(server: Server) -> str:

@@ -58,7 +58,7 @@ class NodeReport(BaseModel):
 
 @dataclass(slots=True)
 class _Member:
-    """Another node. `heard` is True if it was heard since this node's last renewal."""
+    """Another node. `heard` is True after a report since this node's last renewal."""
 
     report: NodeReport | None = None
     beat: int = 0

@@ -5,11 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import ssl
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -39,6 +37,7 @@ from nats.js.errors import (
 from nats.js.kv import KeyValue
 
 from robotouille.errors import RobotouilleError
+from robotouille.nats_address import NatsAddress
 from robotouille_server.cluster.bus import (
     Append,
     Bucket,
@@ -72,29 +71,7 @@ EXPECTED = str(Header.EXPECTED_LAST_SUBJECT_SEQUENCE.value)
 MESSAGE_ID = str(Header.MSG_ID.value)
 WRONG_SEQUENCE = (10071, 10164)
 """NATS's error codes for an unexpected last sequence number."""
-IN_USE, NO_CLUSTER = 10058, 10074
-
-
-@dataclass(frozen=True, slots=True)
-class NatsAddress:
-    """How to reach NATS.
-
-    Attributes:
-        servers: The URLs of its servers.
-        prefix: The first word of all subjects, streams and buckets, so that several clusters can
-            share a NATS.
-        user: The user, or empty.
-        password: The password of the user.
-        credentials: A file with a JWT and its key, as `nsc` makes it.
-        tls: The context for `tls://` addresses.
-    """
-
-    servers: tuple[str, ...]
-    prefix: str
-    user: str = ""
-    password: str = field(default="", repr=False)
-    credentials: str = ""
-    tls: ssl.SSLContext | None = None
+IN_USE = 10058
 
 
 @asynccontextmanager
@@ -154,7 +131,7 @@ class NatsBus:
             options["user_credentials"] = address.credentials
         if address.tls is not None:
             options["tls"] = address.tls
-        servers = ", ".join(_without_password(server) for server in address.servers)
+        servers = ", ".join(address.servers)
         try:
             async with asyncio.timeout(CONNECT_SECONDS):
                 await self._nats.connect(
@@ -550,8 +527,3 @@ async def _create_errors() -> AsyncIterator[None]:
 def _netloc(client: Client) -> str:
     url = client.connected_url
     return url.netloc if url is not None else ""
-
-
-def _without_password(server: str) -> str:
-    scheme, _, rest = server.rpartition("://")
-    return f"{scheme}://{rest.rpartition('@')[2]}"

@@ -297,7 +297,7 @@ class ClusterNode:
         await self._repair()
 
     async def _repair(self) -> None:
-        """Create the buckets that somebody has deleted, and enter this node's episodes again."""
+        """Create the buckets that an operator has deleted, and enter this node's episodes again."""
         self._suspect = False
         try:
             await self.bus.prepare()

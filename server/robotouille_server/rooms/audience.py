@@ -88,7 +88,7 @@ class SharedStep(SharedMessage):
 
 
 class View(NamedTuple):
-    """What a recipient receives of a batch.
+    """Part of a batch that a recipient receives.
 
     Attributes:
         state: True if it receives deltas.
@@ -109,7 +109,7 @@ class SharedSnapshot(SharedMessage):
     Args:
         fields: The fields of the snapshot, without the task.
         task: The task.
-        texts: What recipients who read text receive; None if this snapshot is not for them.
+        texts: The texts for recipients who read them; None if this snapshot is not for them.
 
     Attributes:
         digest: The digest of the task.
@@ -166,7 +166,7 @@ class Batch:
         Args:
             codec: The codec of the recipient.
             skipped: The number of updates that the recipient has received already.
-            view: What the recipient receives.
+            view: The messages that the recipient receives: states, texts or both.
         """
         key = (codec, skipped, view)
         if key not in self._made:
