@@ -88,6 +88,21 @@ class TestAnyNode:
             assert error.value.code == "rate/episodes"
 
     @virtual
+    async def test_a_reserved_episode_counts_as_running_once_somebody_joins(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path, max_episodes_per_owner=1) as nodes:
+            token = nodes[0].server.tokens.mint_role(Role.HOST, "hanna", seconds=600)
+            async with connect(nodes[0].url, name="hanna", token=token) as hanna:
+                reserved = await hanna.create(TASK, open_for=300)
+                async with connect(nodes[0].url, name="ada") as ada:
+                    await ada.join(reserved.code)
+                    await asyncio.sleep(2)
+                    with pytest.raises(ProtocolError) as error:
+                        await hanna.create(TASK)
+            assert error.value.code == "rate/episodes"
+
+    @virtual
     async def test_a_token_for_one_session_is_good_for_one_node(self, tmp_path: Path) -> None:
         async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
             created = await ada.create(TASK, seats=3)

@@ -120,6 +120,7 @@ class ClusterNode:
         self._count = 0
         self._lost_since: float | None = None
         self._late_since = self._loop.time()
+        self._reserved: set[str] = set()
         self._suspect = False
         self.cut_off = False
 
@@ -222,7 +223,18 @@ class ClusterNode:
             registering.add_done_callback(lambda _: self._registering.pop(room.id, None))
 
     def published(self, room: Room, events: list[Event]) -> None:
-        """Do nothing: the journal has the events."""
+        """Let all nodes know that the first participant has come to a reserved room."""
+        if room.id in self._reserved and not room.reserved:
+            self._reserved.discard(room.id)
+            self._start(self._note_first_participant(room.id))
+
+    async def _note_first_participant(self, episode: str) -> None:
+        record = self.directory.find(episode)
+        try:
+            if record is not None and record.node == self.name:
+                await self.directory.replace(record.model_copy(update={"reserved": False}))
+        except BusError as error:
+            get_logger().warning("limits of other nodes are late", error=str(error))
 
     async def _register(self, room: Room, journal: ReplicatedJournal) -> BusError | None:
         record = EpisodeRecord(
@@ -236,6 +248,8 @@ class ClusterNode:
         try:
             await journal.stored()
             await self.directory.add(record)
+            if record.reserved:
+                self._reserved.add(room.id)
         except BusError as error:
             room.abort("its recording could not be begun")
             self._suspect = True
