@@ -258,7 +258,7 @@ class Conversation:
             resume=services.sessions.resume_token(session),
             resumed=resumed,
             role=session.role.value,
-            grace=room.grace if room is not None else services.settings.grace,
+            grace=room.episode.rules.grace if room is not None else services.settings.grace,
             readiness=True,
             workers=services.worker.addresses() if session.role.includes(Role.HOST) else [],
             nodes=services.cluster.nodes if services.cluster is not None else [],

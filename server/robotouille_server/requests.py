@@ -355,11 +355,11 @@ class Requests:
         if room is None:
             self._peer.send(unheard(message, session, 0, "episode/none", "join an episode first"))
             return
-        step = room.step
+        step = room.episode.step
         room.act(session, message)
         # Without the wall clock, an action may complete a step, which takes much longer than
         # reading the message.
-        if taken := room.step - step:
+        if taken := room.episode.step - step:
             self._services.loop_budget.spend(taken * STEP_COST)
 
     def _say(self, message: messages.Say) -> None:
@@ -396,7 +396,7 @@ class Requests:
     @property
     def _assets(self) -> TaskAssets | None:
         """Rendering and pictures of the session's task; None for a shipped task."""
-        return self._services.lobby.tasks.assets(self._room.task)
+        return self._services.lobby.tasks.assets(self._room.episode.world.task.name)
 
     @property
     def _room(self) -> JoinedRoom:

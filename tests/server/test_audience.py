@@ -11,6 +11,7 @@ from typing import Any
 
 from websockets.exceptions import ConnectionClosed
 
+from robotouille.episode import Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON
 from robotouille_server import Server
@@ -260,7 +261,11 @@ class Reader:
 
 def audience_with(budget: LoopBudget) -> Audience:
     """Return an audience whose snapshots are withheld, as while a disk is full."""
-    return Audience(TimerQueue(), budget, lambda session: None)
+
+    def no_observation(event: Stepped) -> SharedMessage:
+        raise AssertionError
+
+    return Audience(TimerQueue(), budget, no_observation, lambda session: None)
 
 
 def entered(audience: Audience) -> tuple[Session, Reader]:

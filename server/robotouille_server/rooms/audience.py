@@ -8,12 +8,13 @@ the steps of other rooms get their turns in between (docs/decisions/0041).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydantic import BaseModel
 
+from robotouille.episode import Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
 from robotouille_server.rooms.session import Session
@@ -34,26 +35,14 @@ class SharedMessage:
     """Message to several recipients, encoded once per codec.
 
     Attributes:
-        content: The message, or its fields.
+        content: The message, or the fields of a delta.
     """
 
     __slots__ = ("_frames", "content")
 
-    def __init__(
-        self,
-        content: BaseModel | dict[str, Any],
-        codec: Codec | None = None,
-        frame: bytes = b"",
-    ) -> None:
+    def __init__(self, content: BaseModel | dict[str, Any]) -> None:
         self.content = content
-        self._frames: dict[Codec, bytes] = {codec: frame} if codec is not None else {}
-
-    @property
-    def is_roster(self) -> bool:
-        content = self.content
-        if isinstance(content, dict):
-            return content.get("type") == "roster"
-        return isinstance(content, messages.Roster)
+        self._frames: dict[Codec, bytes] = {}
 
     def frame(self, codec: Codec) -> bytes:
         """Return the message as a frame, the same for all readers (docs/decisions/0016)."""
@@ -68,153 +57,73 @@ class SharedMessage:
 
 
 class SharedStep(SharedMessage):
-    """Delta of a step.
+    """Delta of a step, with the step itself for recipients who read text."""
 
-    Attributes:
-        text: Returns the spectators' text view after the step; None if there is no such view.
-    """
+    __slots__ = ("event",)
 
-    __slots__ = ("text",)
-
-    def __init__(
-        self,
-        delta: dict[str, Any],
-        codec: Codec,
-        frame: bytes,
-        text: Callable[[], SharedMessage | None],
-    ) -> None:
-        super().__init__(delta, codec, frame)
-        self.text = text
-
-
-class View(NamedTuple):
-    """Part of a batch that a recipient receives.
-
-    Attributes:
-        state: True if it receives deltas.
-        text: True if it receives observations.
-        waits: True if it receives both only after the next snapshot.
-        knows_task: True if that snapshot can leave out the task.
-    """
-
-    state: bool
-    text: bool
-    waits: bool = False
-    knows_task: bool = False
-
-
-class SharedSnapshot(SharedMessage):
-    """Snapshot for all spectators of an audience who wait for one.
-
-    Args:
-        fields: The fields of the snapshot, without the task.
-        task: The task.
-        texts: The texts for recipients who read them; None if this snapshot is not for them.
-
-    Attributes:
-        digest: The digest of the task.
-    """
-
-    __slots__ = ("_with_task", "digest", "texts")
-
-    def __init__(
-        self, fields: dict[str, Any], task: dict[str, Any], texts: Sequence[SharedMessage] | None
-    ) -> None:
-        super().__init__(fields)
-        self._with_task = SharedMessage({**fields, "task": task})
-        self.digest = str(fields["digest"])
-        self.texts = texts
-
-    def frames(self, codec: Codec, view: View) -> list[bytes]:
-        """Return the frames for a recipient."""
-        found = []
-        if view.state:
-            found.append((self if view.knows_task else self._with_task).frame(codec))
-        if view.text:
-            found += [text.frame(codec) for text in self.texts or ()]
-        return found
-
-
-class Delivery(NamedTuple):
-    """Updates of a batch for some of its recipients.
-
-    Attributes:
-        frames: The frames.
-        messages: Their number.
-        too_many: True if a snapshot must follow them.
-        caught_up: True if they contain a snapshot for which the recipients have waited.
-    """
-
-    frames: bytes
-    messages: int
-    too_many: bool
-    caught_up: bool
+    def __init__(self, delta: dict[str, Any], event: Stepped, codec: Codec, frame: bytes) -> None:
+        super().__init__(delta)
+        self._frames[codec] = frame
+        self.event = event
 
 
 class Batch:
-    """Updates of one delivery. Recipients with the same view and place share the bytes."""
+    """Updates of one delivery. Recipients with the same view and place share the bytes.
 
-    __slots__ = ("_made", "_updates")
+    Args:
+        updates: The updates in order.
+        observe: Returns the spectators' text view after a step.
+    """
 
-    def __init__(self, updates: Sequence[SharedMessage]) -> None:
+    __slots__ = ("_made", "_observe", "_updates")
+
+    def __init__(
+        self,
+        updates: Sequence[SharedMessage],
+        observe: Callable[[Stepped], SharedMessage],
+    ) -> None:
         self._updates = updates
-        self._made: dict[tuple[Codec, int, View], Delivery] = {}
+        self._observe = observe
+        self._made: dict[tuple[object, ...], tuple[bytes, int, bool]] = {}
 
-    def delivery(self, codec: Codec, skipped: int, view: View) -> Delivery:
+    def frames(
+        self, codec: Codec, skipped: int, *, state: bool, text: bool
+    ) -> tuple[bytes, int, bool]:
         """Return the updates that a recipient lacks.
 
         Args:
             codec: The codec of the recipient.
             skipped: The number of updates that the recipient has received already.
-            view: The messages that the recipient receives: states, texts or both.
+            state: True if the recipient wants deltas.
+            text: True if the recipient wants observations.
+
+        Returns:
+            The frames, their number, and True if a snapshot must follow them.
         """
-        key = (codec, skipped, view)
+        key = (codec, skipped, state, text)
         if key not in self._made:
-            self._made[key] = self._make(codec, self._updates[skipped:], view)
+            self._made[key] = self._make(codec, self._updates[skipped:], state, text)
         return self._made[key]
 
-    def snapshot(self, skipped: int, *, text: bool) -> SharedSnapshot | None:
-        """Return the last snapshot among the updates that a recipient lacks."""
-        found = _last_snapshot(self._updates[skipped:], text=text)
-        return found[1] if found is not None else None
-
-    def _make(self, codec: Codec, updates: Sequence[SharedMessage], view: View) -> Delivery:
-        waited = _last_snapshot(updates, text=view.text) if view.waits else None
-        begin = 0
-        if waited is not None:
-            begin = waited[0]
-        elif view.waits:
-            begin = len(updates)
-        steps = [update for update in updates[begin:] if isinstance(update, SharedStep)]
-        rosters = [update for update in updates if update.is_roster]
-        too_many = view.state and (
+    def _make(
+        self, codec: Codec, updates: Sequence[SharedMessage], state: bool, text: bool
+    ) -> tuple[bytes, int, bool]:
+        steps = [update for update in updates if isinstance(update, SharedStep)]
+        rosters = [u for u in updates if isinstance(u.content, messages.Roster)]
+        too_many = state and (
             len(steps) > MAX_STEPS or sum(len(s.frame(codec)) for s in steps) > MAX_STEP_BYTES
         )
         found: list[bytes] = []
-        for place, update in enumerate(updates):
+        for update in updates:
             if isinstance(update, SharedStep):
-                if view.state and not too_many and place >= begin:
+                if state and not too_many:
                     found.append(update.frame(codec))
                 # Texts show a whole state, so the last one replaces all before it.
-                if view.text and steps and update is steps[-1] and (text := update.text()):
-                    found.append(text.frame(codec))
-            elif isinstance(update, SharedSnapshot):
-                if waited is not None and update is waited[1]:
-                    found += update.frames(codec, view)
-            elif not update.is_roster or update is rosters[-1]:
+                if text and update is steps[-1]:
+                    found.append(self._observe(update.event).frame(codec))
+            elif not isinstance(update.content, messages.Roster) or update is rosters[-1]:
                 found.append(update.frame(codec))
-        return Delivery(b"".join(found), len(found), too_many, waited is not None)
-
-
-def _last_snapshot(
-    updates: Sequence[SharedMessage], *, text: bool
-) -> tuple[int, SharedSnapshot] | None:
-    """Return the last snapshot that a recipient can use, and its place."""
-    for place in range(len(updates) - 1, -1, -1):
-        update = updates[place]
-        if isinstance(update, SharedSnapshot) and (update.texts is not None or not text):
-            return place, update
-    return None
+        return b"".join(found), len(found), too_many
 
 
 class Audience:
@@ -223,8 +132,8 @@ class Audience:
     Args:
         timers: The timers of all rooms.
         budget: The event loop's budget of work per turn.
-        snapshot: Sends a snapshot to a session, which includes everything that is pending. If the
-            snapshot comes later, as an update for all, it calls `wait_for_snapshot`.
+        observe: Returns the spectators' text view after a step.
+        snapshot: Sends a snapshot to a session, which includes everything that is pending.
     """
 
     __slots__ = (
@@ -232,22 +141,24 @@ class Audience:
         "_delivered",
         "_delivering",
         "_next_at",
+        "_observe",
         "_places",
         "_snapshot",
         "_stale",
         "_timers",
         "_updates",
-        "_waiting",
     )
 
     def __init__(
         self,
         timers: TimerQueue,
         budget: LoopBudget,
+        observe: Callable[[Stepped], SharedMessage],
         snapshot: Callable[[Session], None],
     ) -> None:
         self._timers = timers
         self._budget = budget
+        self._observe = observe
         self._snapshot = snapshot
         # A place is the number of updates that a spectator has received or does not need. The
         # first `_delivered` updates are no longer in the list.
@@ -256,8 +167,6 @@ class Audience:
         self._delivered = 0
         # Spectators who have asked for a snapshot, or have missed steps and can receive one now.
         self._stale: set[Session] = set()
-        # Spectators who receive no steps until a snapshot is among the updates.
-        self._waiting: set[Session] = set()
         self._next_at = 0.0
         # True from the time at which a delivery is scheduled until everybody has received it.
         self._delivering = False
@@ -275,17 +184,6 @@ class Audience:
         self.catch_up(session)
         self._places.pop(session, None)
         self._stale.discard(session)
-        self._waiting.discard(session)
-
-    @property
-    def waiting(self) -> Collection[Session]:
-        """Spectators who wait for a snapshot among the updates."""
-        return self._waiting
-
-    def wait_for_snapshot(self, session: Session) -> None:
-        """Deliver no steps to a spectator until a `SharedSnapshot` is added."""
-        if session in self._places:
-            self._waiting.add(session)
 
     def add(self, update: SharedMessage) -> None:
         """Deliver an update with the next delivery."""
@@ -310,12 +208,12 @@ class Audience:
         if not steps:
             self._stale.discard(session)
         if self._places.get(session, self._total) < self._total:
-            batch = Batch(self._updates)
+            batch = Batch(self._updates, self._observe)
             self._deliver_to(session, batch, self._total, steps=steps)
 
     def deliver_now(self) -> None:
         """Deliver the pending updates to everybody, because the server stops."""
-        batch = Batch(self._updates)
+        batch = Batch(self._updates, self._observe)
         for session in self._places:
             self._try_deliver_to(session, batch, self._total)
 
@@ -326,7 +224,7 @@ class Audience:
 
     def _begin(self, due: float) -> None:
         self._next_at = max(due, self._timers.time()) + DELIVERY_SECONDS
-        batch = Batch(tuple(self._updates))
+        batch = Batch(tuple(self._updates), self._observe)
         # The order is reversed, because targets are taken from the end.
         targets = list(reversed(self._places))
         self._budget.wait(partial(self._deliver, batch, self._total, targets))
@@ -371,30 +269,20 @@ class Audience:
         # The snapshot of a stale spectator may wait until the recording can be written. Chat does
         # not, so it is sent here.
         steps = steps and not stale and self._keeps_up(session, peer)
-        skipped = place - self._delivered
-        found = batch.delivery(peer.codec, skipped, self._view(session, batch, skipped, steps))
+        frames, count, too_many = batch.frames(
+            peer.codec,
+            place - self._delivered,
+            state=steps and session.wants_state,
+            text=steps and session.wants_text,
+        )
         cost = 0.0
-        if found.frames:
-            peer.send_frame(found.frames, found.messages)
-            cost = WRITE_COST + len(found.frames) / KIB * KIB_COST
-        if found.caught_up:
-            self._waiting.discard(session)
-        if stale or found.too_many:
+        if frames:
+            peer.send_frame(frames, count)
+            cost = WRITE_COST + len(frames) / KIB * KIB_COST
+        if stale or too_many:
             self._snapshot(session)
             cost += SNAPSHOT_COST
         return cost
-
-    def _view(self, session: Session, batch: Batch, skipped: int, steps: bool) -> View:
-        """Return what a spectator receives of a batch."""
-        state, text = steps and session.wants_state, steps and session.wants_text
-        if not steps or session not in self._waiting:
-            return View(state, text)
-        snapshot = batch.snapshot(skipped, text=text)
-        knows_task = snapshot is not None and snapshot.digest in session.known
-        if snapshot is not None and state:
-            # From now on the client has the task: frames are delivered in order or not at all.
-            session.known.add(snapshot.digest)
-        return View(state, text, waits=True, knows_task=knows_task)
 
     def _keeps_up(self, session: Session, peer: Peer) -> bool:
         # Chat, rosters and the end are never skipped (docs/decisions/0006).

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from typing import Any
 
 import msgpack
@@ -78,7 +78,6 @@ class Broadcaster:
 
     Attributes:
         members: The sessions in the room. Change it by `enter` and `leave` only.
-        mirrored: The number of spectators on other nodes, and the first names.
         long_wait: The seats that rosters report as slow.
         rematch: The code of the next game with the same task and participants, if one was opened.
     """
@@ -101,7 +100,6 @@ class Broadcaster:
         "_snapshots",
         "long_wait",
         "members",
-        "mirrored",
         "rematch",
     )
 
@@ -117,7 +115,6 @@ class Broadcaster:
     ) -> None:
         now = timers.time
         self.members: list[Session] = []
-        self.mirrored: tuple[int, tuple[str, ...]] = (0, ())
         self.long_wait = LongWait(episode)
         self.rematch = ""
         self._id = episode_id
@@ -127,7 +124,9 @@ class Broadcaster:
         self._snapshots = Snapshots(episode_id, episode, writer)
         self._now = now
         self._gate = gate
-        self._audience = Audience(timers, loop_budget, self._commit_snapshot)
+        self._audience = Audience(
+            timers, loop_budget, self._public_observation, self._commit_snapshot
+        )
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
         self._last_roster: messages.Roster | None = None
@@ -138,18 +137,12 @@ class Broadcaster:
 
     @property
     def spectators(self) -> int:
-        """Number of spectators, those on other nodes included."""
-        return self.spectators_here + self.mirrored[0]
-
-    @property
-    def spectators_here(self) -> int:
         return sum(1 for _ in self._watching())
 
     @property
     def spectator_names(self) -> list[str]:
-        """Names of the spectators who have watched longest, those of this node first."""
-        here = (session.name for session in self._watching())
-        return list(islice(chain(here, self.mirrored[1]), MAX_SPECTATOR_NAMES))
+        """Names of the spectators who have watched longest."""
+        return [session.name for session in islice(self._watching(), MAX_SPECTATOR_NAMES)]
 
     def _watching(self) -> Iterator[Session]:
         return (s for s in self.members if not s.players and s.peer is not None)
@@ -165,14 +158,6 @@ class Broadcaster:
         self.members.append(session)
         if not session.players:
             self._audience.enter(session)
-
-    def begin_relay(self, relay: Session) -> None:
-        """Send everything that spectators receive to a session that is no member."""
-        self._audience.enter(relay)
-
-    def said_after(self, number: int) -> list[messages.Said]:
-        """Return the chat messages after a number, as far as they are kept."""
-        return [said for said in self._said if said.number > number]
 
     def leave(self, session: Session) -> None:
         """Send nothing more to a session."""
@@ -258,8 +243,7 @@ class Broadcaster:
         self._last_delta, self._last_turn = event.step, event.turn
         # All readers share one frame, because server frames are neither masked nor compressed
         # (docs/decisions/0016).
-        text = partial(self._observation_after, event, None)
-        shared = SharedStep(delta, MSGPACK, frame_of(payload), text)
+        shared = SharedStep(delta, event, MSGPACK, frame_of(payload))
         self._audience.add(shared)
         texts: dict[str | None, SharedMessage] = {}
         for session in self.members:
@@ -299,6 +283,9 @@ class Broadcaster:
                 texts[player] = self._observation_after(event, player)
             if session.peer is not None:
                 session.peer.send_frame(texts[player].frame(session.peer.codec))
+
+    def _public_observation(self, event: Stepped) -> SharedMessage:
+        return self._observation_after(event, None)
 
     def _observation_after(self, event: Stepped, player: str | None) -> SharedMessage:
         # Several steps may be published together. Only the last one shows the current phase.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -18,7 +18,7 @@ from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.write_ahead import CommitGate, Readable
 
 if TYPE_CHECKING:
-    from robotouille.episode import Episode, Seat
+    from robotouille.episode import Episode
     from robotouille.protocol.states import StateWriter
     from robotouille_server.rooms.journal import EpisodeJournal
     from robotouille_server.rooms.sessions import Sessions
@@ -145,39 +145,7 @@ class Room:
 
     @property
     def spectators(self) -> int:
-        """Number of spectators, those on other nodes included."""
         return self.broadcaster.spectators
-
-    @property
-    def spectators_here(self) -> int:
-        return self.broadcaster.spectators_here
-
-    @property
-    def mirrored(self) -> bool:
-        return False
-
-    @property
-    def task(self) -> str:
-        return self.world.task.name
-
-    @property
-    def step(self) -> int:
-        return self.episode.step
-
-    @property
-    def in_progress(self) -> bool:
-        return self.episode.in_progress
-
-    @property
-    def ended(self) -> bool:
-        return self.episode.ended
-
-    @property
-    def grace(self) -> float:
-        return self.episode.rules.grace
-
-    def seat(self, player: str) -> Seat:
-        return self.episode.seat(player)
 
     @property
     def problem(self) -> str:
@@ -192,10 +160,6 @@ class Room:
     def hold(self, connection: Readable) -> None:
         """Read no more from a connection until the recording is written."""
         self._gate.hold(connection)
-
-    def when_committed(self, recipient: Hashable, send: Callable[[], None]) -> None:
-        """Call `send` when everything so far is recorded."""
-        self._gate.when_committed(recipient, send)
 
     @property
     def reserved(self) -> bool:
@@ -287,22 +251,6 @@ class Room:
 
     def bans(self, session_id: str, participant: str) -> bool:
         return self.membership.bans(session_id, participant)
-
-    # Spectators on other nodes
-
-    def begin_relay(self, relay: Session) -> None:
-        """Send everything that spectators receive to a session for other nodes, too."""
-        self.broadcaster.begin_relay(relay)
-
-    def end_relay(self, relay: Session) -> None:
-        self.broadcaster.leave(relay)
-        self.membership.forget(relay)
-
-    def mirrored_by(self, spectators: int, names: Sequence[str]) -> None:
-        """Note the spectators on other nodes."""
-        if self.broadcaster.mirrored != (spectators, tuple(names)):
-            self.broadcaster.mirrored = spectators, tuple(names)
-            self.membership.spectators_changed()
 
     # Requests of operators
 
