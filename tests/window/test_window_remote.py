@@ -12,6 +12,7 @@ from typing import Any
 import msgpack
 import pygame
 import pytest
+from tests.support.lost_connections import cut
 from tests.support.scripted_server import ScriptedServer
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import opening, virtual
@@ -22,7 +23,6 @@ from websockets.typing import Subprotocol
 from robotouille.errors import ProtocolError
 from robotouille_client import Client, Game, connect
 from robotouille_client.console import explain
-from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.window.drawing.interruptions import _lost
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.theme import SEATS, TEXT, Colour, mixed
@@ -30,27 +30,26 @@ from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import Bubble, View
 from robotouille_server import Server
 
+NO_SERVER = "ws://127.0.0.1:1"
+
 
 class Line:
     """Client whose connection can be cut and restored."""
 
     def __init__(self, client: Client) -> None:
         self.client = client
-        self._connect = client._connect
+        self._url = client.url
 
     def cut(self) -> None:
-        async def no_way() -> Any:
-            raise ConnectionFailedError("the cable is out")
-
-        self.client._connect = no_way
-        self.client._socket.transport.abort()
+        self.client.url = NO_SERVER
+        cut(self.client)
 
     async def pull(self) -> None:
         self.cut()
         await asyncio.sleep(0.1)
 
     async def plug(self) -> None:
-        self.client._connect = self._connect
+        self.client.url = self._url
         await self.client.connected.wait()
         await asyncio.sleep(0.1)
 
