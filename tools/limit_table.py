@@ -63,7 +63,7 @@ from robotouille_server.runtime.logs import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.process_limits import RESERVED
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import MAX_FILES
-from robotouille_server.transport import admission, connection, peer
+from robotouille_server.transport import admission, connection, loop_budget, peer, tls_records
 
 __all__ = ["LIMITS", "Limit", "limit_tables", "message_costs", "shown_value"]
 
@@ -159,7 +159,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "as one more frame."),
         Limit("Control frames and fragments above that rate", f"{connection.MAX_EXCESS}", CUT),
         Limit("Frames handled between two checks of due steps",
-              f"{admission.LOOP_BUDGET:g}, or {admission.TURN_SECONDS * 1000:g} ms of them",
+              f"{loop_budget.LOOP_BUDGET:g}, or {loop_budget.TURN_SECONDS * 1000:g} ms of them",
               "The remaining frames wait."),
         Limit("Frames of one connection handled before the others",
               f"{connection.FRAMES_AT_A_TIME}, or "
@@ -197,6 +197,9 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Size of the HTTP request of a handshake", _size(connection.MAX_REQUEST), CUT),
         Limit("Concurrent TLS handshakes", f"{admission.HANDSHAKES_AT_ONCE}",
               "Other handshakes wait. A handshake of more than a second gives up its place."),
+        Limit("TLS records of one connection decrypted before the others get a turn",
+              f"{tls_records.RECORDS_AT_A_TIME}, or {_size(tls_records.BYTES_AT_A_TIME)} of them",
+              "The remaining records wait."),
         Limit("File descriptors reserved for recordings",
               f"{RESERVED}, or an eighth of the system's limit", "New connections are closed."),
         Limit("Time to answer a ping; the server pings every 20 s", "20 s", CUT),

@@ -9,7 +9,6 @@ import ssl
 from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
-from socket import SO_RCVBUF, SOL_SOCKET
 
 from websockets.http11 import Request, Response
 
@@ -179,9 +178,6 @@ class Connections:
 
 ACCEPTED_AT_ONCE = 32
 """Connections accepted in a row, before existing connections get a turn."""
-ENCRYPTED_BYTES = 16 * 1024
-"""Bytes of an encrypted connection that the operating system keeps until they are read. Linux
-doubles it."""
 WAITING_TO_BE_ACCEPTED = 4096
 """Connections that the operating system queues."""
 CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
@@ -251,10 +247,6 @@ class Listener:
             # asyncio uses one number both for the queue and for the connections accepted in a row.
             with listening.dup() as same:
                 same.listen(WAITING_TO_BE_ACCEPTED)
-                if self._tls is not None:
-                    # The event loop decrypts everything that has arrived before the server can
-                    # limit it. New connections inherit this.
-                    same.setsockopt(SOL_SOCKET, SO_RCVBUF, ENCRYPTED_BYTES)
         if not self.sockets:
             # Noted here, because a draining server has closed its sockets.
             self._port = next(iter(socket.sockets)).getsockname()[1]

@@ -10,6 +10,7 @@ are within the limits.
 from __future__ import annotations
 
 import argparse
+import ipaddress
 import json
 import os
 import resource
@@ -24,11 +25,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from statistics import median
 
 import psutil
 import trustme
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
@@ -37,7 +42,7 @@ from robotouille_server.auth.keys import FileKeyring
 from tests.programs.audience_flood import AudienceFlood
 from tests.programs.broker_flood import flooding_broker
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
-from tests.programs.record_flood import RecordFlood
+from tests.programs.record_flood import Kind, RecordFlood
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 from tests.support.server_process import ServerProcess, server_process
 
@@ -89,9 +94,9 @@ class Flood:
     plays in rooms with 200 spectators each, given by their tasks and views; with `resyncs`, these
     spectators ask for snapshots. With `elsewhere`, its connections are remote; new clients are then
     remote too and have a token. `rooms` is the number of other episodes on the server. With `page`,
-    each connection requests this page again and again. With `records`, the server uses TLS, and the
-    connections send each byte in a record of its own. With `broker`, the flood comes from the MQTT
-    broker, during the whole measurement. `max_growth` is the limit for the server's memory.
+    each connection requests this page again and again. With `records`, the server uses TLS with an
+    RSA key, and the connections send records of this kind. With `broker`, the flood comes from the
+    MQTT broker, during the whole measurement. `max_growth` is the limit for the server's memory.
     """
 
     what: str
@@ -104,7 +109,7 @@ class Flood:
     chats: bool = False
     resyncs: bool = False
     page: str = ""
-    records: bool = False
+    records: Kind | None = None
     broker: bool = False
     elsewhere: bool = False
     rooms: int = 0
@@ -163,10 +168,12 @@ FLOODS = {
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "records": Flood(
         "TLS records of one byte, from 30 connections",
-        records=True,
+        records="bytes",
         connections=30,
-        # A TLS connection takes 280 KiB. Closed ones wait for the garbage collector.
-        max_growth=2 * MAX_GROWTH,
+    ),
+    "keys": Flood("changes of keys, from 30 connections", records="keys", connections=30),
+    "handshakes": Flood(
+        "TLS handshakes, from 30 connections", records="handshakes", connections=30
     ),
     "broker": Flood("packets of an MQTT broker in shifted TLS records", broker=True),
     "acts": Flood(
@@ -279,7 +286,7 @@ def attack(name: str, port: int, code: str) -> None:
         if flood.watched
         else None
     )
-    records = RecordFlood(port, flood.connections) if flood.records else None
+    records = RecordFlood(port, flood.connections, flood.records) if flood.records else None
     print(READY, end="", flush=True)
     if name == "none" or flood.broker:
         time.sleep(3600)
@@ -393,11 +400,31 @@ def _flooding(name: str, port: int, code: str) -> Iterator[None]:
 
 def _tls(folder: Path) -> tuple[tuple[str, ...], ssl.SSLContext]:
     """Write a certificate; return the server's flags and a context that trusts it."""
-    authority, trusting = trustme.CA(), ssl.create_default_context()
-    authority.configure_trust(trusting)
-    pem, issued = folder / "chain.pem", authority.issue_cert("127.0.0.1")
-    issued.private_key_and_cert_chain_pem.write_to_path(pem)
-    pem.chmod(0o600)
+    # Signatures with such a key are the slowest that servers use.
+    key = rsa.generate_private_key(public_exponent=65537, key_size=4096)
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "flooded server")])
+    now = datetime.now(UTC)
+    here = x509.IPAddress(ipaddress.ip_address("127.0.0.1"))
+    certificate = (
+        x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+        .not_valid_before(now - timedelta(days=1))
+        .not_valid_after(now + timedelta(days=1))
+        .add_extension(x509.SubjectAlternativeName([here]), critical=False)
+        .add_extension(x509.BasicConstraints(ca=True, path_length=None), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+    pem = folder / "chain.pem"
+    pem.touch(mode=0o600)
+    chain = certificate.public_bytes(serialization.Encoding.PEM)
+    pem.write_bytes(
+        chain
+        + key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
+        )
+    )
+    trusting = ssl.create_default_context(cadata=chain.decode())
     return ("--tls-cert", str(pem), "--tls-key", str(pem)), trusting
 
 

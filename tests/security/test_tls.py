@@ -19,13 +19,14 @@ from websockets.asyncio.server import ServerConnection, serve
 from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.cli import _greeting, first_room
-from robotouille_server.transport.connection import TLS_BUFFER, Connection
+from robotouille_server.transport.connection import Connection
 from robotouille_server.transport.tls import (
     POLL_SECONDS,
     ServerTLS,
     TLSFileError,
     certificate_names,
 )
+from robotouille_server.transport.tls_records import RECORDS_AT_A_TIME
 from tests.support.fuzzing.wire import frame, request
 from tests.support.servers import serving
 from tests.support.virtual_time import run, virtual
@@ -292,8 +293,29 @@ async def test_public_url_has_the_certificates_name(tmp_path: Path) -> None:
         assert server.url == f"wss://127.0.0.1:{server.port}"
 
 
+HELLO = b'{"type": "hello", "protocol": 1, "name": "ada", "ref": 1}'
+
+
+@asynccontextmanager
+async def encrypted_client(
+    pair: Pair, folder: Path, version: ssl.TLSVersion
+) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    """Connect to a server as a WebSocket client that has not sent hello yet."""
+    context = pair.client()
+    context.minimum_version = context.maximum_version = version
+    async with serving(folder, tls_cert=pair.cert, tls_key=pair.key) as server:
+        reader, writer = await asyncio.open_connection(
+            "127.0.0.1", server.port, ssl=context, server_hostname="127.0.0.1"
+        )
+        writer.write(request("robotouille.v1.json"))
+        await reader.readuntil(b"\r\n\r\n")
+        yield reader, writer
+        writer.transport.abort()
+
+
+@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
 def test_turn_decrypts_few_of_many_small_records(
-    pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    pair: Pair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: ssl.TLSVersion
 ) -> None:
     """Each byte may be in a record of its own, and each record costs the server a call."""
     sizes: list[int] = []
@@ -304,22 +326,31 @@ def test_turn_decrypts_few_of_many_small_records(
         take(connection, data)
 
     monkeypatch.setattr(Connection, "data_received", counted)
-    hello = b'{"type": "hello", "protocol": 1, "name": "ada", "ref": 1}'
 
     async def main() -> None:
-        async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
-            reader, writer = await asyncio.open_connection(
-                "127.0.0.1", server.port, ssl=pair.client(), server_hostname="127.0.0.1"
-            )
-            writer.write(request("robotouille.v1.json"))
-            await reader.readuntil(b"\r\n\r\n")
+        async with encrypted_client(pair, tmp_path / "r", version) as (reader, writer):
             sizes.clear()
-            for byte in frame(hello + b" " * 3000):
+            for byte in frame(HELLO + b" " * 3000):
                 writer.write(bytes((byte,)))
             await reader.readuntil(b'"welcome"')
-            writer.transport.abort()
 
     # Virtual time could pass the deadline for `hello` while so many records are in transit.
     asyncio.run(main())
     assert sum(sizes) > 3000
-    assert max(sizes) <= len(TLS_BUFFER)
+    assert max(sizes) <= RECORDS_AT_A_TIME
+
+
+def test_messages_in_large_records_arrive_whole(pair: Pair, tmp_path: Path) -> None:
+    async def main() -> None:
+        async with encrypted_client(pair, tmp_path / "r", ssl.TLSVersion.TLSv1_3) as (
+            reader,
+            writer,
+        ):
+            writer.write(frame(HELLO))
+            await reader.readuntil(b'"welcome"')
+            # The answers to both come after the server has read all of the first.
+            writer.write(frame(b'{"type":"list","ref":2,"x":"' + b"x" * 60_000 + b'"}'))
+            writer.write(frame(b'{"type":"list","ref":3}'))
+            await reader.readuntil(b'"ref":3')
+
+    asyncio.run(main())

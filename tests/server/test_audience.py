@@ -28,7 +28,7 @@ from robotouille_server.rooms.seat_limits import CHAT_LINES, CHAT_LINES_AT_ONCE,
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget
-from robotouille_server.transport.admission import LOOP_BUDGET
+from robotouille_server.transport.loop_budget import LOOP_BUDGET
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import virtual
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.transport.admission import LOOP_BUDGET
 from robotouille_server.transport.connection import (
     FRAMES_BURST,
     MAX_EXCESS,
@@ -23,6 +22,7 @@ from robotouille_server.transport.connection import (
     SECONDS_AT_A_TIME,
     Connection,
 )
+from robotouille_server.transport.loop_budget import LOOP_BUDGET
 from tests.support.fuzzing.wire import (
     CONTINUATION,
     PING,

@@ -17,8 +17,8 @@ from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import Admission, LoopBudget, Newcomers
-from robotouille_server.transport.admission import LOOP_BUDGET, TURN_SECONDS
 from robotouille_server.transport.connection import Connection, PendingConnection
+from robotouille_server.transport.loop_budget import LOOP_BUDGET, TURN_SECONDS
 from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import virtual

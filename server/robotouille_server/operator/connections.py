@@ -24,6 +24,8 @@ from websockets.datastructures import Headers
 
 from robotouille_server.auth import visitor
 from robotouille_server.operator.principal import RequestRefusedError
+from robotouille_server.transport import LoopBudget
+from robotouille_server.transport.tls_records import start_metered_tls
 
 REQUEST_SECONDS = 10.0
 """Time limit for a TLS handshake, for a request's head and for its body."""
@@ -224,11 +226,13 @@ class OperatorConnection(asyncio.Protocol):
         self,
         slots: ConnectionSlots,
         tls: ssl.SSLContext | None,
+        budget: LoopBudget,
         handshakes: set[asyncio.Task[None]],
         make_http: Callable[[ConnectionSlot], asyncio.Protocol],
     ) -> None:
         self._slots = slots
         self._tls = tls
+        self._budget = budget
         self._handshakes = handshakes
         self._make_http = make_http
         self._http: asyncio.Protocol | None = None
@@ -259,9 +263,7 @@ class OperatorConnection(asyncio.Protocol):
         encrypted = None
         # Strangers can cause failed handshakes at will, so these are not logged.
         with contextlib.suppress(OSError):
-            encrypted = await asyncio.get_running_loop().start_tls(
-                raw, self, tls, server_side=True, ssl_handshake_timeout=REQUEST_SECONDS
-            )
+            encrypted = await start_metered_tls(raw, self, tls, self._budget, REQUEST_SECONDS)
         if encrypted is None or raw.is_closing():
             slot.release()
             raw.abort()
@@ -313,9 +315,12 @@ class ConnectionFactory:
     Handlers find the connection's slot in the request's state.
     """
 
-    def __init__(self, slots: ConnectionSlots, tls: ssl.SSLContext | None) -> None:
+    def __init__(
+        self, slots: ConnectionSlots, tls: ssl.SSLContext | None, budget: LoopBudget
+    ) -> None:
         self._slots = slots
         self._tls = tls
+        self._budget = budget
         self._handshakes: set[asyncio.Task[None]] = set()
 
     def __call__(
@@ -324,7 +329,7 @@ class ConnectionFactory:
         def http(slot: ConnectionSlot) -> asyncio.Protocol:
             return H11Protocol(config, server_state, {**app_state, "slot": slot}, _loop)
 
-        return OperatorConnection(self._slots, self._tls, self._handshakes, http)
+        return OperatorConnection(self._slots, self._tls, self._budget, self._handshakes, http)
 
     async def close(self) -> None:
         """Close all connections."""

@@ -150,7 +150,7 @@ async def _served(
     service, streams = OperatorService(server, now), EventStreams()
     logins = LoginAudit(server.audit, now, addresses=server.settings.record_addresses)
     slots = ConnectionSlots(now)
-    connections = ConnectionFactory(slots, tls)
+    connections = ConnectionFactory(slots, tls, server.admission.loop_budget)
     app = application(service, streams)
     guard = Guard(app, access, logins, RequestRates(now))
     http = _http_server(guard, connections)

@@ -3,10 +3,10 @@
 from robotouille_server.transport.admission import (
     MAX_SURPLUS_CONNECTIONS,
     Admission,
-    LoopBudget,
     Newcomers,
 )
 from robotouille_server.transport.connection import Connection, PendingConnection, cut, frame_of
+from robotouille_server.transport.loop_budget import LoopBudget
 from robotouille_server.transport.peer import MAX_HELD, Peer
 from robotouille_server.transport.tls import ServerTLS
 

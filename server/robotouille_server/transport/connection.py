@@ -41,7 +41,8 @@ from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.process_limits import few_left
 from robotouille_server.runtime.timer_queue import LATE
-from robotouille_server.transport.admission import TURN_SECONDS, Admission
+from robotouille_server.transport.admission import Admission
+from robotouille_server.transport.loop_budget import TURN_SECONDS
 
 MAX_OWN = 2 * MAX_CLIENT_BYTES
 """Maximum size of a frame; larger messages are answered by an error."""
@@ -105,13 +106,6 @@ class Handler(Protocol):
 
 READ_BUFFER = memoryview(bytearray(64 * 1024))
 """Buffer that all connections of a process read into, one after the other."""
-TLS_BUFFER = READ_BUFFER[:128]
-"""Part of it for TLS. Each byte may be in a record of its own, which takes microseconds to decrypt,
-so a full buffer would block the event loop for a quarter of a second."""
-TLS_COST = 4.0
-"""Cost of filling `TLS_BUFFER` from such records, in frames."""
-MAX_ENCRYPTED = 16 * 1024
-"""Encrypted bytes of a connection above which no more are read. The default is 256 KiB."""
 
 
 class BufferedReader(asyncio.BufferedProtocol):
@@ -123,8 +117,7 @@ class BufferedReader(asyncio.BufferedProtocol):
     __slots__ = ()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        # Only a TLS transport knows how much has arrived. Others pass -1.
-        return READ_BUFFER if sizehint < 0 else TLS_BUFFER
+        return READ_BUFFER
 
     def buffer_updated(self, nbytes: int) -> None:
         self.data_received(bytes(READ_BUFFER[:nbytes]))
@@ -147,7 +140,6 @@ class Connection(BufferedReader):
 
     __slots__ = (
         "_admission",
-        "_encrypted",
         "_ending",
         "_excess",
         "_frames",
@@ -210,7 +202,6 @@ class Connection(BufferedReader):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast("asyncio.Transport", transport)
-        self._encrypted = transport.get_extra_info("sslcontext") is not None
         self._admission.enter(self, self.remote_address)
         self._set_timer(self._admission.opening_seconds, self.abort)
 
@@ -329,9 +320,6 @@ class Connection(BufferedReader):
         self._paused.discard(GIVE_WAY)
         if self._paused or self.transport.is_closing():
             return
-        if self._encrypted:
-            # The transport decrypts the next part as soon as reading resumes.
-            self._admission.loop_budget.spend(TLS_COST)
         try:
             self._take(b"")
         except Exception:
@@ -410,8 +398,6 @@ class Connection(BufferedReader):
         else:
             self._reader.receive(data)
             self.give_way()
-        if self._encrypted and len(data) >= len(TLS_BUFFER) and not self.transport.is_closing():
-            self.give_way()  # More records may have arrived.
 
     def _take(self, data: bytes) -> None:
         if not self._paused and not self._requested:
@@ -581,8 +567,6 @@ class PendingConnection(BufferedReader):
                 self._end()
         if encrypted is not None:
             try:
-                if not encrypted.is_closing():
-                    cast("Any", encrypted).set_read_buffer_limits(high=MAX_ENCRYPTED)
                 self._wait(encrypted)
             except Exception:
                 get_logger().exception("a connection failed")
