@@ -24,6 +24,7 @@ from robotouille_server.mqtt.client import MAX_UNSENT_PACKETS, MAX_WAITING_COMMA
 from robotouille_server.mqtt.messages import MAX_PROPERTY_BYTES
 from robotouille_server.mqtt.service import on_broker
 from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.transport import LoopBudget
 from tests.mqtt.lying import CONNACK, PINGRESP, LyingBroker, packet, published, text
 from tests.support.brokers import role_token
 from tests.support.servers import serving
@@ -83,7 +84,10 @@ async def test_broker_that_sends_commands_and_reads_nothing_is_cut_off() -> None
 def bounded_client(metrics: Metrics) -> BoundedClient:
     """Return a client without a connection that accepts the token `yes`."""
     return BoundedClient(
-        hostname="broker", metrics=metrics, authorized=lambda payload: b"yes" in payload
+        hostname="broker",
+        metrics=metrics,
+        budget=LoopBudget(asyncio.get_running_loop()),
+        authorized=lambda payload: b"yes" in payload,
     )
 
 

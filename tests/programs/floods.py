@@ -40,7 +40,7 @@ from websockets.sync.client import connect
 from robotouille_server.auth import Role, Tokens
 from robotouille_server.auth.keys import FileKeyring
 from tests.programs.audience_flood import AudienceFlood
-from tests.programs.broker_flood import flooding_broker
+from tests.programs.broker_flood import BrokerFlood, flooding_broker
 from tests.programs.honest_game import HELLO, SUBPROTOCOL, HonestGame
 from tests.programs.record_flood import Kind, RecordFlood
 from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
@@ -95,8 +95,9 @@ class Flood:
     spectators ask for snapshots. With `elsewhere`, its connections are remote; new clients are then
     remote too and have a token. `rooms` is the number of other episodes on the server. With `page`,
     each connection requests this page again and again. With `records`, the server uses TLS with an
-    RSA key, and the connections send records of this kind. With `broker`, the flood comes from the
-    MQTT broker, during the whole measurement. `max_growth` is the limit for the server's memory.
+    RSA key, and the connections send records of this kind. With `broker`, the flood comes from an
+    MQTT broker of this kind, during the whole measurement. `max_growth` is the limit for the
+    server's memory.
     """
 
     what: str
@@ -110,7 +111,7 @@ class Flood:
     resyncs: bool = False
     page: str = ""
     records: Kind | None = None
-    broker: bool = False
+    broker: BrokerFlood | None = None
     elsewhere: bool = False
     rooms: int = 0
     connections: int = 4
@@ -175,7 +176,11 @@ FLOODS = {
     "handshakes": Flood(
         "TLS handshakes, from 30 connections", records="handshakes", connections=30
     ),
-    "broker": Flood("packets of an MQTT broker in shifted TLS records", broker=True),
+    "groups": Flood(
+        "TLS handshakes with slow groups, from 30 connections", records="groups", connections=30
+    ),
+    "broker": Flood("packets of an MQTT broker in shifted TLS records", broker="packets"),
+    "broker-keys": Flood("changes of keys by an MQTT broker", broker="keys"),
     "acts": Flood(
         "actions of spectators, from 60 connections",
         lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
@@ -360,8 +365,8 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="robotouille-flood-"))
         flags, tls = _tls(Path(folder)) if FLOODS[name].records else ((), None)
-        if FLOODS[name].broker:
-            flags = _broker(Path(folder), stack)
+        if kind := FLOODS[name].broker:
+            flags = _broker(kind, Path(folder), stack)
         with server_process(Path(folder), *FLAGS, *flags) as server:
             process = psutil.Process(server.process.pid)
             game = HonestGame(server, FLOODS[name].rooms, tls)
@@ -428,12 +433,12 @@ def _tls(folder: Path) -> tuple[tuple[str, ...], ssl.SSLContext]:
     return ("--tls-cert", str(pem), "--tls-key", str(pem)), trusting
 
 
-def _broker(folder: Path, stack: ExitStack) -> tuple[str, ...]:
+def _broker(kind: BrokerFlood, folder: Path, stack: ExitStack) -> tuple[str, ...]:
     """Start the flooding broker; return the server's flags."""
     authority, pem, ca = trustme.CA(), folder / "broker.pem", folder / "ca.pem"
     authority.cert_pem.write_to_path(ca)
     authority.issue_cert("127.0.0.1").private_key_and_cert_chain_pem.write_to_path(pem)
-    url = stack.enter_context(flooding_broker(pem))
+    url = stack.enter_context(flooding_broker(kind, pem))
     return ("--mqtt", url, "--mqtt-ca", str(ca), "--mqtt-name", "flood")
 
 

@@ -7,34 +7,28 @@ A handshake costs the server a signature, which takes milliseconds with an RSA k
 
 from __future__ import annotations
 
-import hmac
 import json
 import select
 import socket
 import ssl
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import cycle
-from pathlib import Path
 from typing import Literal
 
-from cryptography.hazmat.primitives.ciphers.aead import AESGCM
-
 from tests.programs.honest_game import HELLO, SUBPROTOCOL
+from tests.programs.key_changes import CIPHER, KeyChanges, logged_keys
+from tests.support.client_hello import slow_hello
 from tests.support.fuzzing.wire import TEXT, frame, request
 
 __all__ = ["Kind", "RecordFlood"]
 
-Kind = Literal["bytes", "keys", "handshakes"]
+Kind = Literal["bytes", "keys", "handshakes", "groups"]
 AT_FIRST, AT_ONCE = 6_000, 2_000
 """Records that a connection prepares before the flood, and later for each write."""
 CHUNK = 256 * 1024
 MESSAGE = b" " * 60_000
 """Message that is still incomplete after the records prepared before the flood."""
-CIPHER, HASH, KEY_BYTES, IV_BYTES = "TLS_AES_256_GCM_SHA384", "sha384", 32, 12
-KEY_UPDATE = bytes.fromhex("180000010116")
-"""Message that changes the sender's keys and requests the same, with its type."""
 
 
 class _Connection:
@@ -124,31 +118,13 @@ class _Keys(_Connection):
     """Stranger that changes the keys of the connection with each record."""
 
     def _shake_hands(self) -> None:
-        self.context.minimum_version = ssl.TLSVersion.TLSv1_3
-        with tempfile.NamedTemporaryFile() as log:
-            self.context.keylog_filename = log.name
+        with logged_keys(self.context) as log:
             super()._shake_hands()
-            lines = [line.split() for line in Path(log.name).read_text().splitlines()]
+            self._changes = KeyChanges(log, "CLIENT")
         assert CIPHER in (self.tls.cipher() or ())
-        self._secret = next(
-            bytes.fromhex(line[2]) for line in lines if line[0] == "CLIENT_TRAFFIC_SECRET_0"
-        )
 
     def records(self, count: int) -> bytes:
-        return b"".join(self._record() for _ in range(count))
-
-    def _record(self) -> bytes:
-        key, iv = self._expand(b"key", KEY_BYTES), self._expand(b"iv", IV_BYTES)
-        self._secret = self._expand(b"traffic upd", len(self._secret))
-        # Each key encrypts one record only, so the sequence number in the nonce is 0.
-        head = b"\x17\x03\x03" + (len(KEY_UPDATE) + 16).to_bytes(2, "big")
-        return head + AESGCM(key).encrypt(iv, KEY_UPDATE, head)
-
-    def _expand(self, label: bytes, size: int) -> bytes:
-        # HKDF-Expand-Label of RFC 8446, section 7.1. All results fit into one block.
-        label = b"tls13 " + label
-        info = size.to_bytes(2, "big") + bytes((len(label),)) + label + b"\0\1"
-        return hmac.digest(self._secret, info, HASH)[:size]
+        return self._changes.records(count)
 
 
 class _Handshake(_Connection):
@@ -157,9 +133,12 @@ class _Handshake(_Connection):
     def open(self) -> None:
         self.socket = socket.create_connection(self._address, timeout=20)
         self.socket.setblocking(False)
+        self.socket.send(self._hello())
+
+    def _hello(self) -> bytes:
         with suppress(ssl.SSLWantReadError):
             self.context.wrap_bio(self._received, self._encrypted).do_handshake()
-        self.socket.send(self._encrypted.read())
+        return self._encrypted.read()
 
     def push(self) -> bool:
         """Start again as soon as the server has signed."""
@@ -171,10 +150,18 @@ class _Handshake(_Connection):
         return False
 
 
+class _SlowGroup(_Handshake):
+    """Stranger that offers only a group whose computation takes 0.2 s."""
+
+    def _hello(self) -> bytes:
+        return slow_hello()
+
+
 KINDS: dict[Kind, Callable[[int], _Connection]] = {
     "bytes": _Bytes,
     "keys": _Keys,
     "handshakes": _Handshake,
+    "groups": _SlowGroup,
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import ssl
 import sys
@@ -27,6 +28,7 @@ from robotouille_server.transport.tls import (
     certificate_names,
 )
 from robotouille_server.transport.tls_records import RECORDS_AT_A_TIME
+from tests.support.client_hello import slow_hello
 from tests.support.fuzzing.wire import frame, request
 from tests.support.servers import serving
 from tests.support.virtual_time import run, virtual
@@ -165,6 +167,32 @@ def test_old_tls_versions_are_refused(pair: Pair) -> None:
 
     with pytest.warns(DeprecationWarning):
         run(scenario())
+
+
+def test_slow_groups_are_refused_before_they_are_computed(pair: Pair) -> None:
+    """The first packet of a stranger could otherwise cost 0.2 s."""
+    received, sent = ssl.MemoryBIO(), ssl.MemoryBIO()
+    server = ServerTLS(pair.cert, pair.key).context.wrap_bio(received, sent, server_side=True)
+    received.write(slow_hello())
+    with pytest.raises(ssl.SSLError, match=r"NO_SUITABLE_KEY_SHARE|NO_SHARED_GROUP"):
+        server.do_handshake()
+
+
+@virtual
+async def test_aborted_handshakes_leave_no_error(pair: Pair, tmp_path: Path) -> None:
+    failures: list[dict[str, object]] = []
+    async with serving(tmp_path, tls_cert=pair.cert, tls_key=pair.key) as server:
+        asyncio.get_running_loop().set_exception_handler(lambda loop, what: failures.append(what))
+        silent = [await asyncio.open_connection("127.0.0.1", server.port) for _ in range(3)]
+        await asyncio.sleep(0.1)
+        server.admission.newcomers.close()
+        await asyncio.sleep(0.1)
+        assert len(server.admission.newcomers) == 0
+        for _, writer in silent:
+            writer.transport.abort()
+        gc.collect()
+        await asyncio.sleep(0.1)
+    assert not failures
 
 
 @virtual

@@ -26,6 +26,7 @@ from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
+from robotouille_server.transport import LoopBudget
 
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 MAX_PASSWORD_BYTES = 4096
@@ -152,6 +153,7 @@ def broker_connection(
     name: str,
     will: tuple[str, bytes],
     metrics: Metrics,
+    budget: LoopBudget,
     authorized: Callable[[bytes], bool],
 ) -> Connect:
     """Return a function that opens a connection to a broker.
@@ -169,6 +171,7 @@ def broker_connection(
         identifier = f"robotouille-{name}"
         client = BoundedClient(
             metrics=metrics,
+            budget=budget,
             authorized=authorized,
             hostname=address.host,
             port=address.port,
@@ -183,7 +186,8 @@ def broker_connection(
             properties=_connect_properties(),
             logger=LIBRARY_LOG,
             tls_context=address.tls,
-            socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
+            # The socket of TLS is one end of a pair, which has no such option.
+            socket_options=[] if address.tls else [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
         client._client.connect_timeout = CONNECT_SECONDS  # aiomqtt has no option for it.
         try:

@@ -9,6 +9,7 @@ of paho that read from the socket and handle a packet.
 from __future__ import annotations
 
 import asyncio
+import socket
 import ssl
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +22,7 @@ from paho.mqtt.exception import MQTTException
 from paho.mqtt.packettypes import PacketTypes
 
 from robotouille_server.mqtt.messages import MAX_PACKET_BYTES
+from robotouille_server.mqtt.metered_socket import metered
 from robotouille_server.mqtt.packets import (
     QOS_BITS,
     PacketError,
@@ -30,6 +32,7 @@ from robotouille_server.mqtt.packets import (
 from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.transport import LoopBudget
 
 MAX_WAITING_COMMANDS = 100
 """Further commands are dropped. If half as many wait, those without a valid token are dropped."""
@@ -59,12 +62,18 @@ class BoundedClient(aiomqtt.Client):
 
     Args:
         metrics: Counts dropped commands.
+        budget: Charged for TLS records.
         authorized: Returns whether a payload contains a valid token.
         options: Arguments of `aiomqtt.Client`.
     """
 
     def __init__(
-        self, *, metrics: Metrics, authorized: Callable[[bytes], bool], **options: Any
+        self,
+        *,
+        metrics: Metrics,
+        budget: LoopBudget,
+        authorized: Callable[[bytes], bool],
+        **options: Any,
     ) -> None:
         super().__init__(max_queued_incoming_messages=MAX_WAITING_COMMANDS, **options)
         self._metrics = metrics
@@ -78,7 +87,16 @@ class BoundedClient(aiomqtt.Client):
         paho = self._client
         self._receive, self._handle = paho._sock_recv, paho._packet_handle
         paho._sock_recv = self._receive_bounded  # type: ignore[method-assign]
+        if options.get("tls_context") is not None:
+            self._budget, self._connect_plain = budget, paho._create_socket_connection
+            paho._create_socket_connection = self._connect_metered  # type: ignore[method-assign]
         paho._packet_handle = self._handle_bounded  # type: ignore[method-assign]
+
+    def _connect_metered(self) -> socket.socket:
+        # paho calls this in the thread that connects.
+        broker = self._connect_plain()
+        broker.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return metered(broker, self._loop, self._budget)
 
     def _on_socket_open(self, client: Paho, userdata: Any, sock: Any) -> None:
         # paho calls this in the thread that connects.

@@ -86,7 +86,9 @@ async def on_broker(
         address = BrokerAddress.from_settings(server.settings)
         will = topics.presence, encode(Presence(state="gone"))
         authorized = partial(has_host_token, server.tokens)
-        connect = broker_connection(address, topics.server, will, server.metrics, authorized)
+        connect = broker_connection(
+            address, topics.server, will, server.metrics, server.admission.loop_budget, authorized
+        )
         get_logger().info("broker", url=str(address), name=topics.server)
     service = BrokerService(server, topics, connect, rng or random.SystemRandom())
     running = asyncio.create_task(service.run(), name="broker")

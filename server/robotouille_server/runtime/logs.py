@@ -41,6 +41,8 @@ def configure_logs(level: str, log_format: str) -> None:
         logger_factory=structlog.WriteLoggerFactory(file=sys.stderr),
     )
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    # It warns of each write to a client that has gone, which clients could use to fill the log.
+    logging.getLogger("asyncio").setLevel(logging.ERROR)
 
 
 def get_logger() -> Any:

@@ -12,8 +12,8 @@ from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport.loop_budget import LoopBudget
 from robotouille_server.transport.tls_records import start_metered_tls
 
-HANDSHAKES_AT_ONCE = 16
-"""Concurrent handshakes. Each takes half a megabyte and blocks the event loop for milliseconds."""
+HANDSHAKES_AT_ONCE = 64
+"""Concurrent handshakes. Each takes a quarter of a megabyte, used or not."""
 MAX_SURPLUS_CONNECTIONS = 1000
 """Connections accepted beyond the limit, only to answer that the server is full."""
 FAIR_SECONDS = 1.0

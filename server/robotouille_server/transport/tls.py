@@ -167,6 +167,9 @@ def _load(cert: Path, key: Path) -> ssl.SSLContext:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     # Older versions have known weaknesses, and no supported client needs them.
     context.minimum_version = ssl.TLSVersion.TLSv1_2
+    # Other groups include ffdhe8192, with which a stranger's first packet costs the server 0.2 s.
+    # Every client of TLS 1.3 supports this curve (RFC 8446, section 9.1).
+    context.set_ecdh_curve("prime256v1")
     try:
         context.load_cert_chain(cert, key, password=_refuse_passphrase)
     except ssl.SSLError as error:

@@ -50,9 +50,11 @@ async def start_metered_tls(
     encrypted = await asyncio.get_running_loop().start_tls(
         RecordMeter(raw, budget), protocol, context, server_side=True, ssl_handshake_timeout=seconds
     )
+    if encrypted is None:  # The connection was aborted; asyncio reports no error then.
+        raise ConnectionAbortedError("the connection was aborted in the handshake")
     # While the protocol reads nothing, records wait in the meter.
     cast("Any", encrypted).set_read_buffer_limits(high=1)
-    return cast("asyncio.Transport", encrypted)
+    return encrypted
 
 
 class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
