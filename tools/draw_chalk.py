@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
-FOLDERS = ("kitchen", "diner", "workshop")
+FOLDERS = ("kitchen", "diner", "restaurant", "workshop")
 """Folders of pictures to convert. The first folder that has a name wins."""
 SVG = "http://www.w3.org/2000/svg"
 Rgb = tuple[int, int, int]

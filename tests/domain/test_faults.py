@@ -99,7 +99,7 @@ PROBLEMS: list[tuple[tuple[Any, ...], Any, str]] = [
     (("width",), 10**9, "width: input should be less than or equal to 100"),
     (("height",), "high", "height: input should be a valid integer"),
     (("heigth",), 3, "heigth: unknown field 'heigth'; did you mean 'height'?"),
-    (("goal",), ..., "goal: Field required"),
+    (("goal",), ..., "needs a 'goal', or a 'shift' with orders"),
     (("goal",), {}, "goal: input should be a valid tuple"),
     (("objects",), [], "objects: input should be a valid dictionary"),
     (("objects", "itme"), [], "unknown object type 'itme'; did you mean 'item'?"),

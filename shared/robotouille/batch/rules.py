@@ -218,6 +218,10 @@ class CompiledRules:
     """
 
     def __init__(self, world: World, slots: Mapping[str, int] | None = None) -> None:
+        if world.shift is not None:
+            raise RobotouilleError(
+                "the batch engine does not support shifts; use the environments or World.step"
+            )
         self.world = world
         self.encoding = world.encoding if slots is None else Encoding(world, slots)
         self.players = world.players

@@ -6,6 +6,7 @@ Functions return all faults that they find and never raise.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from math import prod
 
 from robotouille.domain.derived import (
@@ -16,7 +17,14 @@ from robotouille.domain.derived import (
     parameter_types,
 )
 from robotouille.domain.domain_checks import unknown
-from robotouille.domain.schema import CountedEffect, DomainFile, ProblemFile
+from robotouille.domain.schema import (
+    Arrivals,
+    CountedEffect,
+    DomainFile,
+    GoalTerm,
+    PredicateDef,
+    ProblemFile,
+)
 from robotouille.errors import Fault, bounded, did_you_mean
 
 MAX_FACTS, MAX_CHOICES = 20_000, 10_000_000
@@ -30,7 +38,8 @@ def check_problem(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     """Find objects off the grid or of unknown types, unknown predicates, and invalid goals."""
     return [
         *_check_objects(problem, domain),
-        *_check_goal(problem, domain),
+        *_check_goal("goal", problem.goal, problem, domain),
+        *_check_shift(problem, domain),
         *_check_config(problem, domain),
         *_check_ground(problem),
         *_check_size(problem, domain),
@@ -109,7 +118,9 @@ def _check_seats(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     ]
 
 
-def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+def _check_goal(
+    name: str, terms: Iterable[GoalTerm], problem: ProblemFile, domain: DomainFile
+) -> list[Fault]:
     faults = []
     predicates = {p.name: p for p in domain.predicate_defs}
     kinds = _kinds(problem, domain)
@@ -117,8 +128,8 @@ def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         o.id: kind for kind, objects in problem.objects.items() for o in objects if o.id is not None
     }
     first: dict[int | str, str] = {}
-    for i, term in enumerate(problem.goal):
-        path = f"goal[{i}]"
+    for i, term in enumerate(terms):
+        path = f"{name}[{i}]"
         definition = predicates.get(term.predicate)
         if definition is None:
             faults.append(unknown(f"{path}.predicate", "predicate", term.predicate, predicates))
@@ -151,6 +162,50 @@ def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
                 )
                 faults.append(Fault(where, f"{message}; the earlier kind is used", "warning"))
     return faults
+
+
+def _check_shift(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    shift = problem.shift
+    if shift is None:
+        return []
+    faults = []
+    for name, dish in shift.menu.items():
+        faults += _check_goal(f"shift.menu[{name!r}].goal", dish.goal, problem, domain)
+    if not isinstance(shift.arrivals, Arrivals):
+        faults += [
+            unknown(f"shift.arrivals[{i}].dish", "dish", arrival.dish, shift.menu)
+            for i, arrival in enumerate(shift.arrivals)
+            if arrival.dish not in shift.menu
+        ]
+        times = [arrival.at for arrival in shift.arrivals]
+        if times != sorted(times):
+            faults.append(Fault("shift.arrivals", "the orders are not sorted by their times"))
+    predicates = {p.name: p for p in domain.predicate_defs}
+    for i, predicate in enumerate(shift.serve.predicates):
+        path = f"shift.serve.predicates[{i}]"
+        if predicate not in predicates:
+            faults.append(unknown(path, "predicate", predicate, predicates))
+        elif not _relates_to_station(predicates[predicate], domain):
+            message = f"{predicate!r} does not relate a thing to a station"
+            faults.append(Fault(path, message))
+    for i, predicate in enumerate(shift.serve.soils):
+        path = f"shift.serve.soils[{i}]"
+        if predicate not in predicates:
+            faults.append(unknown(path, "predicate", predicate, predicates))
+        elif len(predicates[predicate].param_types) != 1:
+            faults.append(Fault(path, f"{predicate!r} does not describe a single thing"))
+    stations = {o.name for kind in domain.station_types for o in problem.objects.get(kind, ())}
+    for path, station in (("serve.station", shift.serve.station), ("discard", shift.discard)):
+        if station is not None and station not in stations:
+            message = f"the kitchen has no station {station!r}{did_you_mean(station, stations)}"
+            faults.append(Fault(f"shift.{path}", message))
+    return faults
+
+
+def _relates_to_station(predicate: PredicateDef, domain: DomainFile) -> bool:
+    types = predicate.param_types
+    movable = {*domain.object_types} - {*domain.station_types, *domain.player_types}
+    return len(types) == 2 and types[0] in movable and types[1] in domain.station_types
 
 
 def _kinds(problem: ProblemFile, domain: DomainFile) -> dict[str, str]:

@@ -260,6 +260,72 @@ class GoalTerm(Schema):
         return self
 
 
+class Dish(Schema):
+    """Dish on the menu of a shift. Times are in steps of the timing profile `benchmark`.
+
+    `goal` describes the dish as the goal of a problem does. A dish that is served with `n` of
+    `patience` steps left earns `points`, and `n / patience` of `tip`. An order that expires costs
+    `penalty`.
+    """
+
+    goal: tuple[GoalTerm, ...] = Field(min_length=1, max_length=100)
+    points: Annotated[int, Field(ge=0, le=10_000)]
+    tip: Annotated[int, Field(ge=0, le=10_000)] = 0
+    penalty: Annotated[int, Field(ge=0, le=10_000)] = 0
+    patience: Annotated[int, Field(ge=1, le=10_000)]
+
+
+class Arrivals(Schema):
+    """Random arrivals of orders: the first one, and the least and greatest interval after it."""
+
+    first: Annotated[int, Field(ge=0, le=10_000)] = 0
+    every: tuple[Annotated[int, Field(ge=1, le=10_000)], Annotated[int, Field(ge=1, le=10_000)]]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Arrivals:
+        if self.every[0] > self.every[1]:
+            raise ValueError(f"the interval {self.every[0]} to {self.every[1]} is empty")
+        return self
+
+
+class Arrival(Schema):
+    """Arrival of one order."""
+
+    at: Annotated[int, Field(ge=0, le=10_000)]
+    dish: Words
+
+
+class Serving(Schema):
+    """Stations where dishes are served, and the predicates that put a dish there.
+
+    Served objects return to where they were at the beginning, without the facts of `soils`.
+    """
+
+    station: Name
+    predicates: tuple[Name, ...] = Field(min_length=1, max_length=8)
+    soils: tuple[Name, ...] = Field(default=(), max_length=8)
+
+
+class Shift(Schema):
+    """Orders that keep coming (docs/shifts.md). Times are in steps of the profile `benchmark`.
+
+    Attributes:
+        steps: The length of the shift.
+        menu: The dishes by their names for people.
+        arrivals: The orders, or how the seed draws them. A task has drawn them already.
+        most_open: Number of open orders above which further ones wait.
+        serve: Where a dish counts.
+        discard: Kind of the stations where things are thrown away.
+    """
+
+    steps: Annotated[int, Field(ge=1, le=10_000)]
+    menu: dict[Words, Dish] = Field(min_length=1, max_length=32)
+    arrivals: Arrivals | Annotated[tuple[Arrival, ...], Field(min_length=1, max_length=1000)]
+    most_open: Annotated[int, Field(ge=1, le=16)] = 3
+    serve: Serving
+    discard: Name | None = None
+
+
 _PUBLISHED_LISTS = {
     "stations": "station",
     "items": "item",
@@ -295,7 +361,8 @@ class ProblemFile(Schema):
     objects: dict[str, tuple[ObjectDef, ...]] = {}
     seats: tuple[Annotated[int, Field(ge=1, le=16)], ...] | None = None
     goal_description: Words = ""
-    goal: tuple[GoalTerm, ...] = Field(max_length=1000)
+    goal: tuple[GoalTerm, ...] = Field(default=(), max_length=1000)
+    shift: Shift | None = None
     provenance: Provenance | None = None
 
     @property
@@ -316,6 +383,14 @@ class ProblemFile(Schema):
         if not isinstance(objects, dict):
             return raw
         return {**rest, "objects": {**lists, **objects}}
+
+    @model_validator(mode="after")
+    def _goal_or_shift(self) -> ProblemFile:
+        if self.shift is not None and self.goal:
+            raise ValueError("a shift has no goal; describe its dishes in 'shift.menu'")
+        if self.shift is None and "goal" not in self.model_fields_set:
+            raise ValueError("needs a 'goal', or a 'shift' with orders")
+        return self
 
     @model_validator(mode="after")
     def _within_limits(self) -> ProblemFile:

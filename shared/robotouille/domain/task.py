@@ -16,6 +16,8 @@ from robotouille.domain.files import is_file, read_model, validate
 from robotouille.domain.problem_checks import check_problem
 from robotouille.domain.related_files import FileKind, by, each, read_extending, union
 from robotouille.domain.schema import (
+    Arrival,
+    Arrivals,
     CountedEffect,
     DomainFile,
     EffectDef,
@@ -51,6 +53,21 @@ def _resolve(
     return thing.model_copy(update={"name": generator.choice(kinds)})
 
 
+def draw_orders(problem: ProblemFile, seed: int) -> ProblemFile:
+    """Replace random arrivals of a shift by the orders that the seed draws."""
+    shift = problem.shift
+    if shift is None or not isinstance(shift.arrivals, Arrivals):
+        return problem
+    generator = random.Random(seed)
+    orders: list[Arrival] = []
+    at, dishes = shift.arrivals.first, list(shift.menu)
+    while at < shift.steps or not orders:
+        orders.append(Arrival(at=at, dish=generator.choice(dishes)))
+        at += generator.randint(*shift.arrivals.every)
+    drawn = shift.model_copy(update={"arrivals": tuple(orders)})
+    return problem.model_copy(update={"shift": drawn})
+
+
 class Timing(StrEnum):
     """The two timing profiles; see `TimingProfile`."""
 
@@ -84,7 +101,7 @@ class Task:
     """Everything that determines an episode except the players' actions.
 
     `source` is the path of the problem file, or a name for errors. `seeded` is True if the seed has
-    chosen kinds of objects; otherwise, the task is the same for all seeds.
+    chosen kinds of objects or orders; otherwise, the task is the same for all seeds.
     """
 
     name: str
@@ -184,7 +201,7 @@ def build_task(
         FileError: They are invalid; the error lists all faults.
     """
     domain = complete_domain(domain)
-    resolved = resolve_wildcards(problem, domain, seed)
+    resolved = draw_orders(resolve_wildcards(problem, domain, seed), seed)
     seeded, problem = resolved is not problem, resolved
     faults = _domain_faults(_ByIdentity(domain)) or check_problem(problem, domain)
     errors = [fault for fault in faults if fault.severity == "error"]

@@ -160,12 +160,13 @@ class Play:
         applied = rollout.take(wanted)
         if None in wanted:  # Doing nothing is always applied.
             applied = tuple(a or n is None for a, n in zip(applied, numbers, strict=True))
-        self._seen = seen = rollout.seen
+        score, seen = seen.score, rollout.seen
+        self._seen = seen
         self.steps += 1
-        terminated = seen.goal_reached
+        terminated = seen.goal_reached or seen.over
         truncated = not terminated and self.steps >= self.rules.max_steps
         self.over = terminated or truncated
-        reward = 1.0 if terminated else 0.0
+        reward = 1.0 if seen.goal_reached else float(seen.score - score)
         if self._potential is not None:
             before, self._worth = self._worth, self._worth_of(rollout.state)
             reward += self.rules.weight * (self.rules.gamma * self._worth - before)

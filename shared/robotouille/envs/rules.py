@@ -214,7 +214,9 @@ def engine_plays(rules: EnvRules) -> bool:
     # Graphs, texts and potentials need a `State` in each step, which the engine would have to
     # build.
     vectors = rules.observation is EnvObservation.VECTOR
-    return vectors and rules.reward is Reward.SPARSE and is_compiled()
+    if not (vectors and rules.reward is Reward.SPARSE and is_compiled()):
+        return False
+    return all(task.problem.shift is None for task in rules.tasks())
 
 
 ActionRows = npt.NDArray[np.int64]

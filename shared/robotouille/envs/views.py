@@ -17,6 +17,7 @@ from robotouille.domain.task import Task
 from robotouille.envs.rules import EnvObservation
 from robotouille.errors import InapplicableError, MissingExtraError, WrongArgumentError
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.shift import Orders
 from robotouille.world.timers import Timers
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World, shared_world
@@ -65,11 +66,16 @@ class Sizes(NamedTuple):
 
 
 class ObservedState(NamedTuple):
-    """The arrays of a state, which must not be changed."""
+    """The arrays of a state, which must not be changed, and whether the goal is reached.
+
+    In a shift, `over` is True at its end, and `score` are the points so far.
+    """
 
     vector: Vector
     masks: tuple[Mask, ...]
     goal_reached: bool
+    over: bool = False
+    score: int = 0
 
 
 class ObservationView:
@@ -84,7 +90,7 @@ class ObservationView:
         self.sizes = sizes
         self.actions = tuple(world.ground_actions(player) for player in world.players)
         self._encoding = world.encoding
-        self._seen: dict[tuple[int, Timers], ObservedState] = {}
+        self._seen: dict[tuple[int, Timers, Orders | None], ObservedState] = {}
         item = 4 * sizes.vector + sum(sizes.actions) + 1_000
         self._room = max(100, MAX_KEPT_BYTES // item)
 
@@ -99,7 +105,7 @@ class ObservationView:
 
     def seen(self, state: State) -> ObservedState:
         """Return a state's arrays, which must not be changed."""
-        key = state.facts, state.timers
+        key = state.facts, state.timers, state.orders
         found = self._seen.get(key)
         if found is None:
             if len(self._seen) >= self._room:
@@ -110,7 +116,9 @@ class ObservationView:
     def _look(self, state: State) -> ObservedState:
         masks = (state.mask(player).view(np.int8) for player in self.world.players)
         padded = tuple(map(_padded, masks, self.sizes.actions))
-        return ObservedState(_padded(state.vector(), self.sizes.vector), padded, state.goal_reached)
+        vector = _padded(state.vector(), self.sizes.vector)
+        score = 0 if state.orders is None else state.orders.score
+        return ObservedState(vector, padded, state.goal_reached, state.shift_over, score)
 
     def action(self, state: State, place: int, number: int) -> GroundAction | None:
         """Return a player's action of a number, or None if the instance or the state lacks it."""

@@ -719,6 +719,8 @@ class Episode:
         # Check the goal first, because a goal reached in the very last step counts.
         if goal:
             self._end(Reason.GOAL, now)
+        elif self.record.state.shift_over:
+            self._end(Reason.SHIFT_OVER, now)
         elif self.record.step >= self.record.rules.max_steps:
             self._end(Reason.STEP_LIMIT, now)
         return self.record.ended

@@ -31,6 +31,7 @@ class Reason(StrEnum):
     """Reason for the end of an episode."""
 
     GOAL = "goal"
+    SHIFT_OVER = "shift_over"
     STEP_LIMIT = "step_limit"
     ABANDONED = "abandoned"
     ABORTED = "aborted"
@@ -52,11 +53,20 @@ class Moderation(StrEnum):
     UNMUTED = "unmuted"
 
 
+class Score(NamedTuple):
+    """Result of a shift: its points, and the numbers of served and expired orders."""
+
+    points: int
+    served: int
+    expired: int
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """The way in which an episode ended.
 
-    `seconds` is the time since the start, pauses included; 0 if the game never started.
+    `seconds` is the time since the start, pauses included; 0 if the game never started. Only
+    shifts have a `score`.
     """
 
     reason: Reason
@@ -64,6 +74,7 @@ class Outcome:
     seconds: float
     seats: tuple[SeatTally, ...]
     detail: str = ""
+    score: Score | None = None
 
     @property
     def success(self) -> bool:
@@ -76,11 +87,12 @@ class Outcome:
         # An unknown count raises TypeError, which `robotouille.replay.restore` reports as a fault
         # of the recording.
         seats = tuple(SeatTally(**seat) for seat in row["seats"])
-        return cls(Reason(row["reason"]), row["steps"], row["seconds"], seats, row["detail"])
+        score = Score(**row["score"]) if row.get("score") else None
+        return cls(Reason(row["reason"]), row["steps"], row["seconds"], seats, row["detail"], score)
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as JSON values, with seconds rounded to milliseconds."""
-        return {
+        row: dict[str, Any] = {
             "reason": self.reason.value,
             "steps": self.steps,
             # The time is rounded like all times in a recording, which are whole milliseconds.
@@ -88,6 +100,9 @@ class Outcome:
             "detail": self.detail,
             "seats": [tally.to_json() for tally in self.seats],
         }
+        if self.score is not None:
+            row["score"] = self.score._asdict()
+        return row
 
 
 # A named tuple, because every step creates them and a frozen dataclass takes twice as long.

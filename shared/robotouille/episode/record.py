@@ -16,6 +16,7 @@ from robotouille.episode.events import (
     PlayedMove,
     QuotaReached,
     Reason,
+    Score,
     Stepped,
 )
 from robotouille.episode.lifecycle import (
@@ -170,7 +171,9 @@ class EpisodeRecord:
         self.enter_phase(PhaseEvent.END)
         # Copies: the outcome must not change if a seat is still counted afterwards.
         tallies = tuple(replace(seat.tally) for seat in self.seats.values())
-        self.outcome = Outcome(reason, self.step, self.elapsed(now), tallies, detail)
+        orders = self.state.orders
+        score = None if orders is None else Score(orders.score, orders.served, orders.expired)
+        self.outcome = Outcome(reason, self.step, self.elapsed(now), tallies, detail, score)
         self.emit(EpisodeEnded(self.outcome))
 
     def check_open(self) -> None:

@@ -256,16 +256,27 @@ class TallyRow(TypedDict, total=False):
 
 
 @with_config(OPEN)
+class ScoreRow(TypedDict, total=False):
+    """Result of a shift."""
+
+    points: Annotated[int, Field(description="The score; it can be negative.")]
+    served: Annotated[int, Field(description="Orders served.")]
+    expired: Annotated[int, Field(description="Orders that expired.")]
+
+
+@with_config(OPEN)
 class OutcomeRow(TypedDict, total=False):
     """The way in which an episode ended."""
 
     reason: Annotated[
-        Known[Reason], Field(description="`goal`, `step_limit`, `abandoned` or `aborted`.")
+        Known[Reason],
+        Field(description="`goal`, `shift_over`, `step_limit`, `abandoned` or `aborted`."),
     ]
     steps: Annotated[int, Field(description="Steps taken.")]
     seconds: Annotated[float, Field(description="Duration in seconds.")]
     detail: Annotated[str, Field(description="Explanation for people, possibly empty.")]
     seats: Annotated[list[TallyRow], Field(description="Counts for each seat, in seat order.")]
+    score: Annotated[ScoreRow, Field(description="The result, if the task is a shift.")]
 
 
 class WorkerAddress(FromServer):

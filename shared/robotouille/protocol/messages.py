@@ -553,6 +553,13 @@ class Moved(FromServer):
     url: str = Field(default="", description="The address to connect to instead of `port`, if set.")
 
 
+OrdersRow = list[int | list[list[int]]]
+ORDERS = (
+    "`[time, open, arrived, score, served, expired]`; each open order as `[number, due]`, where "
+    "`number` counts the task's `arrivals` from 0 and `due` is the `time` at which it expires."
+)
+
+
 class Snapshot(FromServer):
     """The complete state at one step."""
 
@@ -577,6 +584,9 @@ class Snapshot(FromServer):
     )
     busy: dict[str, int] = Field(
         description="Players who cannot act, with the number of steps that remain."
+    )
+    orders: OrdersRow | None = Field(
+        default=None, description="The orders, if the task is a shift. " + ORDERS
     )
     hash: str = Field(description="The state's digest.")
     seat: str | None = Field(
@@ -638,6 +648,10 @@ class Delta(FromServer):
     busy: dict[str, int] | None = Field(
         default=None,
         description="All busy players, with the steps that remain; absent if unchanged.",
+    )
+    orders: OrdersRow | None = Field(
+        default=None,
+        description="The orders of a shift, as in `snapshot`; absent if only `time` has advanced.",
     )
     did: list[list[int | str]] = Field(
         default=[],

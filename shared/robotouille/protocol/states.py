@@ -104,13 +104,16 @@ class StateWriter:
 
     # Facts are positions in the tables. Each name is sent once, with the tables.
     def values(self, state: State) -> dict[str, Any]:
-        """Return the facts, timers and busy players of a state."""
+        """Return the facts, timers, busy players and orders of a state."""
         timers = [[effect_label(e), list(counters)] for e, counters in state.timers.entries]
-        return {
+        values = {
             "facts": bits_of(state.facts),
             "timers": timers,
             "busy": dict(state.timers.busy),
         }
+        if state.orders is not None:
+            values["orders"] = state.orders.row
+        return values
 
     def digest(self, state: State) -> str:
         """Return the content hash of a state."""
@@ -151,6 +154,10 @@ class StateWriter:
                 fields["timers"] = timers
             if after.timers.busy != before.timers.busy:
                 fields["busy"] = dict(after.timers.busy)
+        # Readers count the steps themselves.
+        orders = after.orders
+        if before.orders is not None and orders not in (None, before.orders.waited()):
+            fields["orders"] = orders.row if orders is not None else None
         return fields
 
     def _objects(self, start: int, stop: int) -> list[Object]:
@@ -213,11 +220,13 @@ class StateReader:
         self._facts = 0
         self._timers: dict[str, list[int]] = {}
         self._busy: dict[str, int] = {}
+        self._orders: Sequence[Any] | None = None
         try:
             self._extend(tables["objects"], tables["atoms"])
             self._facts = self._mask(values["facts"])
             self._timers = {label: list(counters) for label, counters in values["timers"]}
             self._busy = dict(values["busy"])
+            self._orders = values.get("orders")
             self.state = self._state()
         except (KeyError, ValueError, IndexError, TypeError) as error:
             raise ProtocolError("state/mismatch", f"unreadable snapshot: {error}") from None
@@ -240,6 +249,8 @@ class StateReader:
                     self._timers[label] = list(counters)
             if changes.get("busy") is not None:
                 self._busy = dict(changes["busy"])
+            if self.state.orders is not None:
+                self._orders = changes.get("orders") or self.state.orders.waited().row
             self.state = self._state()
         except (KeyError, ValueError, IndexError, TypeError) as error:
             raise ProtocolError("state/mismatch", f"unreadable change: {error}") from None
@@ -265,4 +276,5 @@ class StateReader:
 
     def _state(self) -> State:
         rows = [(*parse_label(label), tuple(c)) for label, c in self._timers.items()]
-        return self.world.restore(self._facts, rows, tuple(sorted(self._busy.items())))
+        busy = tuple(sorted(self._busy.items()))
+        return self.world.restore(self._facts, rows, busy, self._orders)

@@ -122,6 +122,10 @@ class Header(Frame):
     open_until: int = 0
 
 
+OrdersRow = Annotated[list[int | list[list[int]]], Field(min_length=6, max_length=6)]
+"""The orders of a shift; see `Orders.row`."""
+
+
 class StateFrame(Frame):
     kind: Literal["state"]
     step: Index
@@ -129,6 +133,7 @@ class StateFrame(Frame):
     facts: list[Index]
     timers: list[Annotated[list[str | list[int]], Field(min_length=2, max_length=2)]]
     busy: dict[str, int]
+    orders: OrdersRow | None = None
 
 
 class RecordedMove(Frame):
@@ -157,6 +162,7 @@ class StepFrame(Frame):
     remove: list[Index] = Field(default_factory=list)
     timers: dict[str, list[int] | None] = Field(default_factory=dict)
     busy: dict[str, int] = Field(default_factory=dict)
+    orders: OrdersRow | None = None
     objects: list[ObjectRow] = Field(default_factory=list)
     atoms: list[Row] = Field(default_factory=list)
     hash: str = ""
@@ -176,12 +182,19 @@ class RecordedTally(Frame):
     said: int
 
 
+class RecordedScore(Frame):
+    points: int
+    served: Index
+    expired: Index
+
+
 class RecordedOutcome(Frame):
     reason: str
     steps: int
     seconds: float
     detail: str
     seats: list[RecordedTally]
+    score: RecordedScore | None = None
 
 
 class Footer(Frame):

@@ -339,6 +339,16 @@ class Recording:
         if (outcome["reason"] == "goal") != state.goal_reached:
             reached = "is" if state.goal_reached else "is not"
             return f"the outcome is {outcome['reason']!r}, but the goal {reached} reached"
+        if (outcome["reason"] == "shift_over") != state.shift_over:
+            over = "is" if state.shift_over else "is not"
+            return f"the outcome is {outcome['reason']!r}, but the shift {over} over"
+        orders = state.orders
+        if orders is not None and outcome.get("score") != {
+            "points": orders.score,
+            "served": orders.served,
+            "expired": orders.expired,
+        }:
+            return f"the outcome has the score {outcome.get('score')}, but the orders {orders.row}"
         return ""
 
     def resimulate(self) -> bytes:

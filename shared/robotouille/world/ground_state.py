@@ -13,25 +13,27 @@ from robotouille.errors import UnknownNameError, WrongArgumentError, WrongWorldE
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object
+from robotouille.world.shift import Orders
 from robotouille.world.timers import BusyRow, Progress, TimerRow, Timers
 
 
 class GroundState:
-    """Facts and timers of a state, without actions and steps; `State` adds those.
+    """Facts, timers and orders of a state, without actions and steps; `State` adds those.
 
-    States are equal if their facts and timers are equal.
+    States are equal if these are equal. Only the states of a shift have `orders`.
     """
 
-    __slots__ = ("facts", "timers", "world")
+    __slots__ = ("facts", "orders", "timers", "world")
 
     world: GroundTask
     facts: int
     timers: Timers
+    orders: Orders | None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, GroundState):
             return NotImplemented
-        if self.facts != other.facts:
+        if self.facts != other.facts or self.orders != other.orders:
             return False
         # Within one world, equal timers are one object. Only states of two worlds compare rows.
         if self.timers is other.timers:
@@ -102,7 +104,8 @@ class GroundState:
         rows = [f"{a}.{i}({','.join(args)})={counts}" for a, i, args, counts in self.timer_rows()]
         rows += [f"busy({name})={steps}" for name, steps in self.timers.busy]
         used = self.world.used_objects(self.facts)
-        text = "\n".join(["facts", *self.fact_names(), "timers", *rows, "used", *used])
+        orders = [] if self.orders is None else ["orders", str(self.orders.row)]
+        text = "\n".join(["facts", *self.fact_names(), "timers", *rows, "used", *used, *orders])
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
@@ -119,12 +122,14 @@ class PackedState(NamedTuple):
     facts: int
     rows: tuple[TimerRow, ...]
     busy: tuple[BusyRow, ...]
+    orders: Sequence[Any] | None = None
 
 
 def packed(task: Task, state: PackedState) -> bytes:
     """Encode a state of a task."""
     facts = state.facts.to_bytes((state.facts.bit_length() + 7) // 8, "little")
-    found: bytes = msgpack.packb((VERSION, _mark(task), facts, state.rows, state.busy))
+    orders = () if state.orders is None else (state.orders,)
+    found: bytes = msgpack.packb((VERSION, _mark(task), facts, state.rows, state.busy, *orders))
     return found
 
 
@@ -136,7 +141,7 @@ def unpacked(task: Task, data: bytes) -> PackedState:
         WrongWorldError: The state belongs to another task.
     """
     try:
-        version, mark, facts, rows, busy = msgpack.unpackb(data, use_list=False)
+        version, mark, facts, rows, busy, *orders = msgpack.unpackb(data, use_list=False)
     except Exception as error:  # msgpack raises many unrelated types on bad input.
         raise WrongArgumentError(f"expected a packed state: {error}") from None
     if version != VERSION or not isinstance(facts, bytes):
@@ -145,7 +150,9 @@ def unpacked(task: Task, data: bytes) -> PackedState:
         raise WrongWorldError(f"the packed state is not of the task {task.name}")
     if not (_are(rows, _is_timer) and _are(busy, _is_busy)):
         raise WrongArgumentError("expected a packed state: its timers are invalid")
-    return PackedState(int.from_bytes(facts, "little"), rows, busy)
+    if len(orders) > 1:
+        raise WrongArgumentError("expected a packed state: it has too many fields")
+    return PackedState(int.from_bytes(facts, "little"), rows, busy, *orders)
 
 
 def _is_timer(row: tuple[Any, ...]) -> bool:

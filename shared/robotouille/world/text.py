@@ -12,8 +12,10 @@ from string import Formatter
 from robotouille.domain.schema import DomainFile
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.grounding.goal import Goal
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
+from robotouille.world.shift import Orders, ShiftRules
 
 
 def observation(task: GroundTask, facts: int, actions: Iterable[GroundAction]) -> str:
@@ -40,26 +42,49 @@ def observation(task: GroundTask, facts: int, actions: Iterable[GroundAction]) -
     return "\n\n".join(paragraphs)
 
 
-def text_view(text: str, player: str | None, terms: Iterable[tuple[str, bool]]) -> str:
-    """Return an agent's message: its player, the observation, and the conditions of the goal.
+def text_view(text: str, player: str | None, end: str) -> str:
+    """Return an agent's message: its player, the observation, and what is to be done.
 
     Args:
         text: The observation.
         player: The agent's player; None for an agent that only watches.
-        terms: The sentences of `goal_sentences`, with whether each condition holds.
+        end: The result of `conditions_text` or `orders_text`.
     """
     you = [f"You are {player}."] if player is not None else []
+    return "\n\n".join([*you, text, end])
+
+
+def conditions_text(terms: Iterable[tuple[str, bool]]) -> str:
+    """Return the conditions of the goal: the sentences of `goal_sentences` and their truth."""
     conditions = [f"- {sentence}: {'yes' if holds else 'no'}" for sentence, holds in terms]
-    return "\n\n".join([*you, text, "\n".join(["Goal conditions:", *conditions])])
+    return "\n".join(["Goal conditions:", *conditions])
 
 
-def goal_sentences(task: GroundTask) -> tuple[str, ...]:
-    """Return a sentence for every condition of the goal, in the problem's order.
+def orders_text(task: GroundTask, rules: ShiftRules, orders: Orders) -> str:
+    """Return the menu of a shift, its open orders and its score."""
+    menu = []
+    for name, dish in rules.menu.items():
+        worth = f"{dish.points} points, up to {dish.tip} more if it is early"
+        menu.append(f"- {name} ({worth}; {dish.penalty} less if the order expires):")
+        menu += [f"  - {sentence}" for sentence in goal_sentences(task, rules.goal(name))]
+    waiting = [
+        f"- {rules.dish_name(order.number)}: {order.due - orders.time} steps left"
+        for order in orders.open
+    ]
+    time = f"step {orders.time} of {rules.steps}"
+    score = f"{orders.score} points, {orders.served} served, {orders.expired} expired"
+    return "\n".join(
+        ["Menu:", *menu, "", f"Orders ({time}; {score}):", *(waiting or ["- none at the moment"])]
+    )
+
+
+def goal_sentences(task: GroundTask, goal: Goal) -> tuple[str, ...]:
+    """Return a sentence for every condition of a goal, in the problem's order.
 
     `some lettuce` is any lettuce. If the goal needs several objects of a kind, they are called
     `bread A`, `bread B` and so on, and must be different objects.
     """
-    variables = task.goal.variables
+    variables = goal.variables
     by_kind: dict[str, list[int | str]] = {}
     for variable in variables.values():
         if variable.fixed is None:
@@ -70,7 +95,7 @@ def goal_sentences(task: GroundTask) -> tuple[str, ...]:
             names[identifier] = f"{kind} {_letters(number)}" if alike[1:] else f"some {kind}"
     return tuple(
         describe(task.task.domain, (term.predicate, *(names[i] for i in term.ids)))
-        for term in task.goal.terms
+        for term in goal.terms
     )
 
 

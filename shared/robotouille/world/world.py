@@ -43,13 +43,16 @@ from robotouille.world.grounding.ground_objects import MAX_CREATED
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
 from robotouille.world.grounding.successors import SuccessorTree
+from robotouille.world.shift import Orders, ShiftRules
 from robotouille.world.text import (
+    conditions_text,
     find_by_exact_sentence,
     find_by_sentence,
     find_valid_by_sentence,
     goal_sentences,
     no_valid_action,
     observation,
+    orders_text,
     text_view,
 )
 from robotouille.world.timers import BusyRow, TimerRow, Timers, TimerTable
@@ -64,10 +67,10 @@ if TYPE_CHECKING:
 
 
 class State(GroundState):
-    """State `s = (facts, timers)` of the paper's section 2.
+    """State `s = (facts, timers)` of the paper's section 2; in a shift also the `orders`.
 
     States are immutable, hashable and small: an integer and a shared tuple. `pickle` and `copy`
-    work. States are equal if their facts and timers are equal.
+    work. States are equal if their facts, timers and orders are equal.
     """
 
     # Searches keep millions of states. Without slots each would carry a dictionary.
@@ -75,10 +78,13 @@ class State(GroundState):
 
     world: World
 
-    def __init__(self, world: World, facts: int, timers: Timers) -> None:
+    def __init__(
+        self, world: World, facts: int, timers: Timers, orders: Orders | None = None
+    ) -> None:
         self.world = world
         self.facts = facts
         self.timers = timers
+        self.orders = orders
 
     def __repr__(self) -> str:
         return f"<State of {self.world.task.name} {self.digest}>"
@@ -92,7 +98,8 @@ class State(GroundState):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Rows name the actions and objects of effects, whose numbers differ between processes.
-        return _restore, (self.world, self.facts, self.timer_rows(), self.timers.busy)
+        orders = () if self.orders is None else (self.orders.row,)
+        return _restore, (self.world, self.facts, self.timer_rows(), self.timers.busy, *orders)
 
     def actions(self, player: str) -> tuple[GroundAction, ...]:
         """Return the valid actions of a player, in the domain's order and then by object.
@@ -118,6 +125,12 @@ class State(GroundState):
         """
         return self.world.step(self, actions)
 
+    @property
+    def shift_over(self) -> bool:
+        """True after the last step of a shift."""
+        shift = self.world.shift
+        return shift is not None and self.orders is not None and shift.over(self.orders)
+
     def mask(self, player: str) -> NDArray[bool_]:
         """Return a boolean for each of `World.ground_actions(player)`: whether it is valid.
 
@@ -135,7 +148,7 @@ class State(GroundState):
             SlotOverflowError: More created objects than slots.
             MissingExtraError: NumPy is not installed.
         """
-        return self.world.encoding.vector(self.facts, self.timers)
+        return self.world.encoding.vector(self.facts, self.timers, self.orders)
 
     def without(self, atoms: Iterable[Atom]) -> State:
         """Return this state with some facts made false; running effects continue.
@@ -151,7 +164,7 @@ class State(GroundState):
             if atom not in bits:
                 raise UnknownNameError(f"there is no fact {atom_name(atom)}")
             facts &= ~bits[atom]
-        return State(self.world, facts, self.timers)
+        return State(self.world, facts, self.timers, self.orders)
 
     def graph(self) -> Graph:
         """Return the state as arrays of a graph of objects and relations (docs/train.md).
@@ -205,7 +218,9 @@ class State(GroundState):
         return observation(self.world, self.facts, self.actions(player or self.world.players[0]))
 
     def text_view(self, player: str | None = None) -> str:
-        """Return the text for a language model: the player's name, `text`, and the goal's terms.
+        """Return the text for a language model: the player's name, `text`, and what is to be done.
+
+        The last part lists the conditions of the goal, or the menu and the orders of a shift.
 
         Args:
             player: Player of the agent; None for a spectator.
@@ -213,7 +228,12 @@ class State(GroundState):
         Raises:
             UnknownNameError: No such player.
         """
-        return text_view(self.text(player), player, self.world.goal_terms(self))
+        shift, orders = self.world.shift, self.orders
+        if shift is not None and orders is not None:
+            end = orders_text(self.world, shift, orders)
+        else:
+            end = conditions_text(self.world.goal_terms(self))
+        return text_view(self.text(player), player, end)
 
 
 def _restore(
@@ -221,27 +241,33 @@ def _restore(
     facts: int,
     rows: tuple[TimerRow, ...],
     busy: tuple[BusyRow, ...],
+    orders: Sequence[Any] | None = None,
 ) -> State:
-    return world.restore(facts, rows, busy)
+    return world.restore(facts, rows, busy, orders)
 
 
 class Step(NamedTuple):
-    """Result of a step: the new state, its reward, and an attempt for each action."""
+    """Result of a step: the new state, its reward, and an attempt for each action.
+
+    `points` are those that the step has earned or lost in a shift.
+    """
 
     state: State
     attempts: tuple[Attempt, ...]
     goal_reached: bool
+    points: int = 0
 
     @property
     def reward(self) -> float:
-        """1 on a step that reaches the goal, otherwise 0."""
-        return 1.0 if self.goal_reached else 0.0
+        """1 on a step that reaches the goal, in a shift the points, otherwise 0."""
+        return 1.0 if self.goal_reached else float(self.points)
 
 
 class World(GroundTask):
     """Grounded task: its initial state, valid actions and steps.
 
     `task` is the task it was made from. `players` are the names of its players in seat order.
+    `shift` are the rules of its orders, if it has a shift instead of a goal.
 
     A world contains no data of episodes, so all episodes of a task may share one. Its methods
     change its caches, so only one thread at a time may use it. Three parts of it grow:
@@ -267,6 +293,8 @@ class World(GroundTask):
         super().__init__(task if isinstance(task, Task) else load_task(task))
         self._slots = tuple(sorted((slots or {}).items()))
         self.timers = TimerTable(self)
+        shift = self.task.problem.shift
+        self.shift = None if shift is None else ShiftRules(self, shift)
         self._trees: dict[str, SuccessorTree] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -287,6 +315,8 @@ class World(GroundTask):
         super()._grown()
         # The nodes of a tree test only bits of atoms that existed when the nodes were made.
         self._trees.clear()
+        if self.shift is not None:
+            self.shift.refresh()
 
     @cached_property
     def _is_shipped(self) -> bool:
@@ -302,11 +332,12 @@ class World(GroundTask):
     @cached_property
     def initial(self) -> State:
         """State in which every episode of the task begins."""
-        return State(self, self.initial_facts, self.timers.none)
+        orders = None if self.shift is None else self.shift.initial
+        return State(self, self.initial_facts, self.timers.none, orders)
 
     @cached_property
     def _goal_sentences(self) -> tuple[str, ...]:
-        return goal_sentences(self)
+        return goal_sentences(self, self.goal)
 
     def goal_terms(self, state: State) -> tuple[tuple[str, bool], ...]:
         """Return each condition of the goal in words, and whether it holds in a state.
@@ -331,7 +362,7 @@ class World(GroundTask):
             from robotouille.world.arrays.encoding import Encoding
         except ImportError:  # NumPy is optional: servers, bots and planners work without it.
             raise MissingExtraError("states as arrays", "rl") from None
-        return Encoding(self, dict(self._slots))
+        return Encoding(self, dict(self._slots), self.shift)
 
     def ground_actions(self, player: str) -> tuple[GroundAction, ...]:
         """Return all reachable actions of a player, in a fixed order.
@@ -422,7 +453,8 @@ class World(GroundTask):
 
         `pickle` also sends the world: its task's name if shipped, otherwise the whole task.
         """
-        rows = PackedState(state.facts, state.timer_rows(), state.timers.busy)
+        orders = None if state.orders is None else state.orders.row
+        rows = PackedState(state.facts, state.timer_rows(), state.timers.busy, orders)
         return packed(self.task, rows)
 
     def unpack(self, data: bytes) -> State:
@@ -487,6 +519,8 @@ class World(GroundTask):
         if timers.entries or timers.busy:
             touched, removed, timers = timers.tick(facts)
             facts = (facts | touched) ^ removed
+        if self.shift is not None:
+            return self._fulfilled(state, facts, timers)
         return State(self, facts, timers)
 
     def joint_successor(
@@ -523,7 +557,16 @@ class World(GroundTask):
         if timers.entries or timers.busy:
             touched, removed, timers = timers.tick(facts)
             facts = (facts | touched) ^ removed
+        if self.shift is not None:
+            return self._fulfilled(state, facts, timers), tuple(applied)
         return State(self, facts, timers), tuple(applied)
+
+    def _fulfilled(self, before: State, facts: int, timers: Timers) -> State:
+        """Return the state after the orders of a shift were served, expired and arrived."""
+        if self.shift is None:
+            raise AssertionError("a task without a shift has no orders")
+        orders = self.shift.initial if before.orders is None else before.orders
+        return State(self, *self.shift.advance(facts, timers, orders))
 
     def step(
         self,
@@ -579,6 +622,9 @@ class World(GroundTask):
         if timers:
             touched, removed, timers = timers.tick(facts)
             facts = (facts | touched) ^ removed
+        if self.shift is not None:
+            after = self._fulfilled(state, facts, timers)
+            return Step(after, tuple(attempts), False, _points(state, after))
         after = State(self, facts, timers)
         return Step(after, tuple(attempts), after.goal_reached)
 
@@ -627,20 +673,22 @@ class World(GroundTask):
         other = state.world.task
         if other.digest != self.task.digest:
             raise WrongWorldError(f"the state belongs to another task, {other.name}")
-        return self.restore(state.facts, state.timer_rows(), state.timers.busy)
+        return self.restore(state.facts, state.timer_rows(), state.timers.busy, state.orders)
 
     def restore(
         self,
         facts: int,
         rows: Sequence[TimerRow],
         busy: Sequence[BusyRow] = (),
+        orders: Sequence[Any] | None = None,
     ) -> State:
-        """Return the state with these facts, timer rows and busy players.
+        """Return the state with these facts, timer rows, busy players and orders.
 
         Args:
             facts: `State.facts`, one bit for each atom of this world's table.
             rows: Active effects, in order of creation.
             busy: Players who are walking or working, with the steps that are left.
+            orders: `Orders.row` of a state of a shift; None for its first orders.
 
         Raises:
             UnknownNameError: A row names an unknown action, object or player.
@@ -655,7 +703,19 @@ class World(GroundTask):
             raise WrongWorldError("the facts are of another world")
         # Facts about objects that do not exist would stay true for ever.
         self._check_existence(facts)
-        return State(self, facts, self.timers.restored(rows, busy))
+        timers = self.timers.restored(rows, busy)
+        if self.shift is None:
+            if orders is not None:
+                raise WrongWorldError("the task has no shift, so it has no orders")
+            return State(self, facts, timers)
+        known = self.shift.initial if orders is None else self.shift.restored(orders)
+        return State(self, facts, timers, known)
+
+
+def _points(before: State, after: State) -> int:
+    """Return the points that a step of a shift has earned or lost."""
+    scores = [0 if state.orders is None else state.orders.score for state in (before, after)]
+    return scores[1] - scores[0]
 
 
 Slots = tuple[tuple[str, int], ...]

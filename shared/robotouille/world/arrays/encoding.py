@@ -16,6 +16,7 @@ from robotouille.world.grounding.atoms import EXISTS, USED, bits_of
 from robotouille.world.grounding.effects import Effect
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
+from robotouille.world.shift import Orders, ShiftRules
 from robotouille.world.timers import Timers
 
 VERSION = 1
@@ -27,6 +28,26 @@ MAX_KEPT = 1_000
 EffectLabel = tuple[str, int, tuple[str, ...]]
 
 
+class _OrderColumns:
+    """Columns of a shift: the steps that are left, and those of each open order under its dish."""
+
+    def __init__(self, shift: ShiftRules, place: int) -> None:
+        self._shift = shift
+        self.place = place
+        self._dishes = {dish: 1 + i for i, dish in enumerate(shift.menu)}
+        orders = [f"order{i + 1}({dish})" for i in range(shift.most_open) for dish in shift.menu]
+        self.names = ("steps_left", *orders)
+        self.high = max(shift.steps, *(map(shift.patience_for, shift.menu)))
+
+    def numbers(self, orders: Orders) -> npt.NDArray[np.float32]:
+        numbers = np.zeros(len(self.names), dtype=np.float32)
+        numbers[0] = self._shift.steps - orders.time
+        for i, order in enumerate(orders.open):
+            dish = self._dishes[self._shift.dish_name(order.number)]
+            numbers[i * len(self._dishes) + dish] = order.due - orders.time
+        return numbers
+
+
 class Encoding:
     """Encoding of a task's states as vectors and of its actions as numbers.
 
@@ -35,6 +56,7 @@ class Encoding:
     Args:
         task: The task. It gets atoms for the objects after which slots are named.
         slots: Number of created objects of each kind that can exist at once; see `Slots`.
+        shift: The rules of the task's shift, if it has one. Its orders are the last columns.
 
     Attributes:
         objects: The problem's objects, and one object for each slot.
@@ -47,7 +69,12 @@ class Encoding:
 
     version = VERSION
 
-    def __init__(self, task: GroundTask, slots: Mapping[str, int] | None = None) -> None:
+    def __init__(
+        self,
+        task: GroundTask,
+        slots: Mapping[str, int] | None = None,
+        shift: ShiftRules | None = None,
+    ) -> None:
         self._task = task
         self.slots = Slots(task, slots)
         reachable = Reachable(task, self.slots)
@@ -74,6 +101,10 @@ class Encoding:
             place += 1 + effect.size
         self._busy = {player: place + i for i, player in enumerate(task.players)}
         self.size = place + len(task.players)
+        # A graph has no place for orders, which are about no object.
+        self._orders = None if shift is None else _OrderColumns(shift, self.size)
+        if self._orders is not None:
+            self.size += len(self._orders.names)
         self._bits: dict[tuple[int, tuple[tuple[str, str], ...]], npt.NDArray[np.intp]] = {}
 
     @cached_property
@@ -90,7 +121,8 @@ class Encoding:
         """Upper bound of the numbers in a vector or graph. The lower bound is -1."""
         totals = (node.total for effect in self.effects for node in effect.counters())
         durations = (a.duration for actions in self._actions.values() for a in actions)
-        return max(1, *totals, *durations)
+        shift = () if self._orders is None else (self._orders.high,)
+        return max(1, *totals, *durations, *shift)
 
     @cached_property
     def _graph(self) -> GraphLayout:
@@ -122,6 +154,8 @@ class Encoding:
             yield str(effect)
             yield from (f"{effect}[{i}]" for i in range(effect.size))
         yield from (f"busy({player})" for player in self._task.players)
+        if self._orders is not None:
+            yield from self._orders.names
 
     # Actions
 
@@ -200,7 +234,9 @@ class Encoding:
 
     # States
 
-    def vector(self, facts: int, timers: Timers) -> npt.NDArray[np.float32]:
+    def vector(
+        self, facts: int, timers: Timers, orders: Orders | None = None
+    ) -> npt.NDArray[np.float32]:
         """Return a state as `size` numbers; see `columns`.
 
         Raises:
@@ -219,15 +255,17 @@ class Encoding:
             vector[place + 1 : place + 1 + effect.size] = counters
         for player, steps in timers.busy:
             vector[self._busy[player]] = steps
+        if self._orders is not None and orders is not None:
+            vector[self._orders.place :] = self._orders.numbers(orders)
         return vector
 
-    def graph(self, facts: int, timers: Timers) -> Graph:
+    def graph(self, facts: int, timers: Timers, orders: Orders | None = None) -> Graph:
         """Return a state as a graph with the same content as `vector`.
 
         Raises:
             SlotOverflowError: The state has more created objects than slots.
         """
-        return self._graph.graph(self.vector(facts, timers))
+        return self._graph.graph(self.vector(facts, timers, orders))
 
     def _facts(self, facts: int, names: Names) -> npt.NDArray[np.uint8]:
         count = len(self._task.table.atoms)

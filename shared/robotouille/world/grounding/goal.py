@@ -44,14 +44,26 @@ class Fit(NamedTuple):
 
 
 class Goal:
-    """Goal of a task over the atoms of its world."""
+    """Goal of a task over the atoms of its world.
+
+    Args:
+        task: The task. If it has a shift, its own goal is never reached.
+        table: The atoms of its world.
+        objects: Returns the objects of its world.
+        terms: Other predicates instead of the goal, such as those of a dish.
+    """
 
     def __init__(
-        self, task: Task, table: AtomTable, objects: Callable[[], tuple[Object, ...]]
+        self,
+        task: Task,
+        table: AtomTable,
+        objects: Callable[[], tuple[Object, ...]],
+        terms: tuple[GoalTerm, ...] | None = None,
     ) -> None:
         self._table = table
         self._objects = objects
-        self.terms = task.problem.goal
+        self.terms = task.problem.goal if terms is None else terms
+        self._never = terms is None and task.problem.shift is not None
         types = set(task.domain.object_types)
         labels = {o.label: o.name for o in objects() if o.label is not None}
         self.variables: dict[int | str, Variable] = {}
@@ -78,7 +90,8 @@ class Goal:
             for term in self.terms
         }
         self.relevant = 0
-        self._necessary: list[int] = []
+        # No facts have a bit under the mask 0.
+        self._necessary: list[int] = [0] if self._never else []
         self._known: dict[int, bool] = {}
         self._fits: dict[tuple[int, Order], Fit] = {}
         self._in_order: Order = tuple((n, ()) for n in range(len(self.terms)))

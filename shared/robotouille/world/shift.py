@@ -1,0 +1,384 @@
+"""Shifts: orders that arrive over time, are served, or expire (docs/shifts.md).
+
+`Orders` is the part of a state that only tasks with a shift have. `ShiftRules` computes it, and the
+facts that serving changes, at the end of each step. It knows nothing of players, so the orders of a
+seed are the same whatever the players do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+from robotouille.domain.schema import Arrival, Dish, Shift
+from robotouille.errors import WrongArgumentError, WrongWorldError
+from robotouille.world.grounding.atoms import USED, AtomTable, bits_of
+from robotouille.world.grounding.goal import Goal
+from robotouille.world.grounding.ground_task import GroundTask
+from robotouille.world.grounding.objects import Object
+from robotouille.world.timers import Timers
+
+
+class OpenOrder(NamedTuple):
+    """Order that waits for its dish: its number in the shift, and the step in which it expires."""
+
+    number: int
+    due: int
+
+
+class Orders(NamedTuple):
+    """Orders of a shift at one moment.
+
+    Attributes:
+        time: Steps since the beginning of the shift.
+        open: The open orders, in the order of their arrival.
+        arrived: The number of orders so far, open or not.
+        score: Points for served dishes, without the penalties for expired orders.
+        served: The number of served orders.
+        expired: The number of expired orders.
+    """
+
+    time: int
+    open: tuple[OpenOrder, ...]
+    arrived: int
+    score: int
+    served: int
+    expired: int
+
+    @property
+    def row(self) -> list[Any]:
+        """The orders as JSON values; `ShiftRules.restored` reads them back."""
+        return [self.time, [list(order) for order in self.open], *self[2:]]
+
+    def waited(self) -> Orders:
+        """Return the orders a step later, if nothing else has changed."""
+        return self._replace(time=self.time + 1)
+
+
+class Fulfilment(NamedTuple):
+    """Result of a step: the facts and timers after serving, and the orders."""
+
+    facts: int
+    timers: Timers
+    orders: Orders
+
+
+class ShiftRules:
+    """Rules of a task's shift, over the atoms of its world. All times are in steps of the task.
+
+    Attributes:
+        menu: The dishes by name.
+        most_open: The largest number of open orders.
+        steps: The length of the shift.
+        initial: The orders in the initial state.
+    """
+
+    def __init__(self, task: GroundTask, shift: Shift) -> None:
+        self._task = task
+        self._factor = task.task.profile.delay_factor
+        self.menu = shift.menu
+        self.most_open = shift.most_open
+        self.steps = shift.steps * self._factor
+        # `build_task` has drawn the orders.
+        self._arrivals = tuple(each for each in shift.arrivals if isinstance(each, Arrival))
+        self._goals = {
+            name: Goal(task.task, task.table, task.all_objects, dish.goal)
+            for name, dish in shift.menu.items()
+        }
+        self._return = _Return(task, shift)
+        counter, bins = shift.serve.station, shift.discard
+        self._serving = self._return.surfaces(counter)
+        self._discarding = self._return.surfaces(bins) if bins is not None else {}
+        self._serving_mask = self._return.things_mask(self._serving)
+        self._discarding_mask = self._return.things_mask(self._discarding)
+        self.initial = self._arrive(Orders(0, (), 0, 0, 0, 0))
+
+    def refresh(self) -> None:
+        """Include objects that have been added to the world."""
+        for goal in self._goals.values():
+            goal.refresh()
+        self._return.refresh()
+
+    # Orders
+
+    def dish_name(self, number: int) -> str:
+        """Return the name of the dish of an order."""
+        return self._arrivals[number].dish
+
+    def goal(self, name: str) -> Goal:
+        """Return the conditions of a dish."""
+        return self._goals[name]
+
+    def dish(self, number: int) -> Dish:
+        """Return the dish of an order."""
+        return self.menu[self.dish_name(number)]
+
+    def patience(self, number: int) -> int:
+        """Return the number of steps that an order stays open."""
+        return self.patience_for(self.dish_name(number))
+
+    def patience_for(self, name: str) -> int:
+        """Return the number of steps that an order of a dish stays open."""
+        return self.menu[name].patience * self._factor
+
+    def worth(self, order: OpenOrder, time: int) -> int:
+        """Return the points for an open order whose dish is served at a time."""
+        dish, left = self.dish(order.number), max(0, order.due - time)
+        return dish.points + dish.tip * left // self.patience(order.number)
+
+    def over(self, orders: Orders) -> bool:
+        """Return whether the shift has ended."""
+        return orders.time >= self.steps
+
+    def advance(self, facts: int, timers: Timers, orders: Orders) -> Fulfilment:
+        """Return what follows from a step: served dishes, expired orders and new ones."""
+        if self.over(orders):
+            return Fulfilment(facts, timers, orders)
+        orders = orders.waited()
+        if facts & self._discarding_mask:
+            for station in self._discarding:
+                things = self._return.things_at(self._discarding[station], facts)
+                facts, timers = self._return.put_back(things, facts, timers, soiled=False)
+        if facts & self._serving_mask and orders.open:
+            for surface in self._serving.values():
+                facts, timers, orders = self._serve(surface, facts, timers, orders)
+        if orders.open and min(orders.open, key=_due).due <= orders.time:
+            orders = self._expire(orders)
+        if self._next_is_due(orders):
+            orders = self._arrive(orders)
+        return Fulfilment(facts, timers, orders)
+
+    def _serve(
+        self, surface: dict[int, str], facts: int, timers: Timers, orders: Orders
+    ) -> Fulfilment:
+        things = self._return.things_at(surface, facts)
+        if not things:
+            return Fulfilment(facts, timers, orders)
+        alone = facts & ~self._return.others_mask(things)
+        # Of two orders for one dish, the dish goes to the one that expires first.
+        for order in sorted(orders.open, key=_due):
+            if self._is_dish(order.number, things, alone):
+                facts, timers = self._return.put_back(things, facts, timers, soiled=True)
+                left = tuple(each for each in orders.open if each != order)
+                score = orders.score + self.worth(order, orders.time)
+                orders = orders._replace(open=left, score=score, served=orders.served + 1)
+                break
+        return Fulfilment(facts, timers, orders)
+
+    def _is_dish(self, number: int, things: frozenset[str], facts: int) -> bool:
+        """Return whether the things are the dish of an order, and nothing else."""
+        movable = self._return.movable
+        return any(
+            movable.intersection(binding.values()) == things
+            for binding in self._goals[self.dish_name(number)].assignments(facts)
+        )
+
+    def _expire(self, orders: Orders) -> Orders:
+        late = [order for order in orders.open if order.due <= orders.time]
+        return orders._replace(
+            open=tuple(order for order in orders.open if order not in late),
+            score=orders.score - sum(self.dish(order.number).penalty for order in late),
+            expired=orders.expired + len(late),
+        )
+
+    def _next_is_due(self, orders: Orders) -> bool:
+        return (
+            orders.arrived < len(self._arrivals)
+            and len(orders.open) < self.most_open
+            and self._arrivals[orders.arrived].at * self._factor <= orders.time
+        )
+
+    def _arrive(self, orders: Orders) -> Orders:
+        while self._next_is_due(orders):
+            number = orders.arrived
+            new = OpenOrder(number, orders.time + self.patience(number))
+            orders = orders._replace(open=(*orders.open, new), arrived=number + 1)
+        return orders
+
+    def restored(self, row: Any) -> Orders:
+        """Return the orders for values that come from outside this process.
+
+        Raises:
+            WrongArgumentError: The values are not of the form of `Orders.row`.
+            WrongWorldError: The shift has no such orders.
+        """
+        try:
+            time, listed, *numbers = row
+            opened = tuple(OpenOrder(*order) for order in listed)
+            orders = Orders(time, opened, *numbers)
+        except (TypeError, ValueError):
+            raise WrongArgumentError(f"expected the orders of a shift, found {row!r}") from None
+        values = [*orders[:1], *orders[2:], *(value for order in opened for value in order)]
+        if not all(type(value) is int for value in values):
+            raise WrongArgumentError(f"expected the orders of a shift, found {row!r}")
+        if not (0 <= orders.time <= self.steps and 0 <= orders.arrived <= len(self._arrivals)):
+            raise WrongWorldError(f"the shift has no such orders: {row!r}")
+        if not all(0 <= order.number < orders.arrived for order in opened):
+            raise WrongWorldError(f"an order is open that has not arrived: {row!r}")
+        return orders
+
+
+def _due(order: OpenOrder) -> tuple[int, int]:
+    return order.due, order.number
+
+
+class _Return:
+    """Returns things from a surface to where they were at the beginning of the task."""
+
+    def __init__(self, task: GroundTask, shift: Shift) -> None:
+        self._task = task
+        self._table: AtomTable = task.table
+        self._soils = frozenset(shift.serve.soils)
+        self._predicates = shift.serve.predicates
+        domain = task.task.domain
+        self._fixed_types = {*domain.station_types, *domain.player_types}
+        self._types = {p.name: p.param_types for p in domain.predicate_defs}
+        rules = domain.layout or ()
+        self._rules = {
+            when: [rule.predicate for rule in rules if rule.when == when]
+            for when in ("shares_tile", "bottom_of_stack", "next_in_stack", "top_of_stack")
+        }
+        self._defaults = [(rule.predicate, rule.unless) for rule in rules if rule.unless]
+        # Facts that follow from positions are computed again when a thing returns.
+        self._derived = {rule.predicate for rule in rules}
+        self._homes = {o.name: self._home(o) for o in task.placed if self._moves(o)}
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Include objects that have been added to the world."""
+        everything = self._task.all_objects()
+        self.movable = frozenset(o.name for o in everything if self._moves(o))
+
+    def _moves(self, thing: Object) -> bool:
+        return thing.type not in self._fixed_types
+
+    def _home(self, thing: Object) -> str | None:
+        """Return the station where a thing is at the beginning."""
+        stations = (o for o in self._task.placed if o.type in self._task.task.domain.station_types)
+        return next((o.name for o in stations if o.tile == thing.tile), None)
+
+    # Surfaces
+
+    def surfaces(self, kind: str) -> dict[str, dict[int, str]]:
+        """Return the stations of a kind, with the thing of each fact that puts one there."""
+        return {
+            station.name: {
+                self._table.bit[atom]: atom[1]
+                for atom in self._table.bit
+                if atom[0] in self._predicates and atom[2:] == (station.name,)
+            }
+            for station in self._task.placed
+            if station.kind == kind
+        }
+
+    def things_mask(self, surfaces: dict[str, dict[int, str]]) -> int:
+        """Return the mask of all facts that put a thing on a surface."""
+        mask = 0
+        for surface in surfaces.values():
+            for bit in surface:
+                mask |= bit
+        return mask
+
+    def things_at(self, surface: dict[int, str], facts: int) -> frozenset[str]:
+        """Return the things on a surface, with what is in or on them."""
+        found = {name for bit, name in surface.items() if facts & bit}
+        waiting = list(found)
+        while waiting:
+            for other in self._related(waiting.pop(), facts):
+                if other not in found:
+                    found.add(other)
+                    waiting.append(other)
+        return frozenset(found)
+
+    def _related(self, name: str, facts: int) -> Iterator[str]:
+        atoms = self._table.atoms
+        for bit in bits_of(facts & self._table.mentions(name)):
+            yield from self.movable.intersection(atoms[bit][1:])
+
+    def others_mask(self, things: Iterable[str]) -> int:
+        """Return the mask of all facts about other things that can move."""
+        mask = 0
+        for name in self.movable.difference(things):
+            mask |= self._table.mentions(name)
+        return mask
+
+    # Putting back
+
+    def put_back(
+        self, things: frozenset[str], facts: int, timers: Timers, *, soiled: bool
+    ) -> tuple[int, Timers]:
+        """Return the facts and timers after things have returned to their first places.
+
+        Created things cease to exist. `soiled` things lose the facts of `Serving.soils`; others
+        keep them only if they have them now.
+        """
+        if not things:
+            return facts, timers
+        touched = {name for thing in things for name in self._places_of(thing, facts)}
+        unsoiled = self._unsoiled(things, facts) if not soiled else 0
+        for name in things:
+            facts &= ~(self._table.mentions(name) & ~self._table.mask([(USED, name)]))
+        # Sorted, so that a state does not depend on the order of a set.
+        for name in sorted(things):
+            home = self._homes.get(name)
+            if home is not None:
+                facts = self._place(name, home, facts)
+                touched |= {name, home}
+        facts |= unsoiled
+        left = tuple(e for e in timers.entries if things.isdisjoint(e[0].label[2]))
+        if len(left) < len(timers.entries):
+            timers = timers.table.get(left, timers.busy)
+        return self._with_defaults(touched, facts), timers
+
+    def _places_of(self, thing: str, facts: int) -> set[str]:
+        """Return all objects that share a fact with a thing."""
+        atoms = self._table.atoms
+        return {n for i in bits_of(facts & self._table.mentions(thing)) for n in atoms[i][1:]}
+
+    def _unsoiled(self, things: Iterable[str], facts: int) -> int:
+        bits = (self._table.mask([(soil, name)]) for soil in self._soils for name in things)
+        return sum(bit for bit in bits if facts & bit)
+
+    def _place(self, name: str, home: str, facts: int) -> int:
+        """Put a thing on its station, on top of what is there."""
+        table, own = self._table, self._task.initial_facts
+        for bit in bits_of(own & table.mentions(name)):
+            atom = table.atoms[bit]
+            if len(atom) == 2 and atom[0] not in self._derived and atom[0] not in self._soils:
+                facts |= 1 << bit
+        type_ = self._task.thing(name).type
+        below = self._top(home, type_, facts)
+        for predicate in self._rules["shares_tile"]:
+            facts |= table.mask([(predicate, name, home)])
+        if below is None:
+            facts |= table.mask((p, name, home) for p in self._rules["bottom_of_stack"])
+        else:
+            facts |= table.mask((p, name, below) for p in self._rules["next_in_stack"])
+            facts &= ~table.mask((p, below) for p in self._rules["top_of_stack"])
+        return facts | table.mask((p, name) for p in self._rules["top_of_stack"])
+
+    def _top(self, station: str, type_: str, facts: int) -> str | None:
+        """Return the thing of a type on top of a station's stack."""
+        for predicate in self._rules["shares_tile"]:
+            if self._types[predicate][0] != type_:
+                continue
+            for thing in self._table.by_type[type_]:
+                here = self._table.mask([(predicate, thing, station)])
+                top = self._table.mask((p, thing) for p in self._rules["top_of_stack"])
+                if facts & here and facts & top:
+                    return thing
+        return None
+
+    def _with_defaults(self, names: Iterable[str], facts: int) -> int:
+        """Compute the facts again that hold unless others do, such as `station_empty`."""
+        table = self._table
+        for predicate, unless in self._defaults:
+            spoilers = 0
+            for other in unless or ():
+                if other in table.fluents:
+                    spoilers |= table.matching((other, *(None for _ in self._types[other])))
+            for name in names:
+                bit = table.mask([(predicate, name)])
+                spoiled = facts & spoilers & table.mentions(name)
+                facts = facts & ~bit if spoiled else facts | bit
+        return facts
