@@ -57,7 +57,7 @@ class Seat:
     def question(self) -> tuple[Task, Question] | None:
         if self.over:
             return None
-        return TASK, Question(1, self.name, "random", 0, (), ())
+        return TASK, Question(1, self.name, "random", (b"", (), (), None))
 
     def answered(self, answer: BotAnswer) -> None:
         self.answers.append(answer)

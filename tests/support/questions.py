@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from robotouille.planning.bot_process import state_row
 from robotouille.world.world import State
 from robotouille_server.rooms.bots import Question
 
@@ -13,6 +14,4 @@ __all__ = ["question"]
 def question(state: State, bot: int = 1, player: str = "robot1", **more: Any) -> Question:
     """Return a request for `player`'s action in a state, to a planner by default."""
     more.setdefault("kind", "planner")
-    return Question(
-        bot, player, facts=state.facts, timers=state.timer_rows(), busy=state.timers.busy, **more
-    )
+    return Question(bot, player, state=state_row(state), **more)

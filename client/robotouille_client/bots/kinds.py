@@ -54,6 +54,10 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
             return _scripted(state, player, plan)
         from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
 
+        if state.world.shift is not None:
+            from robotouille.planning.policies.shift_policy import ShiftPolicy
+
+            return ShiftPolicy(state.world, player, PlannerOptions(seed=seed))
         return PlannerPolicy(state.world, player, PlannerOptions(seed=seed), start=state)
 
     return make

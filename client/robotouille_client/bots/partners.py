@@ -231,7 +231,7 @@ class PartnerProcess:
         self._send("hear", player, text)
 
     def ask(self, player: str, state: State) -> None:
-        row = state_row(state.facts, state.timer_rows(), state.timers.busy)
+        row = state_row(state)
         self._asked[player] = "ask", player, row
         self._send(*self._asked[player])
 

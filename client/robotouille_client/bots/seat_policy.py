@@ -129,7 +129,8 @@ class SeatPolicy:
     def _copy(self, state: State) -> State:
         if self._world is None or self._world.task != state.world.task:
             self._world = World(state.world.task)
-        return self._world.restore(state.facts, state.timer_rows(), state.timers.busy)
+        rows = state.timer_rows(), state.timers.busy
+        return self._world.restore(state.facts, *rows, state.orders)
 
 
 MAX_TRIES = 5

@@ -26,10 +26,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from robotouille.domain.task import Task
 from robotouille.planning.bot_process import (
     MoveRow,
+    StateRow,
     packed,
     read_moves,
+    read_state,
     serve_requests,
-    state_row,
 )
 from robotouille.world.world import World
 
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from robotouille.episode.rules import Substitute as Kind
     from robotouille.planning.policies.policy import Policy
     from robotouille.planning.solvers import AnytimePlanner
-    from robotouille.world.timers import BusyRow, TimerRow
 
 EXPANSIONS = 200
 """Search budget for a first plan: some hundredths of a second, so that the plan is ready in time
@@ -57,19 +57,18 @@ BotAnswer: TypeAlias = "tuple[str, ...] | None"
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Request for the action of `player` in a state: its facts, timers and busy players.
+    """Request for the action of `player` in a state.
 
     Attributes:
         bot: The number of the bot. A new number means a bot without memory.
+        state: The state, for `read_state`.
         observed: The moves of each step since the bot's last question.
     """
 
     bot: int
     player: str
     kind: Kind
-    facts: int
-    timers: tuple[TimerRow, ...]
-    busy: tuple[BusyRow, ...]
+    state: StateRow
     observed: tuple[tuple[MoveRow, ...], ...] = ()
 
 
@@ -101,6 +100,10 @@ class BotWorld:
         # The option `alone` makes planning quicker. The other players would not learn of a team
         # plan anyway (docs/decisions/0020).
         options = PlannerOptions(seed=SEED, expansions=EXPANSIONS, alone=True)
+        if self.world.shift is not None:
+            from robotouille.planning.policies.shift_policy import ShiftPolicy
+
+            return ShiftPolicy(self.world, player, options)
         return PlannerPolicy(self.world, player, options, anytime=self.planner)
 
     def learn(self, player: str) -> None:
@@ -169,7 +172,7 @@ class Bots:
         else:
             for rows in question.observed:
                 bot.policy.observe(read_moves(world.world, rows))
-        state = world.world.restore(question.facts, question.timers, question.busy)
+        state = read_state(world.world, question.state)
         action = bot.policy.act(state)
         world.tidy()
         self._bots[question.bot] = bot  # After `act`, so that a bot that failed is forgotten.
@@ -206,8 +209,7 @@ def learn_request(number: int, digest: str, player: str) -> bytes:
 
 def ask_request(number: int, digest: str, question: Question) -> bytes:
     q = question
-    state = state_row(q.facts, q.timers, q.busy)
-    return packed("ask", number, digest, q.bot, q.player, q.kind, state, q.observed)
+    return packed("ask", number, digest, q.bot, q.player, q.kind, q.state, q.observed)
 
 
 def replies(requests: Iterator[Any], _is_last: Callable[[], bool]) -> Iterable[tuple[Any, ...]]:
@@ -232,9 +234,7 @@ def _answer(bots: Bots, what: str, digest: str, about: list[Any]) -> BotAnswer:
     if what == "learn":
         bots.learn(digest, *about)
         return None
-    bot, player, kind, (facts, timers, busy), observed = about
-    whole = int.from_bytes(facts, "big")
-    return bots.answer(digest, Question(bot, player, kind, whole, timers, busy, observed))
+    return bots.answer(digest, Question(*about))
 
 
 def main() -> None:

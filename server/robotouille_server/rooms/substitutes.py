@@ -10,6 +10,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Protocol
 
 from robotouille.episode import Controller, Episode, Stepped
+from robotouille.planning.bot_process import state_row
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.bot_worker import BotWorker, BotWorkerLostError
 from robotouille_server.rooms.bots import BotAnswer, Question
@@ -215,9 +216,7 @@ class SubstituteBot:
             self._number,
             self._player,
             episode.rules.substitute,
-            state.facts,
-            state.timer_rows(),
-            state.timers.busy,
+            state_row(state),
             observed,
         )
 

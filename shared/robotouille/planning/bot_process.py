@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from robotouille.world.timers import BusyRow, TimerRow
     from robotouille.world.world import State, World
 
-StateRow: TypeAlias = "tuple[bytes, tuple[TimerRow, ...], tuple[BusyRow, ...]]"
+StateRow: TypeAlias = (
+    "tuple[bytes, tuple[TimerRow, ...], tuple[BusyRow, ...], Sequence[Any] | None]"
+)
 MoveRow: TypeAlias = "tuple[str, str, tuple[str, ...], bool]"
 """Player, name and arguments of an action, and whether it was applied."""
 Replies: TypeAlias = "Callable[[Iterator[Any], Callable[[], bool]], Iterable[tuple[Any, ...]]]"
@@ -47,16 +49,18 @@ def unpacker() -> msgpack.Unpacker:
     return msgpack.Unpacker(use_list=False, max_buffer_size=MAX_BYTES)
 
 
-def state_row(facts: int, timers: tuple[TimerRow, ...], busy: tuple[BusyRow, ...]) -> StateRow:
+def state_row(state: State) -> StateRow:
     """Return a state as plain values."""
     # MessagePack has no integers above 64 bits.
-    return facts.to_bytes((facts.bit_length() + 7) // 8, "big"), timers, busy
+    facts = state.facts.to_bytes((state.facts.bit_length() + 7) // 8, "big")
+    orders = None if state.orders is None else state.orders.row
+    return facts, state.timer_rows(), state.timers.busy, orders
 
 
 def read_state(world: World, row: StateRow) -> State:
     """Return the state of `state_row` in a world of the same task."""
-    facts, timers, busy = row
-    return world.restore(int.from_bytes(facts, "big"), timers, busy)
+    facts, timers, busy, orders = row
+    return world.restore(int.from_bytes(facts, "big"), timers, busy, orders)
 
 
 def read_moves(world: World, rows: Sequence[MoveRow]) -> Did:

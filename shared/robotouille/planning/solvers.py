@@ -19,7 +19,7 @@ from math import ceil
 from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
-from robotouille.errors import PluginError, WrongArgumentError
+from robotouille.errors import PluginError, RobotouilleError, WrongArgumentError
 from robotouille.planning.beam.planner import EXPANSIONS, PLANNER, BeamPlanner, Solution
 from robotouille.planning.plan import (
     UNLIMITED,
@@ -87,7 +87,9 @@ def solve(
     Raises:
         PluginError: An installed plug-in cannot be loaded.
         WrongArgumentError: The search is unknown.
+        RobotouilleError: The task is a shift, which has no goal.
     """
+    _check_has_goal(world)
     state = world.initial if start is None else start
     if search == Search.ANYTIME:
         *_, result = AnytimePlanner(world).search(state, limits)
@@ -100,6 +102,14 @@ def solve(
     planner = domain_planner(world)
     found = planner.solve(world, state, limits, watch) if planner is not None else None
     return found or astar_search(world, state, limits=limits, watch=watch)
+
+
+def _check_has_goal(world: World) -> None:
+    if world.shift is not None:
+        raise RobotouilleError(
+            f"{world.task.name} is a shift, which has no goal; plan its dishes one by one with "
+            "robotouille.planning.shift.DishPlanner"
+        )
 
 
 def _beam(world: World, start: State, limits: Limits) -> SearchResult:
@@ -145,6 +155,7 @@ class AnytimePlanner:
     """
 
     def __init__(self, world: World) -> None:
+        _check_has_goal(world)
         task = world.task
         profile = task.profile
         plain = not profile.steps_per_tile and profile.repeat_steps == 1

@@ -1,0 +1,101 @@
+"""Policy for shifts: all bots of a team plan together for the order that expires first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from robotouille.planning.policies.planner_policy import (
+    DEFAULT_OPTIONS,
+    PlannerOptions,
+    PlannerPolicy,
+)
+from robotouille.planning.policies.policy import Did
+from robotouille.planning.shift import DishPlanner, most_urgent, rules_of
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import State, World
+
+MAX_HEARD = 64
+"""Messages that are repeated to the policy of the next order, such as who plans together."""
+
+
+class ShiftPolicy:
+    """Policy that serves one order after the other, each with a `PlannerPolicy` for its dish.
+
+    Every seat chooses the same order, so the bots of a team plan for the same dish.
+    """
+
+    def __init__(
+        self, world: World, player: str, options: PlannerOptions = DEFAULT_OPTIONS
+    ) -> None:
+        self._rules = rules_of(world)
+        self._world = world
+        self._player = player
+        self._options = options
+        self._dishes: dict[str, DishPlanner] = {}
+        self._dish: DishPlanner | None = None
+        self._policy: PlannerPolicy | None = None
+        self._order = -1
+        self._met: tuple[dict[str, str], str] | None = None
+        self._heard: list[tuple[str, str]] = []
+        self._spoken: set[str] = set()
+
+    @property
+    def anticipating(self) -> bool:
+        """True if the last action relies on another seat's action in the same step."""
+        return self._policy is not None and self._policy.anticipating
+
+    @property
+    def waiting(self) -> bool:
+        """True if the seat waits for a place or a participant."""
+        return bool(getattr(self._policy, "waiting", False))
+
+    def act(self, state: State) -> GroundAction | None:
+        order = most_urgent(state)
+        if order is None:
+            self._order, self._policy = -1, None
+            return None
+        dish = self._dish_planner(self._rules.dish_name(order.number))
+        if self._policy is None or order.number != self._order:
+            self._order, self._dish = order.number, dish
+            self._policy = self._new_policy(dish, state)
+        return dish.shift_action(self._policy.act(dish.state(state)))
+
+    def _dish_planner(self, name: str) -> DishPlanner:
+        if name not in self._dishes:
+            self._dishes[name] = DishPlanner(self._world, name)
+        return self._dishes[name]
+
+    def _new_policy(self, dish: DishPlanner, state: State) -> PlannerPolicy:
+        policy = PlannerPolicy(
+            dish.world, self._player, self._options, anytime=dish.anytime, start=dish.state(state)
+        )
+        if self._met is not None:
+            policy.meet(*self._met)
+        for player, text in self._heard:
+            policy.hear(player, text)
+        return policy
+
+    # Events
+
+    def observe(self, did: Did) -> None:
+        if self._policy is not None and self._dish is not None:
+            own = self._dish.own_action
+            self._policy.observe([(player, own(a), applied) for player, a, applied in did])
+
+    def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        self._met = dict(kinds), clock
+        if self._policy is not None:
+            self._policy.meet(kinds, clock)
+
+    def hear(self, player: str, text: str) -> None:
+        if (player, text) not in self._heard:
+            self._heard = [*self._heard[-MAX_HEARD:], (player, text)]
+        if self._policy is not None:
+            self._policy.hear(player, text)
+
+    def speak(self) -> list[str]:
+        """Return new chat messages; the policy of a later order may repeat earlier ones."""
+        said = [] if self._policy is None else self._policy.speak()
+        new = [text for text in said if text not in self._spoken]
+        self._spoken.update(new)
+        return new

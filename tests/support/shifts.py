@@ -1,0 +1,98 @@
+"""Shifts for tests: the example, and a kitchen with plates and soup."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+from robotouille.domain.loading import load_task
+from robotouille.domain.task import Task
+from robotouille.world.world import State, World
+
+__all__ = ["EXAMPLE", "act", "bistro", "example", "file_of"]
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "first_shift.json"
+
+
+def example(**options: Any) -> Task:
+    return load_task(str(EXAMPLE), **options)
+
+
+def file_of(**changes: Any) -> dict[str, Any]:
+    """Return the example as JSON, with changes to its shift."""
+    problem: dict[str, Any] = json.loads(EXAMPLE.read_text())
+    problem["shift"] |= changes
+    return problem
+
+
+def term(predicate: str, *kinds_and_ids: Any) -> dict[str, Any]:
+    kinds, ids = kinds_and_ids[::2], kinds_and_ids[1::2]
+    return {"predicate": predicate, "args": list(kinds), "ids": list(ids)}
+
+
+TOAST = [
+    term("item_on", "plate", 1, "hatch", 2),
+    term("isclean", "plate", 1),
+    term("atop", "bread", 3, "plate", 1),
+]
+SOUP = [
+    term("container_at", "bowl", 1, "hatch", 2),
+    term("in", "water", 3, "bowl", 1),
+    term("addedto", "onion", 4, "water", 3),
+]
+BISTRO: dict[str, Any] = {
+    "version": "2.0",
+    "domain": "restaurant",
+    "width": 8,
+    "height": 4,
+    "config": {"wash_time": {"default": 2}, "fill_time": {"default": 1}},
+    "objects": {
+        "station": [
+            {"name": name, "x": x, "y": 3 if x % 2 else 0}
+            for x, name in enumerate(["rack", "sink", "crate", "crate", "stove", "table", "hatch"])
+        ]
+        + [{"name": "bin", "x": 7, "y": 3}],
+        "item": [
+            {"name": "plate", "x": 0, "y": 0, "predicates": ["isclean"]},
+            {"name": "bread", "x": 2, "y": 0},
+            {"name": "bread", "x": 2, "y": 0, "stack-level": 1},
+            {"name": "onion", "x": 3, "y": 3, "predicates": ["iscuttable"]},
+        ],
+        "container": [{"name": "pot", "x": 4, "y": 0}, {"name": "bowl", "x": 5, "y": 3}],
+        "player": [{"name": "robot", "x": 1, "y": 2, "direction": [0, 1]}],
+    },
+    "shift": {
+        "steps": 200,
+        "menu": {
+            "toast": {"goal": TOAST, "points": 10, "tip": 8, "patience": 80},
+            "soup": {"goal": SOUP, "points": 30, "penalty": 7, "patience": 100},
+        },
+        "arrivals": [{"at": 0, "dish": "toast"}, {"at": 0, "dish": "soup"}],
+        "serve": {
+            "station": "hatch",
+            "predicates": ["item_at", "container_at"],
+            "soils": ["isclean"],
+        },
+        "discard": "bin",
+    },
+}
+
+
+def bistro(folder: Path, **changes: Any) -> World:
+    """Return a kitchen with plates that must be washed, and soup."""
+    problem = copy.deepcopy(BISTRO)
+    problem["shift"] |= changes
+    path = folder / "bistro.json"
+    path.write_text(json.dumps(problem))
+    return World(str(path))
+
+
+def act(state: State, *sentences: str | None) -> State:
+    """Take a step for each sentence of a valid action, or None for nothing."""
+    for sentence in sentences:
+        result = state.step(sentence)
+        assert all(attempt.applied for attempt in result.attempts)
+        state = result.state
+    return state
