@@ -54,9 +54,13 @@ _lengths: dict[str, int | None] = {}
 def people_step_limit(task: Task, step_rate: float | None) -> int | None:
     """Return the step limit for people in a task's timing, or None without a certificate.
 
+    The limit of a shift is its length.
+
     Args:
         step_rate: Steps per second; None if steps do not follow the clock.
     """
+    if task.problem.shift is not None:
+        return task.problem.shift.steps * task.profile.delay_factor
     length = retimed_length(task)
     if length is None:
         return None

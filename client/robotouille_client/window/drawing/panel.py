@@ -8,6 +8,7 @@ from math import ceil
 import pygame
 
 from robotouille.world.world import State
+from robotouille_client.window.drawing.order_slips import OrderSlips
 from robotouille_client.window.drawing.seat_cards import SeatCards
 from robotouille_client.window.drawing.ticket import Ticket
 from robotouille_client.window.drawing.window_layout import Layout
@@ -61,7 +62,7 @@ class Panel:
         self._sprites = sprites
         self._text = text
         self._seats = SeatCards(resolver, sprites, text)
-        self._ticket: Ticket | None = None
+        self._ticket: Ticket | OrderSlips | None = None
         self._ticket_area = pygame.Rect(0, 0, 0, 0)
         self._ticket_drawn: tuple[tuple[object, ...], pygame.Surface] | None = None
         self._surface: pygame.Surface | None = None
@@ -79,7 +80,8 @@ class Panel:
         """
         self._settled = settled or view.state
         if self._ticket is None:
-            self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
+            kind = Ticket if view.world.shift is None else OrderSlips
+            self._ticket = kind(view, self._resolver, self._sprites, self._text)
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats,
             view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
@@ -190,7 +192,7 @@ class Panel:
         return room.bottom + layout.text * 2 // 3
 
     def _draw_ticket(
-        self, ticket: Ticket, room: pygame.Rect, layout: Layout, free: int
+        self, ticket: Ticket | OrderSlips, room: pygame.Rect, layout: Layout, free: int
     ) -> pygame.Surface:
         """Draw the ticket on a surface of its own: it changes far less often than the seats."""
         shown = (room.size, layout, free, ticket.redraw_key(self._settled))

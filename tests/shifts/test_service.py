@@ -1,0 +1,208 @@
+"""Shifts are played by bots, over a server, and in environments, and recorded."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robotouille.batch import BatchWorld
+from robotouille.domain.schema import Arrival
+from robotouille.envs import RobotouilleEnv
+from robotouille.errors import RobotouilleError
+from robotouille.planning.policies.planner_policy import PlannerOptions
+from robotouille.planning.policies.shift_policy import ShiftPolicy
+from robotouille.replay import Recording, read_recording
+from robotouille.world.world import State, World
+from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.seat_policy import play
+from tests.support.lost_connections import cut
+from tests.support.servers import crash, serving, with_clients
+from tests.support.shifts import EXAMPLE, bistro, example
+from tests.support.virtual_time import virtual
+
+ALONE = PlannerOptions(alone=True)
+
+
+def scores(recording: Recording) -> list[int]:
+    return [state.orders.score for _, state in recording.states() if state.orders is not None]
+
+
+def recomputed(recording: Recording) -> tuple[int, int, int]:
+    """Compute the result of a shift from its file and the facts of a kitchen without a shift.
+
+    Dishes are recognised by the goals of tasks of their own, and orders kept in a list of rows.
+    """
+    task = recording.task
+    shift = task.problem.shift
+    assert shift is not None
+    factor = task.profile.delay_factor
+    arrivals = [each for each in shift.arrivals if isinstance(each, Arrival)]
+    plain = {}
+    for name, dish in shift.menu.items():
+        problem = task.problem.model_copy(update={"shift": None, "goal": dish.goal})
+        plain[name] = World(replace(task, problem=problem))
+    waiting: list[tuple[int, str]] = []
+    queue = [(each.at * factor, each.dish) for each in arrivals]
+    points = served = expired = 0
+    before: State | None = None
+    frames = iter(recording.steps)
+    for time, state in recording.states():
+        if before is not None:
+            frame = next(frames)
+            for name in dict.fromkeys(dish for _, dish in sorted(waiting)):
+                world = plain[name]
+                facts = (before.facts, before.timer_rows(), before.timers.busy)
+                moves = [world.action(*move["action"]) for move in frame["moves"]]
+                if world.restore(*facts).step(moves).state.goal_reached:
+                    due = min(due for due, dish in waiting if dish == name)
+                    waiting.remove((due, name))
+                    dish, patience = shift.menu[name], shift.menu[name].patience * factor
+                    points += dish.points + dish.tip * (due - time) // patience
+                    served += 1
+                    break
+            for due, name in [row for row in waiting if row[0] <= time]:
+                waiting.remove((due, name))
+                points -= shift.menu[name].penalty
+                expired += 1
+        while queue and queue[0][0] <= time and len(waiting) < shift.most_open:
+            name = queue.pop(0)[1]
+            waiting.append((time + shift.menu[name].patience * factor, name))
+        before = state
+    return points, served, expired
+
+
+@virtual
+async def test_two_bots_serve_a_shift_over_a_server_with_a_crash(tmp_path: Path) -> None:
+    folder = tmp_path / "tasks"
+    folder.mkdir()
+    shutil.copy(EXAMPLE, folder / "first_shift.json")
+    recordings, options = tmp_path / "games", {"tasks": folder}
+    make = policy_maker(BotKind.PLANNER)
+    async with with_clients(recordings, "ada", "bob", **options) as (server, ada, bob):
+        port = server.port
+        created = await ada.create("first_shift@2", clock="lockstep", absence="pause", grace=300.0)
+        games = [await client.join(created.code) for client in (ada, bob)]
+        playing = [asyncio.create_task(play(game, make, threaded=False)) for game in games]
+        while games[0].step < 40:
+            await asyncio.sleep(0.05)
+        cut(ada)
+        while games[0].step < 70:
+            await asyncio.sleep(0.05)
+        await crash(server)
+        async with serving(recordings, port=port, seed=2, **options):
+            outcomes = await asyncio.gather(*playing)
+            final = games[1].state
+            await asyncio.sleep(1)
+    recording = read_recording(next(recordings.glob("*.rbt")))
+    assert recording.verify().ok
+    assert outcomes[0]["reason"] == "shift_over"
+    score = outcomes[0]["score"]
+    assert score == outcomes[1]["score"] == recording.outcome["score"]
+    assert (score["points"], score["served"], score["expired"]) == recomputed(recording)
+    assert score["served"] >= 6
+    assert score["expired"] == 0
+    assert final.orders is not None
+    assert final.orders.score == score["points"] == scores(recording)[-1]
+
+
+def test_altered_score_of_a_recording_is_found(tmp_path: Path) -> None:
+    recording = played_alone(tmp_path, 130)
+    assert recording.verify().ok
+    assert recording.outcome is not None
+    recording.outcome["score"]["points"] += 1
+    assert "score" in recording._wrong_outcome(recording.length, list(recording.states())[-1][1])
+
+
+def played_alone(folder: Path, seconds: int) -> Recording:
+    """Record a shift in which nobody does anything."""
+
+    @virtual
+    async def main() -> None:
+        tasks = folder / "tasks"
+        tasks.mkdir()
+        shutil.copy(EXAMPLE, tasks / "first_shift.json")
+        async with with_clients(folder / "games", "ada", tasks=tasks) as (_, ada):
+            created = await ada.create("first_shift", clock="realtime", timing="benchmark")
+            game = await ada.join(created.code)
+            await asyncio.sleep(seconds)
+            assert game.ended
+            assert game.outcome["score"]["points"] < 0
+
+    main()
+    return read_recording(next((folder / "games").glob("*.rbt")))
+
+
+# Bots
+
+
+def served_alone(world: World, steps: int) -> State:
+    policy, state = ShiftPolicy(world, "robot1", ALONE), world.initial
+    for _ in range(steps):
+        action = policy.act(state)
+        result = state.step(action)
+        assert all(attempt.applied for attempt in result.attempts)
+        policy.observe([("robot1", a.action, a.applied) for a in result.attempts])
+        state = result.state
+    return state
+
+
+def test_bot_washes_plates_and_cooks_soup_for_its_orders(tmp_path: Path) -> None:
+    arrivals = [{"at": 20 * i, "dish": dish} for i, dish in enumerate(["toast", "toast", "soup"])]
+    state = served_alone(bistro(tmp_path, arrivals=arrivals), 130)
+    assert state.orders is not None
+    assert (state.orders.served, state.orders.expired) == (3, 0)
+
+
+def test_bot_does_nothing_without_orders(tmp_path: Path) -> None:
+    world = bistro(tmp_path, arrivals=[{"at": 9, "dish": "toast"}])
+    policy, state = ShiftPolicy(world, "robot1", ALONE), world.initial
+    for _ in range(9):
+        assert policy.act(state) is None
+        state = state.step(None).state
+    assert policy.act(state) is not None
+
+
+# Environments
+
+
+def test_environment_rewards_points_and_ends_with_the_shift(tmp_path: Path) -> None:
+    world = bistro(tmp_path, steps=90, arrivals=[{"at": 0, "dish": "toast"}])
+    env = RobotouilleEnv(world.task, max_steps=500)
+    observation, _ = env.reset(seed=1)
+    columns = list(world.encoding.columns)
+    assert observation[columns.index("steps_left")] == 90
+    assert observation[columns.index("order1(toast)")] == 80
+    assert observation[columns.index("order1(soup)")] == 0
+    policy, rewards, ended = ShiftPolicy(world, "robot1", ALONE), [], False
+    while not ended:
+        state = env.unwrapped.state
+        action = policy.act(state)
+        chosen = (
+            next(a for a in state.actions("robot1") if a.name == "wait")
+            if action is None
+            else action
+        )
+        _, reward, ended, truncated, _ = env.step(state.action_number(chosen))
+        policy.observe([("robot1", chosen, True)])
+        rewards.append(reward)
+        assert not truncated
+    assert len(rewards) == 90
+    assert [reward for reward in rewards if reward] == [float(10 + 8 * 72 // 80)]
+    assert np.isfinite(rewards).all()
+
+
+def test_batch_engine_refuses_a_shift() -> None:
+    with pytest.raises(RobotouilleError, match="does not support shifts"):
+        BatchWorld(World(example()), 2)
+
+
+def test_task_survives_json() -> None:
+    task: Any = json.loads(json.dumps(example(seed=5).to_json()))
+    assert task["problem"]["shift"]["arrivals"][0]["at"] == 0
