@@ -200,6 +200,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("TLS records of one connection decrypted before the others get a turn",
               f"{tls_records.RECORDS_AT_A_TIME}, or {_size(tls_records.BYTES_AT_A_TIME)} of them",
               "The remaining records wait."),
+        Limit("Size of a client's TLS handshake", _size(tls_records.MAX_HANDSHAKE_BYTES), CUT),
         Limit("File descriptors reserved for recordings",
               f"{RESERVED}, or an eighth of the system's limit", "New connections are closed."),
         Limit("Time to answer a ping; the server pings every 20 s", "20 s", CUT),

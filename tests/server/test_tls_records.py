@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from math import inf
 from typing import Any
 
 from hypothesis import given
@@ -13,6 +14,7 @@ from robotouille_server.transport.tls_records import (
     HANDSHAKE,
     HANDSHAKE_COST,
     HEAD_BYTES,
+    MAX_HANDSHAKE_BYTES,
     RECORD_COST,
     RECORDS_AT_A_TIME,
     RecordMeter,
@@ -41,6 +43,9 @@ class Socket(asyncio.Transport):
         return self.closed
 
     def close(self) -> None:
+        self.closed = True
+
+    def abort(self) -> None:
         self.closed = True
 
     def pause_reading(self) -> None:
@@ -83,10 +88,10 @@ class TLS(asyncio.BufferedProtocol):
 class Pair:
     """Meter between a socket and TLS, with the budget of a running event loop."""
 
-    def __init__(self) -> None:
+    def __init__(self, **limits: float) -> None:
         self.budget = LoopBudget(asyncio.get_running_loop())
         self.socket, self.tls = Socket(), TLS()
-        self.meter = RecordMeter(self.socket, self.budget)
+        self.meter = RecordMeter(self.socket, self.budget, **limits)
         self.meter.set_protocol(self.tls)
         self.meter.resume_reading()
 
@@ -111,7 +116,7 @@ def test_records_arrive_whole_and_in_order(
     stream = b"".join(record(size, kind) for size, kind in records)
 
     async def main() -> None:
-        pair, rest = Pair(), stream
+        pair, rest = Pair(max_handshake=inf), stream
         for cut in [*cuts, len(stream)]:
             while not pair.socket.reading:
                 await turns()
@@ -188,6 +193,19 @@ async def test_nothing_is_read_while_the_client_does_not_read() -> None:
     await turns(3)
     assert pair.received == record(17)
     assert pair.socket.reading
+
+
+async def test_client_with_a_long_handshake_is_disconnected() -> None:
+    pair = Pair()
+    for size in (100, MAX_HANDSHAKE_BYTES - 200):
+        pair.socket.receive(record(17) + record(size, HANDSHAKE))
+        await turns(5)
+        assert not pair.socket.closed
+    before = pair.received
+    pair.socket.receive(record(17) + record(200, HANDSHAKE))
+    await turns(5)
+    assert pair.socket.closed
+    assert pair.received == before + record(17)
 
 
 async def test_oversized_record_reaches_tls_which_rejects_it() -> None:

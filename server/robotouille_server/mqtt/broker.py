@@ -128,7 +128,11 @@ def _password(settings: ServerSettings) -> str | None:
 
 def _tls(settings: ServerSettings) -> ssl.SSLContext:
     try:
-        return ssl.create_default_context(cafile=settings.mqtt_ca)
+        context = ssl.create_default_context(cafile=settings.mqtt_ca)
+        # The first handshake has a thread of its own; another one would block the event loop, with
+        # numbers of the broker's choice for seconds.
+        context.options |= ssl.OP_NO_RENEGOTIATION
+        return context
     except OSError as error:  # SSLError is an OSError.
         raise RobotouilleError(f"--mqtt-ca: {settings.mqtt_ca}: {error.strerror}") from None
 

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from math import inf
 from typing import cast
 
 from robotouille_server.transport import LoopBudget
 from robotouille_server.transport.tls_records import READ_BUFFER, RecordMeter
 
+CLOSE_SECONDS = 2.0
+"""Seconds that the broker has to read the rest before its connection is aborted."""
 PAIR_BYTES = 4096
 """Bytes that wait between the meter and paho. All of them may be changes of keys."""
 
@@ -43,7 +46,8 @@ async def _connect(broker: socket.socket, far: socket.socket, budget: LoopBudget
     loop = asyncio.get_running_loop()
     raw, _ = await loop.create_connection(asyncio.Protocol, sock=broker)
     raw.pause_reading()
-    meter = RecordMeter(raw, budget)
+    # The broker's certificates may be long. The thread that connects checks them.
+    meter = RecordMeter(raw, budget, max_handshake=inf)
     await loop.create_connection(lambda: _FarEnd(meter), sock=far)
 
 
@@ -57,7 +61,7 @@ class _FarEnd(asyncio.Protocol):
         far = cast("asyncio.Transport", transport)
         # Whatever does not fit into the pair stays with the broker.
         far.set_write_buffer_limits(high=0)
-        self._meter.set_protocol(_Records(far))
+        self._meter.set_protocol(_FromBroker(far))
         self._meter.resume_reading()
 
     def data_received(self, data: bytes) -> None:
@@ -71,9 +75,11 @@ class _FarEnd(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._meter.close()
+        # A broker that does not read would keep the socket and what it has not read.
+        asyncio.get_running_loop().call_later(CLOSE_SECONDS, self._meter.abort)
 
 
-class _Records(asyncio.BufferedProtocol):
+class _FromBroker(asyncio.BufferedProtocol):
     """Protocol above the meter: records from the broker go to paho."""
 
     def __init__(self, far: asyncio.Transport) -> None:
@@ -89,9 +95,9 @@ class _Records(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._far.close()
 
-    # The pair has no limit in this direction: the server itself limits what it publishes.
+    # paho notices a broker that does not read by packets that it cannot send.
     def pause_writing(self) -> None:
-        pass
+        self._far.pause_reading()
 
     def resume_writing(self) -> None:
-        pass
+        self._far.resume_reading()

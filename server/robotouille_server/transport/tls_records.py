@@ -20,6 +20,9 @@ HANDSHAKE = 22
 """Type of the records in which clients begin a handshake, in all versions."""
 RECORDS_AT_A_TIME, BYTES_AT_A_TIME = 16, 16 * 1024
 """Records of one connection, and bytes, after which all others get a turn."""
+MAX_HANDSHAKE_BYTES = 8 * 1024
+"""Size of all records of a client's handshakes, above which it is disconnected. OpenSSL compares
+each key share of a ClientHello with each group: 64 KiB of them take it 75 ms."""
 RECORD_COST = 2.0
 """Cost of a record, in frames. A change of keys takes about 50 microseconds."""
 HANDSHAKE_COST = 48.0
@@ -65,17 +68,22 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
     Args:
         raw: The transport of the socket. Its reading must be paused.
         budget: Charged for each record.
+        max_handshake: Size of all records of handshakes, above which the connection is aborted.
     """
 
     # The event loop and its TLS use this attribute and `_force_close` of any transport below TLS.
     _start_tls_compatible = True
 
-    def __init__(self, raw: asyncio.Transport, budget: LoopBudget) -> None:
+    def __init__(
+        self, raw: asyncio.Transport, budget: LoopBudget, max_handshake: float = MAX_HANDSHAKE_BYTES
+    ) -> None:
         super().__init__()
+        self._max_handshake = max_handshake
         self._raw = raw
         self._budget = budget
         self._protocol: asyncio.BufferedProtocol | None = None
         self._received = bytearray()
+        self._handshake_bytes = 0
         self._at_end = False
         self._queued = False
         # TLS takes no more data, the client does not read, or records wait for their turn.
@@ -116,6 +124,9 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         for _ in range(RECORDS_AT_A_TIME):
             if len(received) - size < HEAD_BYTES:
                 break
+            # A record of a handshake is passed on alone, because each may take milliseconds.
+            if size and received[size] == HANDSHAKE:
+                break
             length = int.from_bytes(received[size + 3 : size + HEAD_BYTES], "big")
             # OpenSSL rejects records of more than 18 KiB by their head. It needs no more of them.
             end = size + HEAD_BYTES + min(length, len(READ_BUFFER) - HEAD_BYTES)
@@ -144,6 +155,11 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         if self._protocol is None or not size:
             return
         self._budget.spend(cost)
+        if self._received[0] == HANDSHAKE:
+            self._handshake_bytes += size
+            if self._handshake_bytes > self._max_handshake:
+                self._raw.abort()
+                return
         records = self._received[:size]
         del self._received[:size]
         memoryview(self._protocol.get_buffer(size))[:size] = records
