@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
-import sys
+import subprocess
 import time
 from collections.abc import Generator
 from typing import Any
@@ -35,13 +35,19 @@ _started: list[str] = []
 """Programs that the running test has started."""
 
 
-def _watch(event: str, arguments: tuple[Any, ...]) -> None:
+_start_program = subprocess.Popen.__init__
+
+
+def _watch(self: subprocess.Popen[Any], args: Any, *more: Any, **options: Any) -> None:
+    program = args if isinstance(args, str | bytes | os.PathLike) else args[0]
     # With an empty font cache, matplotlib runs fc-list once, in whichever test plots first.
-    if event == "subprocess.Popen" and not str(arguments[0]).endswith("fc-list"):
-        _started.append(str(arguments[0]))
+    if not str(program).endswith("fc-list"):
+        _started.append(str(program))
+    _start_program(self, args, *more, **options)
 
 
-sys.addaudithook(_watch)
+# An audit hook would be called a hundred times a millisecond.
+subprocess.Popen.__init__ = _watch  # type: ignore[assignment]
 
 
 class _Freezer:
@@ -65,6 +71,9 @@ class _Freezer:
 
 
 _freezer = _Freezer()
+
+
+gc.set_threshold(20_000, 20, 20)
 
 
 def pytest_collection_finish() -> None:
