@@ -42,9 +42,12 @@ class Ground:
     def covered(self, card: pygame.Rect) -> tuple[int, int, int, int]:
         """Return the covered pixels of each kind, the most important first."""
         own = () if self.own is None else (self.own,)
-        kinds = (own, self.players, self.used, self.stations)
-        first, second, third, last = (_overlap(card, kind) for kind in kinds)
-        return first, second, third, last
+        return (
+            _overlap(card, own),
+            _overlap(card, self.players),
+            _overlap(card, self.used),
+            _overlap(card, self.stations),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,12 +189,24 @@ def _least(size: tuple[int, int], layout: Layout, ground: Ground) -> pygame.Rect
         for y in range(_TRIED + 1)
     ]
     places = [place.clamp(whole) for place in places]
-    return min(places, key=lambda place: (*ground.covered(place), math.dist(place.center, middle)))
+    places.sort(key=lambda place: math.dist(place.center, middle))
+    # Most often a place near the middle covers nothing, and the others need not be measured.
+    best, least = places[0], ground.covered(places[0])
+    for place in places[1:]:
+        if not any(least):
+            break
+        covered = ground.covered(place)
+        if covered < least:
+            best, least = place, covered
+    return best
 
 
 def _overlap(place: pygame.Rect, others: Sequence[pygame.Rect]) -> int:
-    parts = [place.clip(others[number]) for number in place.collidelistall(others)]
-    return sum(part.width * part.height for part in parts)
+    area = 0
+    for number in place.collidelistall(others):
+        part = place.clip(others[number])
+        area += part.width * part.height
+    return area
 
 
 def _title(lobby: LobbyView) -> str:
