@@ -18,7 +18,7 @@ from robotouille.domain.schema import (
 def parameter_types(action: ActionDef, predicates: Mapping[str, PredicateDef]) -> dict[str, str]:
     """Return an action's parameters in order of first mention, with their types."""
     types: dict[str, str] = {}
-    for _, condition in conditions_of_action("", action):
+    for condition in _conditions(action):
         definition = predicates.get(condition.predicate)
         if definition is not None:
             for name, kind in zip(condition.params, definition.param_types, strict=False):
@@ -32,10 +32,10 @@ def parameter_types(action: ActionDef, predicates: Mapping[str, PredicateDef]) -
 def fluents(domain: DomainFile) -> frozenset[str]:
     """Return the predicates that some action can change; all others are static."""
     return frozenset(
-        condition.predicate
+        result.predicate
         for action in domain.action_defs
-        for path, condition in conditions_of_action("", action)
-        if ".precons" not in path and ".conditions" not in path
+        for results in (action.immediate_fx, *(effect.fx for effect in _effects(action.sfx)))
+        for result in results
     )
 
 
@@ -82,9 +82,25 @@ def effects_of(path: str, effects: tuple[EffectDef, ...]) -> Iterator[tuple[str,
 
 def created_by(effects: tuple[EffectDef, ...]) -> Iterator[Creation]:
     """Yield the effects, nested ones included, that create an object."""
-    for _, effect in effects_of("", effects):
+    for effect in _effects(effects):
         if isinstance(effect, Creation):
             yield effect
+
+
+def _conditions(action: ActionDef) -> Iterator[Condition]:
+    """Yield the conditions of `conditions_of_action` without paths, which take time to write."""
+    yield from action.precons
+    yield from action.immediate_fx
+    for effect in _effects(action.sfx):
+        yield from getattr(effect, "conditions", ())
+        yield from effect.fx
+
+
+def _effects(effects: tuple[EffectDef, ...]) -> Iterator[EffectDef]:
+    """Yield the effects of `effects_of` without paths."""
+    for effect in effects:
+        yield effect
+        yield from _effects(effect.sfx)
 
 
 def placeholders(text: str) -> list[str]:
