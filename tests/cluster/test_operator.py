@@ -351,37 +351,31 @@ GRANT = {"subject": "grace", "episode": "", "token_id": "x", "expires": 0.0}
 
 
 class TestMessages:
-    @pytest.mark.parametrize(
-        "changes",
-        [
-            {"by": None},
-            {"by": ""},
-            {"by": "root"},
-            {"by": {**GRANT, "subject": ""}},
-            {"by": {**GRANT, "role": "operator"}},
-            {"by": {"episode": ""}},
-            {"node": ""},
-            {"node": "unknown"},
-            {"node": "own"},
-            {"method": "DELETE"},
-            {"path": "/index.html"},
-            {"path": "/api/overview/events"},
-            {"via": "x"},
-        ],
-    )
     @virtual
-    async def test_invalid_requests_are_refused(
-        self, tmp_path: Path, changes: dict[str, Any]
-    ) -> None:
+    async def test_invalid_requests_are_refused(self, tmp_path: Path) -> None:
         async with lab(tmp_path, nodes=2) as at:
             asker, asked = (node.cluster.node for node in at.nodes)
-            header = {"node": asker.name, **GOOD, **changes}
-            if header["node"] == "own":
-                header["node"] = asked.name
-            header = {name: value for name, value in header.items() if value is not None}
             subject = f"operator.{asked.name}.request"
-            answer = await asker.bus.request(subject, json.dumps(header).encode() + b"\n", 5)
-            assert json.loads(answer.partition(b"\n")[0])["status"] in (400, 403)
+            for changes in (
+                {"by": None},
+                {"by": ""},
+                {"by": "root"},
+                {"by": {**GRANT, "subject": ""}},
+                {"by": {**GRANT, "role": "operator"}},
+                {"by": {"episode": ""}},
+                {"node": ""},
+                {"node": "unknown"},
+                {"node": asked.name},
+                {"method": "DELETE"},
+                {"path": "/index.html"},
+                {"path": "/api/overview/events"},
+                {"via": "x"},
+            ):
+                header = {"node": asker.name, **GOOD, **changes}
+                header = {name: value for name, value in header.items() if value is not None}
+                answer = await asker.bus.request(subject, json.dumps(header).encode() + b"\n", 5)
+                status = json.loads(answer.partition(b"\n")[0])["status"]
+                assert status in (400, 403), changes
 
     @virtual
     async def test_good_and_malformed_requests(self, tmp_path: Path) -> None:
