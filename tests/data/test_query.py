@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import sys
 from decimal import Decimal
 from pathlib import Path
@@ -41,12 +42,27 @@ WRITING = [
 ]  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a filled SQLite catalogue to copy."""
+    path = tmp_path_factory.mktemp("template") / "catalogue.sqlite"
+    fill(str(path))
+    return path
+
+
 @pytest.fixture
-def filled(database: str) -> str:
+def filled(database: str, template: Path) -> str:
+    if "://" in database:
+        fill(database)
+    else:
+        shutil.copyfile(template, database)
+    return database
+
+
+def fill(database: str) -> None:
     with writing_engine(database_url(database, Path())).begin() as connection:
         migrate(connection)
         insert(connection, LABELS, ROWS)
-    return database
 
 
 def ask(database: str, query: str, seconds: float = 60) -> list[tuple[Any, ...]]:
