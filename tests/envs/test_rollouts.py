@@ -38,9 +38,9 @@ def some(env: RobotouilleParallelEnv, rng: np.random.Generator) -> dict[str, int
 @pytest.mark.parametrize("task", quick_sample([TEAM, "multi_agent/07@3", "multi_agent/10@4"], 2))
 def test_engine_matches_the_world(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "is_compiled", lambda: False)
-    slow = parallel_env(task, max_steps=60)
+    slow = parallel_env(task, max_steps=30)
     monkeypatch.setattr(engine, "is_compiled", lambda: True)
-    fast = parallel_env(task, max_steps=60)
+    fast = parallel_env(task, max_steps=30)
     rng = np.random.default_rng(5)
     for episode in range(2):
         alike(fast.reset(seed=episode), slow.reset(seed=episode))
