@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import functools
 from collections import deque
 from collections.abc import Iterator
 from typing import Any
@@ -28,6 +29,14 @@ ARROWS = {
     Command.UP: pygame.K_UP,
     Command.DOWN: pygame.K_DOWN,
 }
+
+
+@functools.cache
+def world_of(task: str) -> World:
+    """Return a task's world. Tests share it and must not change it: grounding takes longer than
+    a picture.
+    """
+    return World(task)
 
 
 def headless_window(size: tuple[int, int] = SIZE, *, cards: Any = None, **options: Any) -> Window:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cache
 
 import pygame
 import pytest
@@ -270,8 +271,13 @@ def test_gamepad_b_closes_chat_and_help_before_it_asks(seat: Seat) -> None:
 SAVED = "Video saved: ~/.local/share/robotouille/recordings/20261122T210000Z_10_1234.mp4"
 
 
+@cache
+def crowded_world(seats: int) -> World:
+    return World(load_task("multi_agent/10", seats=seats, timing="people"))
+
+
 def card(seats: int) -> Form:
-    world = World(load_task("multi_agent/10", seats=seats, timing="people"))
+    world = crowded_world(seats)
     row = {"acted": 120, "busy": 300, "waiting": 12, "idle": 40, "away": 3, "substituted": 7}
     outcome = {
         "reason": "step_limit",

@@ -8,6 +8,7 @@ import itertools
 import pygame
 import pytest
 from tests.support.golden_pictures import middle
+from tests.support.window_play import world_of
 
 from robotouille import World, load_task
 from robotouille.domain.task import Timing
@@ -31,7 +32,7 @@ NAMES = ("Ada", "A name of forty wide characters WWWWWWWWWW", "厨房", "Björn"
 
 def crowded(steps: int) -> View:
     """Return a view in which every player has a name, a reason or something to say."""
-    world = World("multi_agent/10@4")
+    world = world_of("multi_agent/10@4")
     previous = state = world.initial
     for step in range(steps):
         previous = state
@@ -72,7 +73,7 @@ def test_labels_do_not_overlap(size: tuple[int, int], steps: int, monkeypatch) -
 
 
 def test_letters_grow_with_the_window() -> None:
-    painter, world = Painter(), World("multi_agent/10@4")
+    painter, world = Painter(), world_of("multi_agent/10@4")
     small, large = (painter.layout(size, world) for size in SIZES[2:])
     assert large.text == 2 * small.text
     assert abs(large.panel.width - 2 * small.panel.width) <= 2
@@ -155,7 +156,7 @@ def test_the_list_is_opaque(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("station", ["table1", "board1", "stove1", "sink1"])
 def test_the_station_under_the_mouse_is_marked(station: str) -> None:
     """The mark's edge has contrast on light wood and on dark iron, but its wash is faint."""
-    world = World("multi_agent/07")
+    world = world_of("multi_agent/07")
     painter = Painter()
     view = View(world, world.initial, hover=station)
     plain, marked = pygame.Surface((640, 400)), pygame.Surface((640, 400))
@@ -176,7 +177,7 @@ def test_the_station_under_the_mouse_is_marked(station: str) -> None:
 def test_the_list_does_not_cover_the_ticket_the_seats_or_the_local_player(
     size: tuple[int, int], task: str, scale: float
 ) -> None:
-    world = World(task)
+    world = world_of(task)
     seats = tuple(SeatView(player, player) for player in world.players)
     painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)
     painter.paint(surface, View(world, world.initial, seats=seats, me=world.players[0]), CHOICES)

@@ -13,9 +13,8 @@ import pygame
 import pytest
 from tests.support.servers import serving
 from tests.support.virtual_time import opening
-from tests.support.window_play import Script, Timer, headless_window
+from tests.support.window_play import Script, Timer, headless_window, world_of
 
-from robotouille import World
 from robotouille_client import Game, connect
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.spots import occupied
@@ -140,7 +139,7 @@ LARGE = pytest.param((3840, 2160), marks=pytest.mark.slow)
 @pytest.mark.parametrize("size", [(320, 240), (640, 480), (1280, 720), LARGE])
 @pytest.mark.parametrize("ready", [False, True, None])
 def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | None) -> None:
-    world = World("multi_agent/10@4")
+    world = world_of("multi_agent/10@4")
     rows = (
         LobbyRow("Ada (you)", "here"),
         LobbyRow("W" * 40, "ready"),
@@ -162,7 +161,7 @@ def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | Non
 def test_the_card_covers_no_player_and_no_object(
     size: tuple[int, int], task: str, ready: bool | None
 ) -> None:
-    world = World(task)
+    world = world_of(task)
     rows = (LobbyRow("Ada", "here"), LobbyRow("Ben", "ready"))
     seats = tuple(SeatView(player, player) for player in world.players)
     for me in world.players if ready is not None else (None,):
@@ -190,7 +189,7 @@ def test_the_context_key_gets_ready() -> None:
         def be_ready(self, ready: bool) -> None:
             self.ready = ready
 
-    source = Waiting(World("training/01"))
+    source = Waiting(world_of("training/01"))
     window = headless_window((800, 600), clock=Timer())
     for ready, words in ((False, "I'm ready!"), (True, "not ready after all")):
         window.frame(source)

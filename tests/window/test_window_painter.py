@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import random
+from functools import cache
 
 import pygame
 import pytest
 from tests.support.samples import quick_sample
+from tests.support.window_play import world_of
 
 from robotouille import World, task_names
 from robotouille_client.window.drawing.painter import Painter
@@ -19,6 +21,12 @@ def picture(view: View, size=(640, 400), ui_overlay: UiOverlay | None = None) ->
     surface = pygame.Surface(size)
     Painter().paint(surface, view, ui_overlay)
     return pygame.image.tobytes(surface, "RGB")
+
+
+@cache
+def full_picture() -> tuple[View, bytes]:
+    view = full_view(world_of("multi_agent/09"), 5)
+    return view, picture(view)
 
 
 def colours(pixels: bytes) -> int:
@@ -43,7 +51,7 @@ def full_view(world: World, steps: int, seed: int = 1) -> View:
 
 @pytest.mark.parametrize("name", quick_sample(task_names(), 8))
 def test_every_task(name: str) -> None:
-    view = full_view(World(name), 12)
+    view = full_view(world_of(name), 12)
     assert colours(picture(view)) > 250
 
 
@@ -58,18 +66,18 @@ def test_every_task(name: str) -> None:
     ],
 )  # fmt: skip
 def test_every_field_changes_the_picture(change) -> None:
-    view = full_view(World("multi_agent/09"), 5)
-    assert picture(dataclasses.replace(view, **change)) != picture(view)
+    view, unchanged = full_picture()
+    assert picture(dataclasses.replace(view, **change)) != unchanged
 
 
 def test_losing_does_not_look_like_winning() -> None:
-    view = full_view(World("multi_agent/01"), 3)
+    view = full_view(world_of("multi_agent/01"), 3)
     ended = dataclasses.replace(view, outcome="Over")
     assert picture(dataclasses.replace(ended, won=True)) != picture(ended)
 
 
 def test_the_length_of_a_lost_connection_is_shown() -> None:
-    view = full_view(World("multi_agent/09"), 5)
+    view = full_view(world_of("multi_agent/09"), 5)
     assert len({picture(dataclasses.replace(view, offline=s)) for s in (5.0, 5.5, 6.0)}) == 2
 
 
@@ -83,7 +91,7 @@ def test_the_length_of_a_lost_connection_is_shown() -> None:
     ],
 )
 def test_who_moves_a_player_shows_at_seat_and_player(change) -> None:
-    view = full_view(World("multi_agent/09"), 5)
+    view = full_view(world_of("multi_agent/09"), 5)
     first, *others = view.seats
     changed = dataclasses.replace(view, seats=(dataclasses.replace(first, **change), *others))
     (left, top, width, height) = layout((640, 400), 9, 7).panel
@@ -102,7 +110,7 @@ SIZES = [((160, 120),), ((1280, 720),), ((300, 900),), ((1000, 120),)]
 @pytest.mark.parametrize("size", quick_sample(SIZES))
 def test_interruptions_fit_any_size(size: tuple[int, int]) -> None:
     """Interruptions never cover the panel."""
-    view = full_view(World("multi_agent/10"), 5)
+    view = full_view(world_of("multi_agent/10"), 5)
     nasty = "厨房 \0 " + "words and " * 60
     panel = layout(size, *_floor(view.world)).panel
     shown = []
@@ -131,12 +139,12 @@ def _floor(world: World) -> tuple[int, int]:
     ],
 )
 def test_the_overlay_changes_the_picture(ui_overlay: UiOverlay) -> None:
-    view = full_view(World("multi_agent/09"), 5)
+    view = full_view(world_of("multi_agent/09"), 5)
     assert picture(view, ui_overlay=ui_overlay) != picture(view)
 
 
 def test_any_text_can_be_drawn() -> None:
-    view = full_view(World("multi_agent/09"), 1)
+    view = full_view(world_of("multi_agent/09"), 1)
     nasty = "nul \0 lone \ud800 tab \t new\nline 厨房 " + "x" * 5000
     seats = tuple(dataclasses.replace(s, name=nasty, kind=nasty) for s in view.seats)
     chat = ((nasty, nasty), ("", ""))
@@ -147,7 +155,7 @@ def test_any_text_can_be_drawn() -> None:
 
 
 def test_progress_is_drawn_at_the_station(play) -> None:
-    world = World("asynchronous/09")
+    world = world_of("asynchronous/09")
     lines = ["move table11", "pick-up-item chicken1", "move stove1", "place-item", "cook", "-"]
     course = play(world, *lines)
     place = layout((640, 400), world.task.problem.width, world.task.problem.height)

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.window_play import world_of
 
-from robotouille import FileError, World, load_task
+from robotouille import FileError, load_task
 from robotouille.domain.files import read_model, validate
 from robotouille.domain.related_files import other_renderings
 from robotouille.domain.rendering import RenderingFile, rendering_of
@@ -174,7 +175,7 @@ def shown(state: State, name: str) -> str | None:
 
 @pytest.mark.parametrize(("task", "name"), FOODS)
 def test_foods(task: str, name: str) -> None:
-    world = World(task)
+    world = world_of(task)
     for facts, picture in FOODS[task, name].items():
         state = with_facts(world.initial, *((fact, name) for fact in facts.split()))
         assert shown(state, name) == f"{picture}.svg"
@@ -203,19 +204,19 @@ SERVE = ["pick-up-container pot1", "move table1", "fill-bowl"]
     ],
 )
 def test_containers(play, lines: list[str], container: str, asset: str) -> None:
-    state = play(World("asynchronous/09"), *lines)[-1]
+    state = play(world_of("asynchronous/09"), *lines)[-1]
     assert shown(state, container) == asset
 
 
 def test_a_pot_shows_its_contents(play) -> None:
-    state = play(World("asynchronous/09"), *SOUP, *ONION)[-1]
+    state = play(world_of("asynchronous/09"), *SOUP, *ONION)[-1]
     (pot,) = stage_of(state).piles["stove1"]
     assert [appearance.asset for appearance in pot.contents] == ["onion.svg"]
     assert all(piece.name != "water1" for pile in stage_of(state).piles.values() for piece in pile)
 
 
 def test_piles_rise_by_the_height_of_each_object(play) -> None:
-    world = World("asynchronous/09")
+    world = world_of("asynchronous/09")
     lines = ["move table11", "pick-up-item chicken1", "move table3", "stack", "move table10"]
     state = play(world, *lines, "pick-up-item onion1", "move table3", "stack")[-1]
     pile = stage_of(state).piles["table3"]
@@ -225,12 +226,12 @@ def test_piles_rise_by_the_height_of_each_object(play) -> None:
 
 
 def test_held_objects_are_piled_on_the_player(play) -> None:
-    state = play(World("asynchronous/09"), "move table11", "pick-up-item chicken1")[-1]
+    state = play(world_of("asynchronous/09"), "move table11", "pick-up-item chicken1")[-1]
     assert [piece.name for piece in stage_of(state).piles["robot1"]] == ["chicken1"]
 
 
 def test_tiles_show_the_state_in_words(play) -> None:
-    world = World("workshop/01")
+    world = world_of("workshop/01")
     lines = ["grab gear1", "walk anvil1", "drop gear1", "hammer", "hammer"]
     state = play(world, *lines)[-1]
     kitchen = rendering_of(load_task("synchronous/01"))
@@ -244,7 +245,7 @@ def test_tiles_show_the_state_in_words(play) -> None:
 
 
 def test_players_without_pictures_borrow_some() -> None:
-    world = World("workshop/02")
+    world = world_of("workshop/02")
     kitchen = rendering_of(load_task("synchronous/01"))
     resolver = AppearanceResolver(world.task.domain, kitchen)
     assert resolver.player("fitter", 0, "left").asset == "robot1_left.svg"

@@ -9,9 +9,8 @@ from dataclasses import replace
 import pygame
 import pytest
 from tests.support.colours import colour_distance
-from tests.support.window_play import Script
+from tests.support.window_play import Script, world_of
 
-from robotouille import World
 from robotouille.domain.rendering import rendering_of
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.seat_cards import (
@@ -63,7 +62,7 @@ def test_badges_differ_in_shape() -> None:
 
 @pytest.mark.parametrize("side", ["front", "back", "left", "right"])
 def test_robots_wear_different_hats(side: str) -> None:
-    world = World("multi_agent/07")
+    world = world_of("multi_agent/07")
     art = rendering_of(world.task)
     resolver = AppearanceResolver(world.task.domain, art)
     sprites = Sprites(art.folders(world.task.folder), Typesetter())
@@ -80,7 +79,7 @@ def test_robots_wear_different_hats(side: str) -> None:
 
 
 def test_cards_name_waiting_and_blocking_players() -> None:
-    world = World("multi_agent/01")
+    world = world_of("multi_agent/01")
     ada, bot = SeatView("robot1", "ada"), SeatView("robot2", "otter", "bot")
     view = View(world, world.initial, seats=(ada, bot), me="robot1")
 
@@ -100,7 +99,7 @@ def test_cards_name_waiting_and_blocking_players() -> None:
 
 @pytest.mark.parametrize("size", [(320, 240), (480, 360), (1280, 720)])
 def test_cards_show_a_high_latency(size: tuple[int, int]) -> None:
-    world, painter = World("multi_agent/01"), Painter()
+    world, painter = world_of("multi_agent/01"), Painter()
 
     def card(milliseconds: int) -> bytes:
         seat = SeatView("robot1", "ada" * 9, latency_ms=milliseconds)
@@ -137,7 +136,7 @@ def test_spectators_in_words(names: list[str], count: int, words: str) -> None:
 def test_a_ticket_of_two_dishes_leaves_room_for_all_seats(
     size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    world = World("multi_agent/10@4")
+    world = world_of("multi_agent/10@4")
     drawn = []
     card = SeatCards._card
     monkeypatch.setattr(SeatCards, "_card", lambda *a: (drawn.append(a[3].player), card(*a)))
@@ -178,19 +177,20 @@ def shown(view: View, overlay: UiOverlay, size: tuple[int, int], scale: float) -
 
 @pytest.fixture(scope="module")
 def view() -> View:
-    return Script(World("training/01")).view()
+    return Script(world_of("training/01")).view()
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize("prompt", ["", "Sound off", "There is no free station that way"])
-def test_the_main_key_is_always_shown(
-    view: View, size: tuple[int, int], scale: float, prompt: str
-) -> None:
+def test_the_main_key_is_always_shown(view: View, size: tuple[int, int], scale: float) -> None:
     hints = (("E", "Put down the bread"), ("Click", "Pick up the tomato"))
-    words = shown(view, UiOverlay(prompt=prompt, hints=hints, keys=KEYS), size, scale)
-    assert "Put down the bread" in words
-    assert prompt in words
+    painter, surface = RecordingPainter(scale), pygame.Surface(size)
+    for prompt in ("", "Sound off", "There is no free station that way"):
+        painter.words.clear()
+        painter.paint(surface, view, UiOverlay(prompt=prompt, hints=hints, keys=KEYS))
+        words = " ".join(painter.words)
+        assert "Put down the bread" in words
+        assert prompt in words
 
 
 @pytest.mark.parametrize("scale", SCALES)
@@ -203,20 +203,18 @@ def test_the_last_permanent_keys_stay_longest(view: View, scale: float) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("scale", SCALES)
-@pytest.mark.parametrize("lesson", ["Short.", SENTENCE, SENTENCE * 2])
-def test_a_lesson_covers_only_the_wall(
-    view: View, size: tuple[int, int], scale: float, lesson: str
-) -> None:
+def test_a_lesson_covers_only_the_wall(view: View, size: tuple[int, int], scale: float) -> None:
     painter, surface = Painter(preferences=Preferences(text_scale=scale)), pygame.Surface(size)
     before = painter.layout(size, view.world)
-    received = replace(view, lesson=lesson)
-    painter.paint(surface, received)
-    place = painter.layout(size, view.world)
-    shown = painter._interruptions.draw(surface, place, received)
-    assert all(area.bottom <= place.top for area in shown)
-    assert place.corner((0, 0))[1] + place.tile <= place.strip.top
-    painter.paint(surface, view)
-    assert painter.layout(size, view.world) == before
+    for lesson in ("Short.", SENTENCE, SENTENCE * 2):
+        received = replace(view, lesson=lesson)
+        painter.paint(surface, received)
+        place = painter.layout(size, view.world)
+        shown = painter._interruptions.draw(surface, place, received)
+        assert all(area.bottom <= place.top for area in shown)
+        assert place.corner((0, 0))[1] + place.tile <= place.strip.top
+        painter.paint(surface, view)
+        assert painter.layout(size, view.world) == before
 
 
 @pytest.mark.parametrize("size", SIZES)

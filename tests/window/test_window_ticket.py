@@ -9,6 +9,7 @@ import pygame
 import pytest
 from tests.support.samples import quick_sample
 from tests.support.scripted import after, planned
+from tests.support.window_play import world_of
 
 from robotouille import State, World, task_names
 from robotouille.certification.certificate import load_certificate
@@ -32,7 +33,7 @@ SIZE = (1280, 720)
 
 
 def drawn(name: str) -> tuple[Dish, ...]:
-    world = World(name)
+    world = world_of(name)
     found = dishes(world, AppearanceResolver(world.task.domain, rendering_of(world.task)))
     assert found is not None
     return found
@@ -70,7 +71,7 @@ def test_dishes_are_read_from_the_top_down(task: str, columns: list[list[str]]) 
 @pytest.mark.parametrize("name", quick_sample(task_names(), 10))
 def test_every_term_is_on_the_ticket_once(name: str) -> None:
     numbers = [n for dish in drawn(name) for layer in dish.layers for n in layer.terms]
-    assert sorted(numbers) == list(range(len(World(name).goal.terms)))
+    assert sorted(numbers) == list(range(len(world_of(name).goal.terms)))
 
 
 def settled(name: str) -> Iterator[dict[str, bool]]:
@@ -91,7 +92,7 @@ def test_ticks_go_from_none_to_all() -> None:
 
 
 def test_tooltips_explain_each_layer() -> None:
-    world = World("multi_agent/01")
+    world = world_of("multi_agent/01")
     painter, surface = Painter(), pygame.Surface(SIZE)
     painter.paint(surface, View(world, world.initial))
     x = painter.layout(SIZE, world).panel.left + 60
@@ -117,7 +118,7 @@ def shown(view: View, pointer: tuple[int, int] | None = None) -> bytes:
 
 
 def test_the_tooltip_of_the_ticket_is_the_goal_in_words() -> None:
-    world = World("multi_agent/07")
+    world = world_of("multi_agent/07")
     view = View(world, world.initial)
     place = Painter().layout(SIZE, world)
     on_the_ticket = (place.panel.left + 60, 120)
@@ -125,7 +126,7 @@ def test_the_tooltip_of_the_ticket_is_the_goal_in_words() -> None:
 
 
 def test_real_time_games_show_the_seconds_left() -> None:
-    world = World("multi_agent/07")
+    world = world_of("multi_agent/07")
     view = View(world, world.initial, step=20, max_steps=80)
     timed = replace(view, step_seconds=0.2)
     assert shown(timed) != shown(view)
@@ -142,7 +143,7 @@ def test_hovering_lists_the_contents_of_a_pot() -> None:
 
 
 def test_the_ticket_uses_the_players_own_words() -> None:
-    world = World("multi_agent/01")
+    world = world_of("multi_agent/01")
     words = Language.model_validate({"kinds": {"lettuce": "Salat"}})
 
     def ticket(*laid_over: Language) -> bytes:
@@ -155,7 +156,7 @@ def test_the_ticket_uses_the_players_own_words() -> None:
 
 
 def test_the_circle_fills_with_each_cut() -> None:
-    world = World("training/01")
+    world = world_of("training/01")
     state, seen = world.initial, []
     for line in load_certificate("training/01").plan or ():
         action = world.parse(state, world.players[0], line)
@@ -183,7 +184,7 @@ HOLDING_THE_BASE = ["pick-up-item bottombun1"]
 
 def test_an_arbitrary_table_is_no_progress() -> None:
     """Any table will do, so that the one under the top bun does not count as progress."""
-    before = far(World("multi_agent/01").initial)
+    before = far(world_of("multi_agent/01").initial)
     held = far(after("multi_agent/01", *HOLDING_THE_BASE))
     assert all(row.share == 0 for row in before.values())
     assert all(row == LayerProgress(0, False) for name, row in held.items() if "bun" not in name)
@@ -197,7 +198,7 @@ CUT = [
 
 
 def test_layers_of_free_order_are_drawn_as_they_lie() -> None:
-    started = far(World("multi_agent/01").initial)
+    started = far(world_of("multi_agent/01").initial)
     assert list(started) == ["top bun", "cut lettuce", "cooked patty", "bottom bun", "table"]
     built = far(after("multi_agent/01", *CUT))
     assert list(built) == ["top bun", "cooked patty", "cut lettuce", "bottom bun", "table"]
@@ -242,7 +243,7 @@ def test_equal_dishes_keep_their_ticks() -> None:
 
 
 def test_work_on_one_object_counts_once() -> None:
-    pot = World("asynchronous/07")  # Three onions.
+    pot = world_of("asynchronous/07")  # Three onions.
     state = pot.initial
     (dish,) = dishes(pot, AppearanceResolver(pot.task.domain, rendering_of(pot.task))) or ()
     for line in load_certificate("asynchronous/07").plan or ():
