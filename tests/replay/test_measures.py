@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from robotouille import World
+from robotouille.certification.step_limit import plan_beside
 from robotouille.episode import ActionRequest, Clock, Episode, Rules
 from robotouille.planning import solve
 from robotouille.replay import Recording, SeatMeasures
@@ -43,6 +44,28 @@ def test_episode_in_progress() -> None:
     found = recorded(to_the_goal=False).measures()
     assert (found.success, found.reason, found.steps) == (False, "", 5)
     assert found.seats["robot1"].acted == 5
+
+
+def test_actions_on_objects_that_were_created_during_the_episode() -> None:
+    world = World("multi_agent/10@4")
+    plan = plan_beside(world)
+    assert plan is not None
+    assert any("water2" in action.arguments for joint in plan for action in joint)
+    episode = Episode(world, Rules(clock=Clock.REALTIME, step_rate=1.0))
+    for player in world.players:
+        episode.join(player, player, "bot", 0.0)
+    now = 0
+    # An episode rejects moves into places that a teammate leaves in the same step, so the actions
+    # of each joint action follow one another here.
+    for seq, action in enumerate((action for joint in plan for action in joint), 1):
+        player = action.player or ""
+        while episode.state.busy_steps(player):
+            episode.tick(now := now + 1)
+        episode.submit(player, ActionRequest(seq, action), now + 0.5)
+        episode.tick(now := now + 1)
+    # The recording has a world of its own, in which no second water was made.
+    found = Recording(record(episode, episode.events())).measures()
+    assert (found.success, found.steps) == (True, now)
 
 
 def test_seat_that_was_never_taken() -> None:

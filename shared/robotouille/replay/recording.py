@@ -10,7 +10,7 @@ from typing import Any
 
 from robotouille.domain.files import open_regular
 from robotouille.domain.task import Task
-from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError
+from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError, WrongWorldError
 from robotouille.protocol.states import StateReader, StateWriter
 from robotouille.replay.container import (
     MAGIC,
@@ -223,8 +223,11 @@ class Recording:
         """
         where = f"{self.source}: step {frame.get('step')}"
         try:
+            for move in frame["moves"]:
+                # Callers that do not simulate the steps have created none of the step's objects.
+                self.world.admit(move["action"][1:])
             actions = [self.world.action(*move["action"]) for move in frame["moves"]]
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, WrongWorldError) as error:
             raise RecordingError(f"{where}: {error}") from None
         for move, action in zip(frame["moves"], actions, strict=True):
             mover = move["player"]
