@@ -11,7 +11,7 @@ from tests.support.samples import quick_sample
 from tests.support.scripted import after, planned
 from tests.support.window_play import world_of
 
-from robotouille import State, World, task_names
+from robotouille import State, World, load_task, task_names
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import NO_WORDS, Language, rendering_of
 from robotouille.domain.schema import GoalTerm
@@ -240,6 +240,34 @@ def test_equal_dishes_keep_their_ticks() -> None:
         assert ticked <= found
         ticked = found
     assert len(ticked) == 12
+
+
+def test_a_finished_dish_is_ticked_as_itself_in_any_order() -> None:
+    """The second dish of the goal is finished first; its soup counts for no other dish."""
+    task = load_task("multi_agent/10", seats=4)
+    kinds = {"tomato": "cheese", "chicken": "onion", "cheese": "tomato", "onion": "chicken"}
+    swapped = tuple(
+        term.model_copy(update={"args": tuple(kinds.get(kind, kind) for kind in term.args)})
+        for term in task.problem.goal
+    )
+    world = World(replace(task, problem=task.problem.model_copy(update={"goal": swapped})))
+    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
+    plain = dishes(world, resolver) or ()
+    at_first, ticks, finished = fit(plain, world.initial).holding, 0, []
+    for planned_state in planned("multi_agent/10", 4):
+        state = world.restore(planned_state.facts, planned_state.timer_rows(), ())
+        now = fit(plain, state)
+        assert sum(now.holding) >= ticks, "no tick vanishes"
+        ticks = sum(now.holding)
+        finished.append(
+            [
+                all(layer.settled for layer in progress(dish, now.holding, at_first))
+                for dish in dishes(world, resolver, stack_levels(state, now)) or ()
+            ]
+        )
+    assert [False, True] in finished
+    assert [True, False] not in finished
+    assert finished[-1] == [True, True]
 
 
 def test_work_on_one_object_counts_once() -> None:

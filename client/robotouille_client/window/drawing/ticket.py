@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import pygame
 
-from robotouille.world.grounding.goal import Fit
+from robotouille.world.grounding.goal import Fit, Order
 from robotouille.world.presentation.work import work_towards
 from robotouille.world.scene import scene
 from robotouille.world.world import State
@@ -70,13 +71,39 @@ def fit(dishes: Sequence[Dish], state: State) -> Fit:
     """Return which goal terms hold, and which objects stand for the goal's variables.
 
     Objects in their place count first: the tomato on a burger belongs to that burger, even if
-    another burger could use it too. A place counts only if its base holds.
+    another burger could use it too. A place counts only if its base holds. An object that could
+    serve several dishes counts for the dish with which most of the goal holds.
     """
-    layers = [layer for dish in dishes for layer in dish.layers]
-    places = [(n, layer.base) for layer in layers for n in layer.places]
-    places.sort(key=lambda one: (len(one[1]) > 0, one[0]))
-    facts = sorted(n for layer in layers for n in layer.terms if n not in layer.places)
-    return state.world.goal.fit(state.facts, (*places, *((n, ()) for n in facts)))
+    goal, facts = state.world.goal, state.facts
+    # One order is not enough: a bowl of soup fits the first dish with a bowl of soup, whatever
+    # else is in the soup, and then nothing that is in it fits its own dish.
+    return max(
+        (goal.fit(facts, _fit_order(each)) for each in _dish_orders(dishes)),
+        key=lambda found: sum(found.holding),
+    )
+
+
+# Largest number of dishes of which all orders are tried.
+_MAX_ORDERED = 4
+
+
+def _dish_orders(dishes: Sequence[Dish]) -> Iterator[Sequence[Dish]]:
+    """Yield orders of dishes, the problem's first, so that it wins if several fit equally."""
+    ordered = sorted(
+        dishes, key=lambda dish: min((n for x in dish.layers for n in x.terms), default=0)
+    )
+    if len(ordered) <= _MAX_ORDERED:
+        yield from permutations(ordered)
+    else:
+        yield from (ordered[n:] + ordered[:n] for n in range(len(ordered)))
+
+
+def _fit_order(dishes: Sequence[Dish]) -> Order:
+    """Return the order in which terms are tried: places with their base, then facts."""
+    layers = [(rank, layer) for rank, dish in enumerate(dishes) for layer in dish.layers]
+    places = [(len(x.base) > 0, rank, n, x.base) for rank, x in layers for n in x.places]
+    facts = sorted((rank, n) for rank, x in layers for n in x.terms if n not in x.places)
+    return (*((n, base) for _, _, n, base in sorted(places)), *((n, ()) for _, n in facts))
 
 
 def shares(state: State, holding: Sequence[bool]) -> tuple[float, ...]:
@@ -170,7 +197,8 @@ class Ticket:
         self._known: dict[tuple[tuple[int | str, int], ...], tuple[Dish, ...]] = {}
         self._roots: dict[int, str] = {}
         self._dishes = dishes(view.world, resolver) or ()
-        self._at_first = fit(self._dishes, view.world.initial).holding
+        self._fitted: tuple[State, Fit] | None = None
+        self._at_first = self._fit(view.world.initial).holding
         self._rows: list[tuple[pygame.Rect, Layer, LayerProgress]] = []
         self._holding: tuple[bool, ...] = ()
         self._shares: tuple[float, ...] = ()
@@ -195,9 +223,15 @@ class Ticket:
 
     def redraw_key(self, state: State) -> object:
         """Return the part of a state that the ticket shows."""
-        now = fit(self._dishes, state)
+        now = self._fit(state)
         done = tuple(round(share * RING_STEPS) for share in shares(state, now.holding))
         return now.holding, done, tuple(stack_levels(state, now).items()), self._sprites.revision
+
+    def _fit(self, state: State) -> Fit:
+        """Return the fit of a state, which is computed once for all its frames."""
+        if self._fitted is None or self._fitted[0] is not state:
+            self._fitted = state, fit(self._dishes, state)
+        return self._fitted[1]
 
     def draw(
         self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, state: State, free: int
@@ -232,7 +266,7 @@ class Ticket:
 
     def _arrange(self, state: State) -> Fit:
         """Order the pictures as the objects lie, each dish at its old place. Return the fit."""
-        now = fit(self._dishes, state)
+        now = self._fit(state)
         levels = stack_levels(state, now)
         key = tuple(levels.items())
         if key not in self._known:
