@@ -16,6 +16,7 @@ from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy,
 from robotouille.planning.policies.standing import standing_at
 from robotouille.planning.policies.team_talk import request
 from robotouille.planning.solvers import AnytimePlanner
+from robotouille.replay.file_names import CLOSED
 from robotouille.replay.recording import read_recording
 from robotouille.world.presentation.wording import Wording
 from robotouille_client.bots.kinds import BotKind
@@ -34,6 +35,7 @@ from robotouille_client.window.app.local_game import (
     LocalGame,
     step_limit,
 )
+from robotouille_client.window.app.replays_menu import recent_recordings
 from robotouille_client.window.drawing.seat_cards import status
 from robotouille_client.window.sources.feedback import Blockages
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
@@ -274,6 +276,21 @@ def test_turns_wait_for_bots_and_show_it() -> None:
     assert game.source.view().waits_for == (bot,)
     bots.thinking = False
     assert game.source.view().waits_for == ()
+
+
+def test_the_recording_is_closed_when_the_game_ends(tmp_path: Path) -> None:
+    """The window may be killed while it shows the card at the end."""
+    timer = Timer()
+    setup = GameSetup("synchronous/01", rate=10.0, max_steps=20, countdown=0.0)
+    game = LocalGame(setup, "ada", timer, tmp_path)
+    while not game.source.finished:
+        timer.now += 0.1
+        game.source.view()
+    (path,) = recent_recordings([tmp_path])
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.suffix == CLOSED
+    assert read_recording(path).verify().ok
+    assert game.finish(ended=True) == path
 
 
 def test_real_time_pauses_while_the_player_is_asked(tmp_path: Path) -> None:

@@ -13,12 +13,12 @@ from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.loading import load_task
 from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Task
-from robotouille.episode import Episode, Event, Rules
+from robotouille.episode import Episode, EpisodeEnded, Event, Rules
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
 from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.replay.container import compress
-from robotouille.replay.file_names import file_name
+from robotouille.replay.file_names import CLOSED, file_name
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.lint import sound_task
 from robotouille.world.world import World
@@ -120,18 +120,26 @@ class LocalGame:
         if not ended:
             self._discard()
             return None
+        self._close_recording()
+        closed = self.path is not None and self.path.suffix == CLOSED
+        return self.path if closed else None
+
+    def _close_recording(self) -> None:
+        """Turn the recording of an ended game into a closed one, if it is not closed already."""
         path = self.path
-        if path is None or path.suffix != ".part":
-            return path
+        if path is None or path.suffix == CLOSED:
+            return
         whole = path.with_suffix("")
+        written = whole.with_suffix(f"{whole.suffix}.new")
         try:
-            # Compressing at the end allows appending frames as they come during the game.
-            whole.write_bytes(compress(path.read_bytes()))
+            # Compressing at the end allows appending frames as they come during the game. A window
+            # that is killed in between leaves the open recording.
+            written.write_bytes(compress(path.read_bytes()))
+            written.replace(whole)
             path.unlink()
         except OSError:
-            return None
+            return
         self.path = whole
-        return whole
 
     def _discard(self) -> None:
         if self.path is not None:
@@ -157,10 +165,14 @@ class LocalGame:
             return
         try:
             with self.path.open("ab") as file:
-                file.write(self._recorder.record(events))
+                file.write(self._recorder.record(recorded := list(events)))
         except (OSError, RecordingError):
             self._discard()
             self.path = None
+            return
+        # The card at the end may stay for hours, and the window may be killed while it does.
+        if any(isinstance(event, EpisodeEnded) for event in recorded):
+            self._close_recording()
 
 
 def step_limit(task: Task, clock: Clock, rate: float) -> int:
