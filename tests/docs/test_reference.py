@@ -172,6 +172,7 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     assert f"After {defaults.stall_seconds:g} seconds (setting `stall_seconds`)" in page
     assert f"more than {broadcaster.KEPT_DELTAS} steps" in page
     assert f"of the last {broadcaster.KEPT_SAID};" in page
+    assert f"a complete state and the last {broadcaster.REPEATED_SAID} `said`" in page
     first, longest = backoff.FIRST_DELAY * 1000, backoff.MAX_DELAY
     assert f"between {first:g} and {2 * first:g} ms" in page
     assert f"up to {longest / 2:g} and {longest:g} s" in page

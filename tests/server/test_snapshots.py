@@ -11,7 +11,7 @@ import pytest
 from pydantic import BaseModel
 
 from robotouille import World
-from robotouille.episode import ActionRequest, Clock, Episode, Rules, Stepped
+from robotouille.episode import ActionRequest, ChatPosted, Clock, Episode, Rules, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.frames import FrameReader
@@ -20,6 +20,7 @@ from robotouille_server.auth import Role
 from robotouille_server.rooms.broadcaster import (
     KEPT_DELTAS,
     MAX_SPECTATOR_NAMES,
+    REPEATED_SAID,
     Broadcaster,
 )
 from robotouille_server.rooms.episode_messages import last_seq, own_answers
@@ -189,6 +190,17 @@ def test_returning_client_without_kept_deltas_gets_a_snapshot(
     peer.got.clear()
     room.broadcaster.welcome_back(room.session("Ada"), seen, "token")
     assert peer.kinds()[:2] == ["joined", "snapshot"]
+
+
+def test_participant_who_returns_in_a_new_program_gets_the_recent_chat(room: Room) -> None:
+    peer = room.member("Ada")
+    said = [ChatPosted("Ada", "robot1", f"line {n}", 1.0, n) for n in range(1, 31)]
+    for event in said:
+        room.broadcaster.publish_said(event)
+    peer.got.clear()
+    room.broadcaster.welcome_back(room.session("Ada"), None, "token")
+    texts = [message["text"] for message in peer.got if message["type"] == "said"]
+    assert texts == [event.text for event in said[-REPEATED_SAID:]]
 
 
 def test_number_of_kept_deltas_is_bounded(room: Room) -> None:

@@ -307,6 +307,27 @@ def _words_above_the_goal(view: View) -> frozenset[tuple[int, ...]]:
     )
 
 
+@opening(table)
+async def test_a_returning_player_sees_the_recent_chat(play: Table) -> None:
+    """A new window takes over the seat of one that was closed."""
+    play.one.say("I take the stove")
+    await asyncio.sleep(0.1)
+    play.two.say("Fine")
+    await asyncio.sleep(0.1)
+    options = {"name": "ada", "kind": "human", "resume": play.ada.client.resume}
+    async with connect(play.server.url, **options) as returned:
+        game = await returned.join(play.one.code)
+        source = RemoteSource(game, asyncio.get_running_loop().time, returned.connected.is_set)
+        await asyncio.sleep(0.1)
+        view = source.view()
+        spoken = [text for name, text in view.chat if name in ("ada", "bob")]
+        assert spoken == ["I take the stove", "Fine"]
+        assert view.bubbles == ()
+        play.two.say("Welcome back")
+        await asyncio.sleep(0.1)
+        assert source.view().chat[-1] == ("bob", "Welcome back")
+
+
 def _nearest(colours: frozenset[tuple[int, ...]], wanted: Colour) -> int:
     """Return the distance of a colour to the most similar one."""
     return min(max(abs(a - b) for a, b in zip(c, wanted, strict=True)) for c in colours)

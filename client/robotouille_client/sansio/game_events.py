@@ -144,6 +144,15 @@ class ChatReceived:
 
 
 @dataclass(frozen=True, slots=True)
+class ChatRepeated:
+    """A chat message from before this program returned to the game."""
+
+    name: str
+    seat: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class ChatRejected:
     """A chat message or note of the client was rejected.
 
@@ -193,6 +202,7 @@ GameEvent = (
     | ObservationReceived
     | ActRejected
     | ChatReceived
+    | ChatRepeated
     | ChatRejected
     | Announced
     | RosterChanged

@@ -26,6 +26,7 @@ from robotouille_client.sansio.game_events import (
     Announced,
     ChatReceived,
     ChatRejected,
+    ChatRepeated,
     GameEnded,
     GameEvent,
     ObservationReceived,
@@ -113,6 +114,7 @@ class GameReplica:
         self.waits_for: tuple[str, ...] = ()
         self.rematch_code = ""
         self.said = joined.said
+        self._repeatable = range(1, joined.said + 1)
         self.ended = False
         self.farewell = ""
         self._reader: StateReader | None = None
@@ -348,6 +350,10 @@ class GameReplica:
                 if message.number > self.said or message.number == 0:
                     self.said = max(self.said, message.number)
                     self._emit(ChatReceived(message.name, message.seat, message.text))
+                elif message.number in self._repeatable:
+                    # A new program that returns to a game receives the recent chat.
+                    self._repeatable = range(message.number + 1, self._repeatable.stop)
+                    self._emit(ChatRepeated(message.name, message.seat, message.text))
             case messages.Error(ref=None, code=code) if code in CHAT_ERRORS:
                 self._emit(ChatRejected(code, message.message))
             case messages.Notice():

@@ -43,6 +43,9 @@ KEPT_DELTAS = 64
 """Deltas kept for clients that come back. If more were missed, a snapshot is shorter."""
 KEPT_SAID, KEPT_NOTICES = 200, 20
 
+REPEATED_SAID = 20
+"""Number of recent chat messages for a participant who returns in a new program."""
+
 MAX_SPECTATOR_NAMES = 8
 """Maximum number of spectator names in a roster or snapshot. Everybody receives both, so a longer
 list would cost too much; further spectators are only counted."""
@@ -184,6 +187,8 @@ class Broadcaster:
             # even continue in another program, which does not have the task.
             session.known.clear()
             self.send_snapshot(session)
+            for said in tuple(self._said)[-REPEATED_SAID:]:
+                peer.send(said)
             return
         session.known.add(self._episode.world.task.digest)
         missed = self._missed(session, seen)

@@ -167,6 +167,11 @@ class ChatLog:
         if player:
             self._add(Bubble(player, text, "chat"))
 
+    def repeated(self, name: str, text: str) -> None:
+        """Add a chat message from before the local player returned."""
+        if announced_version(text) is None:
+            self._lines.append((name, text))
+
     def happened(self, text: str) -> None:
         """Add a game event, such as a participant who joins."""
         self._lines.append((NEWS, text))

@@ -18,6 +18,7 @@ from robotouille_client.sansio.game_events import (
     Announced,
     ChatReceived,
     ChatRejected,
+    ChatRepeated,
     GameEnded,
     GameEvent,
     RosterChanged,
@@ -156,6 +157,9 @@ class RemoteSource(GameSource):
                 case ChatReceived():
                     said = speaker(event.name, event.seat), event.seat, event.text
                     self._feedback.show_speech(*said, game.state, self._wording)
+                case ChatRepeated():
+                    # No bubbles: the messages may be old.
+                    self._chat_log.repeated(speaker(event.name, event.seat), event.text)
                 case ChatRejected():
                     self._chat_log.happened(event.reason)
                 case RosterChanged():
