@@ -160,7 +160,7 @@ def way(state: State, me: str, station: str) -> list[Command]:
             continue
         seen.add(placed[me].at)
         for command, direction in DIRECTIONS.items():
-            action = towards(now, me, direction, placed)
+            action = towards(now, me, [direction], placed)
             if action is not None:
                 after = now.step(action).state
                 while after.busy_steps(me):

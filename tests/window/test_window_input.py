@@ -114,6 +114,27 @@ def test_letters_and_arrows_walk(table: Table) -> None:
     assert table.here() != below
 
 
+def test_a_direction_leads_ahead_and_not_around_the_corner() -> None:
+    state = World("multi_agent/01").initial
+    for key, station in ((Command.RIGHT, "table7"), (Command.UP, "stove1")):
+        action = towards(state, "robot2", [DIRECTIONS[key]], scene(state))
+        assert action is not None
+        assert (scene(state)["robot2"].at, action.destination) == ("table1", station)
+
+
+def test_directions_pressed_during_a_walk_become_one_walk_without_stops() -> None:
+    table = Table(Script(World("multi_agent/01"), slow=True))
+    assert table.here() == "table2"
+    table.press(pygame.K_RIGHT)
+    for key in (pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_UP):
+        table.press(key)
+    assert table.overlay().queued == ("Right Right Up",)
+    while table.overlay().queued or table.source.state.busy_steps(table.source.me):
+        table.step()
+    table.step()
+    assert [action.destination for action in table.source.acted] == ["table3", "table6"]
+
+
 def test_a_notice_without_a_station_that_way(table: Table) -> None:
     assert table.press(pygame.K_RIGHT) == []
     assert table.overlay().prompt == "There is no free station that way"
@@ -428,7 +449,7 @@ def test_another_walk_replaces_a_retried_one(blocked: Table, by: str) -> None:
     if by == "arrow":
         state, me = blocked.source.state, blocked.source.me
         directions = ARROWS.items()
-        key = next(k for c, k in directions if towards(state, me, DIRECTIONS[c], scene(state)))
+        key = next(k for c, k in directions if towards(state, me, [DIRECTIONS[c]], scene(state)))
         blocked.press(key)
     else:
         free = next(a for a in blocked.source.state.actions(blocked.source.me) if goes_to(a))

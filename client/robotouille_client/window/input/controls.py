@@ -5,7 +5,7 @@ The functions are pure: names of objects, buttons and keys go in, an action come
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -30,6 +30,7 @@ from robotouille.world.timers import Progress
 from robotouille.world.world import State, World
 
 Button = Literal["left", "middle", "right"]
+Direction = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,11 +217,16 @@ def walks(state: State, me: str) -> dict[str, GroundAction]:
 
 
 def towards(
-    state: State, me: str, direction: tuple[int, int], placed: dict[str, Placed]
+    state: State, me: str, directions: Sequence[Direction], placed: dict[str, Placed]
 ) -> GroundAction | None:
-    """Return the walk in a direction; None if no free station is on that side.
+    """Return the walk in some directions, one after the other, without stops on the way.
 
-    Directions are relative to the station where the player is, or else to the player's tile.
+    The first direction is relative to the station where the player is, or else to the player's
+    tile, and each other direction to the station before it. A direction without a free station on
+    that side changes nothing.
+
+    Returns:
+        None if the directions lead nowhere, or back to where the player is.
     """
     own = placed.get(me)
     if own is None:
@@ -228,23 +234,40 @@ def towards(
     here = placed[own.at].tile if own.at else own.tile
     if here is None:
         return None
-    # Ties go to the first name, so that the same key always leads to the same station.
-    nearest: tuple[int, str] | None = None
     valid = walks(state, me)
-    for name in valid:
+    reachable = [name for name in {*valid, own.at} if name]
+    target = own.at
+    for direction in directions:
+        found = _nearest(here, direction, reachable, placed)
+        if found is not None:
+            target, here = found
+    return valid.get(target) if target else None
+
+
+def _nearest(
+    here: Tile, direction: Direction, names: Iterable[str], placed: dict[str, Placed]
+) -> tuple[str, Tile] | None:
+    """Return the nearest of some stations in a direction, and its tile."""
+    # Ties go to the first name, so that the same key always leads to the same station.
+    ranked = []
+    for name in names:
         there = placed[name].tile
         far = None if there is None else _distance(here, there, direction)
-        if far is not None and (nearest is None or (far, name) < nearest):
-            nearest = (far, name)
-    return valid[nearest[1]] if nearest else None
+        if there is not None and far is not None:
+            ranked.append((far, name, there))
+    return min(ranked)[1:] if ranked else None
 
 
-def _distance(here: Tile, there: Tile, direction: tuple[int, int]) -> int | None:
-    """Return the distance of a tile in a direction; None if it is not on that side."""
+def _distance(here: Tile, there: Tile, direction: Direction) -> tuple[bool, int] | None:
+    """Return how far off a tile is in a direction; None if it is not on that side.
+
+    Tiles that lie more to the side than ahead come last: nobody expects that a key for walking to
+    the right leads to the corner above.
+    """
     dx, dy = there[0] - here[0], there[1] - here[1]
     ahead = dx * direction[0] + dy * direction[1]
     aside = abs(dx * direction[1]) + abs(dy * direction[0])
-    return ahead + _ASIDE * aside if ahead > 0 else None
+    return (aside > ahead, ahead + _ASIDE * aside) if ahead > 0 else None
 
 
 WAIT = "wait until it is done, or click to take it"
@@ -299,12 +322,14 @@ class _Walks:
         return self._world.floor.distance(self._here, station) if self._here else 0
 
 
-def walk(controls: Controls, state: State, me: str, direction: tuple[int, int]) -> ResolvedInput:
-    """Resolve a direction key."""
+def walk(
+    controls: Controls, state: State, me: str, directions: Sequence[Direction]
+) -> ResolvedInput:
+    """Resolve direction keys that were pressed one after the other."""
     busy = state.busy_steps(me)
     if busy:
         return ResolvedInput(None, f"you are busy for {busy} more step{'s' * (busy > 1)}")
-    action = towards(state, me, direction, scene(state))
+    action = towards(state, me, directions, scene(state))
     if action is None:
         return ResolvedInput(None, "there is no free station that way")
     return ResolvedInput(action, controls.wording(me).action(action, state), True)

@@ -15,7 +15,7 @@ from robotouille_client.window.input.input_controller import (
 )
 from robotouille_client.window.view import LobbyView, View
 
-_Asked = tuple[State, str | None, str | None, LobbyView | None, tuple[bool, bool, bool]]
+_Asked = tuple[State, str | None, str | None, LobbyView | None, tuple[bool, bool, bool, bool]]
 _List = tuple[State, tuple[GroundAction, ...]]
 _Advice = tuple[tuple[str, ...], KeyRows]
 
@@ -37,12 +37,15 @@ class PlayHints:
 
     def advice(self, controls: Controls, view: View, hover: str | None) -> _Advice:
         # Searching near misses is slow, so the result is kept while this key stays the same.
-        interrupted = (view.pause is not None, view.offline is not None, view.frozen)
+        counting = view.starts_in is not None
+        interrupted = (view.pause is not None, view.offline is not None, view.frozen, counting)
         key = (view.state, view.me, hover, view.lobby, interrupted)
         if self._advice is None or self._advice[0] != key:
             hints: KeyRows = ()
             if view.lobby is not None and view.asks_if_ready:
                 use = self._controller.keys.words(Command.USE)
+                if counting:
+                    use = key_words("enter")
                 hints = ((use, "not ready after all" if view.lobby.ready else "I'm ready!"),)
             elif view.me is not None and not view.frozen:
                 hints = self._controller.hints(controls, view.state, view.me)

@@ -99,10 +99,7 @@ class InputController:
         return long and free and self.queue.idle and not view.frozen
 
     def _walk(self, controls: Controls, command: Command, source: GameSource, view: View) -> str:
-        intent = Intent(
-            key_words(command.value), partial(_resolve_walk, controls, DIRECTIONS[command])
-        )
-        return self.queue.ask(intent, source, view)
+        return self.queue.ask(_walk_intent(controls, (command,)), source, view)
 
     # List of possible actions
 
@@ -201,8 +198,19 @@ def _resolve_use(controls: Controls, key: str, view: View) -> ResolvedInput:
     return ResolvedInput(waits, WAIT, waits is not None)
 
 
-def _resolve_walk(controls: Controls, direction: tuple[int, int], view: View) -> ResolvedInput:
-    return walk(controls, view.state, view.me or "", direction)
+def _walk_intent(controls: Controls, commands: tuple[Command, ...]) -> Intent:
+    """Return a walk in some directions, to which the queue can add further ones."""
+    label = " ".join(key_words(command.value) for command in commands)
+
+    def resolve(view: View) -> ResolvedInput:
+        directions = [DIRECTIONS[command] for command in commands]
+        return walk(controls, view.state, view.me or "", directions)
+
+    def extend(further: Intent) -> Intent | None:
+        longer = (*commands, *further.commands)
+        return _walk_intent(controls, longer) if len(longer) <= MAX_DIRECTIONS else None
+
+    return Intent(label, resolve, commands=commands, extend=extend)
 
 
 def _repeat(words: str, action: GroundAction, view: View) -> ResolvedInput:
@@ -210,6 +218,8 @@ def _repeat(words: str, action: GroundAction, view: View) -> ResolvedInput:
 
 
 MAX_QUEUED = 3
+MAX_DIRECTIONS = 6
+"""Largest number of directions that become one walk."""
 QUICK_SECONDS = 0.4
 """Time after an action during which a new input is queued. A later input replaces the action."""
 SHOWN_SECONDS = 0.5
@@ -224,11 +234,15 @@ class Intent:
 
     Attributes:
         follows: True if the input is meant for the station that the walk before it leads to.
+        commands: The directions of a walk.
+        extend: Function that adds the directions of a further walk; None if there are too many.
     """
 
     label: str
     resolve: Callable[[View], ResolvedInput]
     follows: bool = False
+    commands: tuple[Command, ...] = ()
+    extend: Callable[[Intent], Intent | None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,6 +344,13 @@ class ActionQueue:
         return self._do(self._waiting.pop(0), source, view)
 
     def _wait(self, intent: Intent) -> str:
+        # Directions that wait become one walk, which does not stop at the stations on the way.
+        last = self._waiting[-1] if self._waiting else None
+        if last is not None and last.extend is not None and intent.commands:
+            longer = last.extend(intent)
+            if longer is not None:
+                self._waiting[-1] = longer
+                return ""
         if len(self._waiting) >= MAX_QUEUED:
             return f"{MAX_QUEUED} actions are queued already"
         self._waiting.append(intent)

@@ -159,7 +159,9 @@ class PlayInput:
         if command is Command.MENU:
             self.close()
             return command
-        if command in (Command.USE, Command.ENTER) and self._be_ready(source, view):
+        # E at the countdown is meant for the game, and waits for it. Only Enter takes back.
+        waits = command is Command.USE and view.starts_in is not None
+        if command in (Command.USE, Command.ENTER) and not waits and self._be_ready(source, view):
             return None
         if self.controller.choices is not None and self._in_list(command, source, view):
             return None
