@@ -19,6 +19,7 @@ from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.app.settings import Settings, load_settings
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Display, Screen
+from robotouille_client.window.input.input_controller import GUARD_SECONDS
 from robotouille_client.window.options import TimeSource
 from robotouille_client.window.view import GameSource
 from robotouille_client.window.window import Window
@@ -122,9 +123,13 @@ def keys_of(setup: GameSetup) -> Iterator[None]:
     """Yield the arrow and E keys that play a task's proven plan."""
     world = World(load_task(setup.task, timing="benchmark"))
     state, me = world.initial, world.players[0]
+    before = ""
     for line in load_certificate(world.task).plan or ():
         action = world.parse(state, me, line)
         station = goes_to(action)
+        if not station and before not in ("move", action.name):
+            yield from wait(round(GUARD_SECONDS * 60) + 5)
+        before = action.name
         for key in [ARROWS[c] for c in way(state, me, station)] if station else [pygame.K_e]:
             post(key)
             yield from wait(2)

@@ -27,6 +27,7 @@ from robotouille.domain.schema import InputFile
 from robotouille.world.scene import scene
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.input.controls import possible, towards
+from robotouille_client.window.input.input_controller import GUARD_SECONDS
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, LobbyView
@@ -81,6 +82,7 @@ def test_a_whole_task_by_one_device(task: str, device: str) -> None:
         action = table.source.world.parse(table.source.state, table.source.me, line)
         station = goes_to(action)
         before = len(table.source.acted)
+        table.timer.now += GUARD_SECONDS
         if device == "mouse":
             table.click(station or table.here() or "", 1 if station else 3)
         elif station is None:
@@ -164,6 +166,28 @@ def test_a_held_key_keeps_walking(table: Table) -> None:
     walked = len(table.source.acted)
     table.window.frame(table.source)
     assert len(table.source.acted) == walked
+
+
+def test_one_press_too_many_does_not_undo_the_work() -> None:
+    table = Table(Script(World("training/01")))
+    for line in load_certificate("training/01").plan or ():
+        action = table.source.world.parse(table.source.state, table.source.me, line)
+        if (station := goes_to(action)) is not None:
+            table.click(station)
+            continue
+        before = list(table.press(pygame.K_e))
+        assert before[-1] == action.name
+        if before.count("cut") == 3:
+            break
+    assert table.press(pygame.K_e) == before, "the tomato stays on the board"
+    assert "wait a second" in table.overlay().prompt
+    table.timer.now += GUARD_SECONDS
+    assert table.press(pygame.K_e) == [*before, "pick-up-item"]
+    assert len(table.press(pygame.K_e)) == len(before) + 1, "nor is it put back at once"
+    table.timer.now += GUARD_SECONDS
+    assert table.press(pygame.K_e)[-1] == "place-item"
+    table.click(table.here() or "")
+    assert table.press()[-1] == "pick-up-item", "a click is not guarded"
 
 
 def test_the_use_key_does_not_interrupt_cooking() -> None:

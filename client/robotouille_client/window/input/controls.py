@@ -292,17 +292,29 @@ def _order(state: State, me: str, action: GroundAction, walks: _Walks) -> tuple[
         return (3 if walks.matters(there) else 4), walks.steps(there)
     if not (action.touched or action.effects):
         return 5, 0
-    after = (state.facts | action.touched) ^ action.removed
-    more = _carried(state, me, after) - _carried(state, me, state.facts)
+    before, after = (
+        _carried(state, me, state.facts),
+        _carried(state, me, _facts_after(state, action)),
+    )
+    more = len(after) - len(before)
     return (0, 1, 2)[(more > 0) + 2 * (more < 0)], 0
 
 
-def _carried(state: State, me: str, facts: int) -> int:
-    """Return the number of things that a player carries."""
+def handled(state: State, me: str, action: GroundAction) -> frozenset[str]:
+    """Return the things that an action puts into a player's hands or takes from them."""
+    return _carried(state, me, state.facts) ^ _carried(state, me, _facts_after(state, action))
+
+
+def _facts_after(state: State, action: GroundAction) -> int:
+    return (state.facts | action.touched) ^ action.removed
+
+
+def _carried(state: State, me: str, facts: int) -> frozenset[str]:
+    """Return the things that a player carries."""
     world = state.world
     carries = {rule.predicate for rule in world.task.domain.layout or () if rule.when == HOLDS}
-    mine = bits_of(facts & world.table.mentions(me))
-    return sum(world.table.atoms[bit][0] in carries for bit in mine)
+    mine = (world.table.atoms[bit] for bit in bits_of(facts & world.table.mentions(me)))
+    return frozenset(name for atom in mine if atom[0] in carries for name in atom[1:]) - {me}
 
 
 class _Walks:

@@ -20,6 +20,7 @@ from robotouille_client.window.input.controls import (
     Controls,
     ResolvedInput,
     ends_work,
+    handled,
     possible,
     use,
     walk,
@@ -68,8 +69,16 @@ class InputController:
         label = key_words(key) if key else "use"
         there = key not in controls.keys or controls.is_for_places(key)
         # The action is chosen when its turn comes, because the state may change until then.
-        intent = Intent(label, partial(_resolve_use, controls, key), follows=there)
+        intent = Intent(label, partial(self._resolve_guarded, controls, key), follows=there)
         return self.queue.ask(intent, source, view)
+
+    def _resolve_guarded(self, controls: Controls, key: str, view: View) -> ResolvedInput:
+        """Resolve the use key, so that one press too many does not undo the last action."""
+        resolved, me = _resolve_use(controls, key, view), view.me or ""
+        if resolved.action is None or not resolved.valid:
+            return resolved
+        again = handled(view.state, me, resolved.action) & self.queue.just_used
+        return ResolvedInput(None, GUARDED) if again else resolved
 
     def walk(self, controls: Controls, command: Command, source: GameSource, view: View) -> str:
         """Handle a direction key, which counts as held until `release`."""
@@ -224,6 +233,9 @@ QUICK_SECONDS = 0.4
 """Time after an action during which a new input is queued. A later input replaces the action."""
 SHOWN_SECONDS = 0.5
 """Time for which the result of an action is marked."""
+GUARD_SECONDS = 1.0
+"""Time after an action in which the use key does not take up or put down the same thing."""
+GUARDED = "done; to move it again, wait a second or click"
 PATIENCE_SECONDS = 2.0
 """Time for which a walk to an occupied station is retried."""
 
@@ -288,6 +300,15 @@ class ActionQueue:
         if sent is None or (sent.fate != "asked" and self._clock() - sent.time > SHOWN_SECONDS):
             return None
         return sent
+
+    @property
+    def just_used(self) -> frozenset[str]:
+        """Objects of an action that was done less than `GUARD_SECONDS` ago; empty after a walk."""
+        sent = self._sent
+        if sent is None or sent.fate != "done" or sent.action.destination is not None:
+            return frozenset()
+        recent = self._clock() - sent.time < GUARD_SECONDS
+        return frozenset(sent.action.arguments if recent else ())
 
     @property
     def idle(self) -> bool:
