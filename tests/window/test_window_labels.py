@@ -242,3 +242,31 @@ def test_a_busy_player_gets_a_tip(play) -> None:
     assert gap(painter._labels.places()[received], own) <= layout.tile
     painter.paint(surface, dataclasses.replace(view, state=world.initial, previous=None))
     assert not [key for key in painter._labels.places() if key[0] == "busy"]
+
+
+@pytest.mark.parametrize("name", ["multi_agent/01@2", "multi_agent/10@4"])
+def test_station_tips_cover_no_other_station(name: str) -> None:
+    before, state, step = middle(load_task(name))
+    view = View(state.world, state, before, step)
+    for station in list(Painter().stage(state).stations):
+        painter, area = tip_of(dataclasses.replace(view, hover=station), (1280, 720))
+        layout = painter.layout((1280, 720), view.world)
+        stage = painter.stage(state)
+        cells = [layout.cell(stage.placed[each].tile) for each in stage.stations]
+        own = extent(layout, stage, station, painter._poses(view))
+        others = [cell for cell in cells if not cell.colliderect(own)]
+        assert area.collidelist(others) < 0, station
+
+
+def test_names_have_fixed_places() -> None:
+    """A name is below its player in every kitchen, even if it covers the edge of a station."""
+    world = World("multi_agent/10@4")
+    painter, surface = Painter(), pygame.Surface((1280, 720))
+    view = View(world, world.initial)
+    painter.paint(surface, view)
+    layout, places = painter.layout((1280, 720), world), painter._labels.places()
+    below = {
+        player: places["name", player].top - layout.corner(pose.at)[1]
+        for player, pose in painter._poses(view).items()
+    }
+    assert len(set(map(round, below.values()))) == 1, below

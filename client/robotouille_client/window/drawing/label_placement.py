@@ -36,6 +36,8 @@ class PlacedLabel:
         about: Area of an object that the label is placed next to, where it covers least.
         shapes: Other sizes that such a label may take, the best first.
         gap: Distance from the object in pixels; up to a tile more if need be.
+        fixed: True to take the first choice that covers no blocked area and no label, even if it
+            covers an avoided or spared area.
     """
 
     key: Hashable
@@ -47,6 +49,7 @@ class PlacedLabel:
     about: pygame.Rect | None = None
     shapes: tuple[Point, ...] = ()
     gap: int = 0
+    fixed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +105,8 @@ def _place(
     # Tried in this order: cover nothing, cover avoided areas, move, cover spared areas, move
     # there.
     with_spared = [*taken, *spared]
+    if label.fixed and (place := _chosen(label, area, taken, kept)) is not None:
+        return place
     return (
         _chosen(label, area, [*with_spared, *avoided], kept)
         or _chosen(label, area, with_spared, kept)
@@ -168,7 +173,26 @@ def _next_to(
     kept: Place | None,
 ) -> Place | None:
     """Return where a label next to its object covers least, else the nearest free place."""
-    blocked, tile = [*taken, about], about.width
+    tile = about.width
+    # The stations around an object must stay visible, even if the label is far away then.
+    stations = [rect for rect in rather_not[0] if not rect.colliderect(about)]
+    return _beside(
+        label, about, area, [*taken, about, *stations], rather_not, kept, (tile, 2 * tile)
+    ) or _beside(
+        label, about, area, [*taken, about], rather_not, kept, (tile, 2 * tile, max(area.size))
+    )
+
+
+def _beside(
+    label: PlacedLabel,
+    about: pygame.Rect,
+    area: pygame.Rect,
+    blocked: list[pygame.Rect],
+    rather_not: tuple[Sequence[pygame.Rect], Sequence[pygame.Rect]],
+    kept: Place | None,
+    reaches: tuple[int, ...],
+) -> Place | None:
+    """Return the best free place within the first reach in which there is one."""
     if kept is not None:
         # Labels that jump from frame to frame cannot be read, so that the old place comes first.
         rect = kept.area.move(
@@ -177,7 +201,7 @@ def _next_to(
         if area.contains(rect) and rect.collidelist(blocked) < 0:
             return Place(rect, kept.offset)
     sizes = (label.size, *label.shapes)
-    for reach in (tile, 2 * tile, max(area.size)):
+    for reach in reaches:
         found = sorted(
             (_distance(rect, about) + _WORSE_SHAPE * rank, rect.x, rect.y, rank)
             for rank, size in enumerate(sizes)
@@ -190,7 +214,7 @@ def _next_to(
             if far >= least:
                 break
             rect = pygame.Rect(x, y, *sizes[rank])
-            cost = far + _covered(rect, rather_not) / tile**2
+            cost = far + _covered(rect, rather_not) / about.width**2
             if cost < least:
                 least, best = cost, rect
         if best is not None:

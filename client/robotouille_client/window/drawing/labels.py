@@ -142,7 +142,9 @@ class Labels:
             )
             important = _OWN_NAME if player == view.me else _NAME
             reach, walks = round(0.7 * side), poses[player].walking
-            label = PlacedLabel(("name", player), (width, height), choices, important, reach, walks)
+            label = PlacedLabel(
+                ("name", player), (width, height), choices, important, reach, walks, fixed=True
+            )
             yield _Words(label, (), size, tag=tag)
 
     def _tag(
