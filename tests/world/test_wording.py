@@ -10,7 +10,7 @@ from robotouille import State, World, task_names
 from robotouille.domain.rendering import Language, language_of
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
-from tests.support.scripted import BOILING, after
+from tests.support.scripted import BOILING, after, planned
 
 KITCHEN = World("asynchronous/09")
 WORDS = Wording(KITCHEN, language_of(KITCHEN.task), "robot1")
@@ -50,6 +50,23 @@ def test_stations_are_named_by_their_objects_or_places() -> None:
 def test_places(task: str, place: str, called: str) -> None:
     world = World(task)
     assert Wording(world, language_of(world.task)).place(place, world.initial) == called
+
+
+def test_names_describe_what_is_there() -> None:
+    states = planned("multi_agent/01", 2)
+    language = language_of(states[0].world.task)
+    names = {state: Wording(state.world, language) for state in states}
+    lettuce = list(dict.fromkeys(each.thing("lettuce1", s) for s, each in names.items()))
+    patty = list(dict.fromkeys(each.thing("patty1", s) for s, each in names.items()))
+    assert (lettuce, patty) == (
+        ["the lettuce", "the cut lettuce"], ["the patty", "the cooked patty"],
+    )  # fmt: skip
+    places = list(dict.fromkeys(each.place("table2", s) for s, each in names.items()))
+    assert places == [
+        "the table with the bottom bun",
+        "the table with the unfinished burger",
+        "the table with the burger",
+    ]
 
 
 @pytest.mark.parametrize("task", task_names())

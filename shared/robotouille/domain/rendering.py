@@ -93,6 +93,18 @@ class KindName(Schema):
     when: Name | None = None
 
 
+class DishName(Schema):
+    """Name of a stack from one kind at the bottom to one at the top, with something in between.
+
+    `begun` names a stack that does not end with `top` yet.
+    """
+
+    name: Words
+    bottom: Name
+    top: Name
+    begun: Words = ""
+
+
 class ActionWords(Schema):
     """Words for an action, and advice (`how`) for when several of its conditions are unmet.
 
@@ -155,6 +167,9 @@ class Language(Schema):
 
     The sentences in domain files are for language models and count for a task's digest. These words
     do not.
+
+    Attributes:
+        states: Words before the name of an object for which a predicate holds, by predicate.
     """
 
     kinds: dict[
@@ -167,6 +182,8 @@ class Language(Schema):
         default={}, max_length=200
     )
     predicates: dict[str, PredicateWords] = Field(default={}, max_length=500)
+    states: dict[str, Words] = Field(default={}, max_length=200)
+    dishes: tuple[DishName, ...] = Field(default=(), max_length=100)
     places: PlaceWords = PlaceWords()
     work: WorkWords = WorkWords()
     other: Words = "the other {noun}"
@@ -179,6 +196,8 @@ class Language(Schema):
             kinds={**self.kinds, **own.kinds},
             actions={**self.actions, **own.actions},
             predicates={**self.predicates, **own.predicates},
+            states={**self.states, **own.states},
+            dishes=own.dishes or self.dishes,
             places=places,
             work=work,
             other=own.other if "other" in own.model_fields_set else self.other,

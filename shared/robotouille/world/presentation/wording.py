@@ -92,16 +92,26 @@ class Wording:
         }  # fmt: skip
 
     def _laid(self, nouns: Mapping[str, str], state: State) -> dict[str, str]:
-        """Name stations by the lowest object on them."""
-        lying = [each for each in scene(state).values() if each.level == 0 and each.host in nouns]
-        lowest: dict[str, Placed] = {}
-        for each in lying:
-            lowest.setdefault(each.host or "", each)
+        """Name stations by the dish on them, or by the lowest object."""
+        stacks: dict[str, list[Placed]] = {}
+        for each in sorted(scene(state).values(), key=lambda placed: placed.level):
+            if each.host in nouns:
+                stacks.setdefault(each.host or "", []).append(each)
         template = self.language.places.with_things
         return {
-            name: filled(template, noun=nouns[name], things=self.thing(each.thing.name, state))
-            for name, each in lowest.items()
+            name: filled(template, noun=nouns[name], things=self._stack(stack, state))
+            for name, stack in stacks.items()
+            if stack[0].level == 0
         }
+
+    def _stack(self, stack: Sequence[Placed], state: State) -> str:
+        """Name a stack from the bottom up, such as `the burger` or `the cut tomato`."""
+        bottom, top = stack[0].thing, stack[-1].thing
+        for dish in self.language.dishes if len(stack) > 1 else ():
+            if dish.bottom == bottom.kind:
+                done = dish.top == top.kind and len(stack) > 2
+                return f"the {(dish.name if done else dish.begun) or dish.name}"
+        return self.thing(bottom.name, state)
 
     @cached_property
     def _sides(self) -> dict[str, str]:
@@ -133,8 +143,16 @@ class Wording:
         kind = self.world.thing(name).kind
         for each in self.language.kinds.get(kind, ()):
             if each.when is None or _any_fact(state, each.when, name):
-                return each.name
-        return kind.replace("_", " ")
+                return self._in_state(each.name, name, state)
+        return self._in_state(kind.replace("_", " "), name, state)
+
+    def _in_state(self, noun: str, name: str, state: State) -> str:
+        """Put the words for an object's state before its noun, such as `cut tomato`."""
+        placed = scene(state).get(name) if self.language.states else None
+        facts = placed.facts if placed is not None else ()
+        return " ".join(
+            [*(word for fact, word in self.language.states.items() if fact in facts), noun]
+        )
 
     # Actions
 
