@@ -18,13 +18,13 @@ from robotouille_client.window.drawing import painter as painting
 from robotouille_client.window.drawing.labels import LabelSurroundings
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.spots import extent, occupied, player_area
-from robotouille_client.window.drawing.window_layout import UiOverlay
+from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
 from robotouille_client.window.pictures import theme
 from robotouille_client.window.pictures.shapes import seat_fill, seat_ink
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import contrast, strong_ink
 from robotouille_client.window.preferences import Preferences
-from robotouille_client.window.view import Bubble, SeatView, View
+from robotouille_client.window.view import Bubble, PauseView, SeatView, View
 
 SIZES = [(320, 240), (640, 360), (1280, 720), (2560, 1440)]
 NAMES = ("Ada", "A name of forty wide characters WWWWWWWWWW", "厨房", "Björn")
@@ -270,3 +270,19 @@ def test_names_have_fixed_places() -> None:
         for player, pose in painter._poses(view).items()
     }
     assert len(set(map(round, below.values()))) == 1, below
+
+
+def test_a_pause_card_covers_the_mark_of_the_last_action() -> None:
+    world = World("multi_agent/10@4")
+    view = View(world, world.initial, me="robot1", pause=PauseView("Paused", "Take your time."))
+    painter, size = Painter(), (1280, 720)
+    layout = painter.layout(size, world)
+    middle_of_card = pygame.Rect(0, 0, layout.tile, layout.tile)
+    middle_of_card.center = (layout.panel.left // 2, layout.size[1] // 2)
+    for station in world.floor.stations:
+        pictures = []
+        for overlay in (UiOverlay(), UiOverlay(mark=ActionMark(station, "asked"))):
+            surface = pygame.Surface(size)
+            painter.paint(surface, view, overlay)
+            pictures.append(pygame.image.tobytes(surface.subsurface(middle_of_card), "RGB"))
+        assert pictures[0] == pictures[1], station

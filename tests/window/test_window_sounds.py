@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import sys
 from pathlib import Path
 
@@ -68,6 +69,23 @@ def test_no_error_without_a_sound_card(monkeypatch: pytest.MonkeyPatch) -> None:
     sounds.follow(script.view())
     script.act(script.world.parse(script.state, script.me, "move(robot1, table4, table3)"))
     assert sounds.follow(script.view()) == ("walk",)
+
+
+def test_libraries_report_no_missing_sound_card(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fail(**_: object) -> None:
+        os.write(2, b"ALSA lib confmisc.c: cannot find card '0'\n")
+        raise pygame.error("no device")
+
+    monkeypatch.setattr(pygame.mixer, "get_init", lambda: None)
+    monkeypatch.setattr(pygame.mixer, "init", fail)
+    script, sounds = Script(World("training/01")), Sounds()
+    sounds.follow(script.view())
+    script.act(script.world.parse(script.state, script.me, "move(robot1, table4, table3)"))
+    sounds.follow(script.view())
+    os.write(2, b"still open")
+    assert capfd.readouterr().err == "still open"
 
 
 def test_a_key_turns_the_sound_off(tmp_path: Path) -> None:

@@ -84,13 +84,16 @@ class TaskPicker:
         return self._lengths.get(name)
 
     def _load(self) -> bool:
-        """Compute a length or draw a picture, the last requested first."""
-        length = bool(self._wanted)
-        if length:
-            name, _ = self._wanted.popitem()
-            # Retiming a plan simulates it, which is too slow for every entry at once.
-            self._lengths[name] = retimed_length(load_task(name, timing=Timing.PEOPLE))
-        return self._pictures.load() or length
+        """Draw a picture or else compute a length, the last requested first."""
+        # Pictures come first: lengths of large tasks take seconds, and the list would stay blank.
+        if self._pictures.load():
+            return True
+        if not self._wanted:
+            return False
+        name, _ = self._wanted.popitem()
+        # Retiming a plan simulates it, which is too slow for every entry at once.
+        self._lengths[name] = retimed_length(load_task(name, timing=Timing.PEOPLE))
+        return True
 
 
 def listed_tasks() -> list[str]:

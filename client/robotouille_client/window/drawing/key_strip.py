@@ -39,22 +39,20 @@ class KeyStrip:
         self,
         target: pygame.Surface,
         layout: Layout,
-        stage: SceneSprites,
         ui_overlay: UiOverlay,
         choices: pygame.Rect | None,
     ) -> None:
         """Draw the strip, and the list in the area `choices`. Typing a chat line hides the keys."""
         self._places = []
-        if ui_overlay.mark is not None:
-            self._mark(target, layout, stage, ui_overlay.mark)
         if ui_overlay.typing is None:
             self._keys(target, layout, ui_overlay)
         if choices is not None:
             self._list(target, layout, ui_overlay, choices)
 
-    def _mark(
+    def mark(
         self, target: pygame.Surface, layout: Layout, stage: SceneSprites, mark: ActionMark
     ) -> None:
+        """Outline the station of the local player's last action."""
         placed = stage.placed.get(mark.station)
         if placed is None or placed.tile is None:
             return

@@ -105,6 +105,9 @@ class Painter:
         self._panel.draw(surface, place, view, view.previous if under_way else None)
         ground = self._ground(place, view, frame)
         own = ground.own
+        # Cards cover what is marked in the kitchen.
+        if ui_overlay.mark is not None:
+            self._key_strip.mark(surface, place, stage, ui_overlay.mark)
         cards = self._interruptions.draw(surface, place, view, ground)
         choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
         if not ui_overlay.tips:
@@ -124,7 +127,7 @@ class Painter:
         self._labels.draw(surface, place, view, poses, ui_overlay, around)
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
-        self._key_strip.draw(surface, place, stage, ui_overlay, choices)
+        self._key_strip.draw(surface, place, ui_overlay, choices)
         self._notices.draw(surface, place, view, ui_overlay)
 
     def key_at(self, pos: tuple[int, int]) -> str:

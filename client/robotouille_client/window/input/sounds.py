@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pygame
@@ -49,7 +52,8 @@ class Sounds:
         try:
             if not pygame.mixer.get_init():
                 # A buffer of 512 samples delays a sound by about 12 ms.
-                pygame.mixer.init(frequency=44100, buffer=512)
+                with _silent_errors():
+                    pygame.mixer.init(frequency=44100, buffer=512)
             sound = self._loaded.get(name)
             if sound is None:
                 path = data_folder("assets") / "sounds" / f"{name}.wav"
@@ -64,6 +68,26 @@ class Sounds:
         """Release the sound card."""
         with contextlib.suppress(pygame.error, NotImplementedError):
             pygame.mixer.quit()
+
+
+@contextlib.contextmanager
+def _silent_errors() -> Iterator[None]:
+    """Discard what libraries write to the standard error.
+
+    ALSA reports a missing sound card with a dozen lines that the player can do nothing about.
+    """
+    try:
+        kept = os.dup(2)
+    except OSError:  # The program has no standard error.
+        yield
+        return
+    try:
+        with Path(os.devnull).open("wb") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def sounds_between(before: View, after: View) -> tuple[str, ...]:

@@ -188,7 +188,7 @@ class HistoryExport:
         self._frames = filming(
             self._history, self._output, rate, SIZE, (first, last), self._rendering, self._look
         )
-        words = f"Saving the steps {first} to {last} as {self._output.name}"
+        words = f"Saving steps {first} to {last} as a video"
         self._state.jobs["video"] = JobProgress(words, self.stop, 0.0)
 
     def poll(self) -> None:
@@ -261,7 +261,7 @@ class RecordingExport:
         stem = recording_stem(self._path.name)
         self._output = self._path.absolute().with_name(f"{stem}-{first}-{last}.mp4")
         self._done = None
-        self._words = f"Saving the steps {first} to {last} as {self._output.name}"
+        self._words = f"Saving steps {first} to {last} as a video"
         self._process = LineProcess(
             WORKERS, "film", str(self._path), str(self._output), str(first), str(last),
             f"{self._rate:g}", self._tasks, self._rendering, on_line=self._read_progress,

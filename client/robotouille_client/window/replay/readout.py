@@ -59,7 +59,7 @@ class Toast:
         bars = line + size
         wide = max(
             [text.width(each, size) for each in lines]
-            + [text.width(f"{job.words}   {_STOP}", size) for job in jobs]
+            + [text.width(job.words, size) + _stop_width(text, size) for job in jobs]
             + [min(most, 14 * size)]
         )
         card = pygame.Rect(room.x, 0, min(most, wide) + 2 * pad, 0)
@@ -85,9 +85,9 @@ class Toast:
         job: JobProgress,
         size: int,
     ) -> None:
-        stop = text.line(_STOP, max(9, size - 2), FAINT)
+        stop = text.line(_STOP, _stop_size(size), FAINT)
         place = stop.get_rect(topright=(area.right, area.y + 2))
-        words = text.fit(job.words, size, area.width - stop.get_width() - size)
+        words = text.fit(job.words, size, area.width - _stop_width(text, size))
         target.blit(text.line(words, size, TEXT), area)
         target.blit(stop, place)
         pygame.draw.line(target, FAINT, (place.x, place.bottom), (place.right, place.bottom))
@@ -265,3 +265,12 @@ def draw_tooltip(
     for i, line in enumerate(lines):
         drawn = text.line(line, small, ACCENT if i == 0 else TEXT)
         target.blit(drawn, (card.x + pad, card.y + pad // 2 + i * high))
+
+
+def _stop_size(size: int) -> int:
+    return max(9, size - 2)
+
+
+def _stop_width(text: Typesetter, size: int) -> int:
+    """Return the width of the link that stops a job, with its distance from the words."""
+    return text.width(_STOP, _stop_size(size)) + size
