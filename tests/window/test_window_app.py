@@ -25,8 +25,8 @@ from robotouille_client import connect
 from robotouille_client.window import StartOptions, open_app
 from robotouille_client.window.app.app import App
 from robotouille_client.window.app.local_game import GameSetup
-from robotouille_client.window.app.local_games import TUTORIAL, TutorialSource, kind_of
-from robotouille_client.window.app.main_menu import SettingsMenu
+from robotouille_client.window.app.local_games import EASY_RATE, TUTORIAL, TutorialSource, kind_of
+from robotouille_client.window.app.main_menu import SettingsMenu, main_menu
 from robotouille_client.window.app.replays_menu import SavingForm
 from robotouille_client.window.app.settings import (
     Settings,
@@ -35,6 +35,7 @@ from robotouille_client.window.app.settings import (
     save_settings,
     settings_path,
 )
+from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Choice
 from robotouille_client.window.input.commands import Command, KeyMap
 
@@ -121,6 +122,31 @@ def lose() -> Iterator[None]:
         post(pygame.K_SPACE)
         yield from wait(2)
     yield from wait(60)
+
+
+@pytest.mark.parametrize("won_before", [False, True])
+async def test_an_easy_pace_is_offered_after_a_lost_first_game(
+    session: WindowSession, won_before: bool
+) -> None:
+    if won_before:
+        session.app.settings.best = {"training/01@1": 50}
+    setup = GameSetup("synchronous/01", max_steps=3, countdown=0.0)
+
+    def script() -> Iterator[None]:
+        yield from wait(150)
+        assert (session.labels[0] == "Play again at an easy pace") is not won_before
+        if not won_before:
+            yield from session.choose("Play again at an easy pace")
+            assert session.app.settings.rate == EASY_RATE
+
+    await asyncio.wait_for(session.go(script, setup), 60)
+
+
+def test_the_tutorial_is_not_the_first_choice_once_it_is_finished() -> None:
+    for learned, answer in ((False, MenuChoice.TUTORIAL), (True, MenuChoice.PLAY)):
+        form = main_menu(Settings(learned=learned), chosen=MenuChoice.TUTORIAL)
+        assert form.focused is not None
+        assert form.focused.answer == answer
 
 
 async def test_a_video_is_saved_or_cancelled(session: WindowSession) -> None:

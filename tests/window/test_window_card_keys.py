@@ -12,12 +12,14 @@ from tests.support.window_play import SIZE, Script, Timer, at, headless_window, 
 
 from robotouille import World, load_task
 from robotouille.certification import step_limit
+from robotouille.certification.stars import StarLimits, limits_of
 from robotouille.domain.task import Task
 from robotouille.episode.rules import Clock
 from robotouille_client.window.app.game_cards import (
     LEAVE_BUTTONS,
     REVIEW_BUTTONS,
     GameCards,
+    StarsRow,
     best_words,
     end_card,
 )
@@ -326,9 +328,21 @@ def test_a_task_from_a_server_has_its_plan_length(
     sent = Task.from_json(task.to_json())
     monkeypatch.setattr(step_limit, "_lengths", {})
     words = best_words(sent)
-    assert words.startswith({"people": "A great game", "benchmark": "Best possible"}[timing])
+    assert words.startswith({"people": "Best known", "benchmark": "Best possible"}[timing])
     monkeypatch.setattr(step_limit, "_lengths", {})
     assert words == best_words(task)
+
+
+@pytest.mark.parametrize(("steps", "stars"), [(72, 3), (73, 2), (89, 2), (90, 1), (500, 1)])
+def test_stars_follow_from_the_known_plan(steps: int, stars: int) -> None:
+    world = World(load_task("synchronous/01", timing="people"))
+    assert limits_of(11, 5.0) == StarLimits(72, 89)
+    view = View(world, world.initial, me="robot1", won=True, step_seconds=0.2)
+    form = end_card(view, {"reason": "goal", "steps": steps, "seconds": 9.0, "seats": []}, BUTTONS)
+    (row,) = [row for row in form.rows if isinstance(row, StarsRow)]
+    assert (row.stars, row.label) == (stars, "Three stars take at most 72 steps.")
+    lost = end_card(dataclasses.replace(view, won=False), None, BUTTONS)
+    assert not [row for row in lost.rows if isinstance(row, StarsRow)]
 
 
 def test_a_tiny_window_has_a_scroll_bar() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import pygame
 
 from robotouille.certification.certificate import load_certificate
+from robotouille.certification.stars import StarLimits, star_limits
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
@@ -84,6 +86,38 @@ class ShareRow(Row):
             y += context.text.height(context.size - 2)
 
 
+class StarsRow(Row):
+    """Stars of a finished game, of three, with what three of them take."""
+
+    focusable = False
+
+    def __init__(self, stars: int, words: str) -> None:
+        super().__init__(words)
+        self.stars = stars
+
+    def lines(self, context: DrawContext, width: int) -> int:
+        return 2 + len(context.text.wrap(self.label, context.size, width))
+
+    def draw(self, target: pygame.Surface, area: pygame.Rect, context: DrawContext) -> None:
+        side = context.text.height(context.size) * 3 // 2
+        for number in range(3):
+            colour = ACCENT if number < self.stars else TRACK
+            middle = area.x + side // 2 + number * (side + side // 4), area.y + side // 2
+            pygame.draw.polygon(target, colour, _star(middle, side / 2))
+        y = area.y + context.text.height(context.size) * 2 - context.size // 3
+        for words in context.text.wrap(self.label, context.size, area.width):
+            target.blit(context.text.line(words, context.size, TEXT), (area.x, y))
+            y += context.text.height(context.size)
+
+
+def _star(middle: tuple[int, int], radius: float) -> list[tuple[float, float]]:
+    corners = []
+    for number in range(10):
+        far, angle = radius * (0.45 if number % 2 else 1.0), math.pi * (number / 5 - 0.5)
+        corners.append((middle[0] + far * math.cos(angle), middle[1] + far * math.sin(angle)))
+    return corners
+
+
 def end_card(
     view: View, outcome: Mapping[str, Any] | None, buttons: Sequence[tuple[str, object]]
 ) -> Form:
@@ -97,6 +131,10 @@ def end_card(
     rows: list[Row] = []
     if outcome is not None:
         rows.append(Words(f"{outcome_words(outcome)}."))
+        limits = _limits(view)
+        if view.won and limits is not None:
+            three = f"Three stars take at most {limits.three} steps."
+            rows.append(StarsRow(limits.stars(int(outcome.get("steps", 0))), three))
         if words := best_words(view.world.task):
             rows.append(Words(words))
         names = {seat.player: seat.name for seat in view.seats}
@@ -112,6 +150,22 @@ def end_card(
     return Form(title, rows, cancel=MenuChoice.MENU, layout=layout)
 
 
+def _limits(view: View) -> StarLimits | None:
+    """Return the limits for stars in a game; None if no plan is known."""
+    shipped = _shipped(view.world.task)
+    rate = None if not view.step_seconds else 1 / view.step_seconds
+    return None if shipped is None else star_limits(shipped, rate)
+
+
+def _shipped(task: Task) -> Task | None:
+    """Return the shipped task with a task's name and content, or None."""
+    try:
+        shipped = load_task(task.name, seats=task.seats, timing=task.timing)
+    except (RobotouilleError, OSError):
+        return None
+    return shipped if shipped.digest == task.digest else None
+
+
 def best_words(task: Task) -> str:
     """Return the length of the shortest known plan in words; empty if none is known.
 
@@ -119,17 +173,17 @@ def best_words(task: Task) -> str:
     where walks and work take longer, it is only a good one. Tasks from a server have no certificate
     file, so the shipped task of the same name is used if its content is the same.
     """
+    shipped = _shipped(task)
+    length = None if shipped is None else retimed_length(shipped)
+    if length is None:
+        return ""
     try:
-        shipped = load_task(task.name, seats=task.seats, timing=task.timing)
         certificate = load_certificate(load_task(task.name, seats=task.seats))
     except (RobotouilleError, OSError):
         return ""
-    length = retimed_length(shipped) if shipped.digest == task.digest else None
-    if length is None:
-        return ""
     if task.timing is Timing.BENCHMARK and certificate.optimal:
         return f"Best possible: {length} steps."
-    return f"A great game takes {length} steps."
+    return f"Best known: {length} steps."
 
 
 REVIEW_BUTTONS = (("Watch the replay", MenuChoice.WATCH), ("Save a video", MenuChoice.VIDEO))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.loading import task_names
@@ -33,6 +33,9 @@ from robotouille_client.window.view import GameSource, View
 
 TUTORIAL = GameSetup("training/01", clock=Clock.TURN, max_steps=500)
 """Game of the tutorial: a small task without time pressure."""
+
+EASY_RATE = 3.0
+"""Steps per second of the pace that is offered after a lost first game."""
 
 Kind = Literal["walk", "take", "put", "work"]
 
@@ -198,7 +201,11 @@ class LocalGames:
     async def play(self, setup: GameSetup) -> object:
         """Play a task, and play it again or continue with the next one until the player stops."""
         answer: object = MenuChoice.AGAIN
-        while answer in (MenuChoice.AGAIN, MenuChoice.NEXT):
+        while answer in (MenuChoice.AGAIN, MenuChoice.SLOWER, MenuChoice.NEXT):
+            if answer == MenuChoice.SLOWER:
+                setup = dataclasses.replace(setup, rate=EASY_RATE)
+                self._ui.settings.rate = EASY_RATE
+                self._ui.remember()
             if answer == MenuChoice.NEXT:
                 # The next task may not allow the same number of players.
                 setup = dataclasses.replace(setup, task=_following(setup.task), seats=None)
@@ -248,7 +255,9 @@ class LocalGames:
 
         def buttons() -> Sequence[tuple[str, object]]:
             of_it = REVIEW_BUTTONS if game.path is not None else ()
+            slower = [("Play again at an easy pace", MenuChoice.SLOWER)]
             return [
+                *(slower if self._overtaxed(setup, source.outcome) else []),
                 ("Play again", MenuChoice.AGAIN),
                 ("Next task", MenuChoice.NEXT),
                 *of_it,
@@ -275,6 +284,12 @@ class LocalGames:
             return answer
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
         return await self._replays.review(answer, cards, watch, save, show)
+
+    def _overtaxed(self, setup: GameSetup, outcome: Mapping[str, Any] | None) -> bool:
+        """Return whether a player who has never won a game has lost one that could be slower."""
+        lost = outcome is not None and outcome["reason"] != "goal"
+        fast = setup.clock is Clock.REALTIME and setup.rate > EASY_RATE
+        return lost and fast and not self._ui.settings.best
 
     def _note_best(self, game: LocalGame) -> None:
         """Save the number of steps if it is the player's best in the `people` timing."""

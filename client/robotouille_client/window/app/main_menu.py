@@ -22,7 +22,8 @@ EMBLEM = ("assets", "kitchen", "app_icon.svg")
 def main_menu(settings: Settings, message: str = "", chosen: object = None) -> Form:
     """Return the main menu.
 
-    The last entry that was `chosen` has the focus; for new players it is the tutorial.
+    The last entry that was `chosen` has the focus. For new players it is the tutorial, which is
+    never the first choice again once it is finished.
     """
     rows = [
         Button("Play here", MenuChoice.PLAY),
@@ -40,6 +41,8 @@ def main_menu(settings: Settings, message: str = "", chosen: object = None) -> F
         cancel=MenuChoice.ASK_TO_QUIT,
         layout=FormLayout(picture=_emblem),
     )
+    if chosen == MenuChoice.TUTORIAL and settings.learned:
+        chosen = MenuChoice.PLAY
     last = next((row for row in rows if row.answer == chosen), None)
     if last is not None:
         form.focus(last)

@@ -7,6 +7,7 @@ from functools import lru_cache, partial
 
 from pygame import Surface
 
+from robotouille.certification.stars import limits_of
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.task import Task, Timing
@@ -35,6 +36,7 @@ class TaskPicker:
 
     def __init__(self, settings: Settings, chosen: str) -> None:
         self._best = settings.best
+        self._rate = settings.rate
         self._pictures = Thumbnails(settings.preferences.rendering)
         self._lengths: dict[str, int | None] = {}
         self._wanted: dict[str, None] = {}
@@ -56,22 +58,23 @@ class TaskPicker:
         )
 
     def _detail(self, name: str) -> str:
-        """Return the line below a task, such as `2 to 4 players · 35 steps · your best 40`."""
+        """Return the line below a task: its players, the steps of three stars, the best game."""
         words = [players_words(_task(name))]
         length = self._length(name)
         if length is not None:
-            words.append(f"{length} steps")
+            words.append(f"three stars in {limits_of(length, self._rate).three} steps")
         best = best_of(self._best, name)
         if best is not None:
             words.append(f"your best {best}")
         return " · ".join(words)
 
     def _about(self, name: str) -> str:
-        """Return the goal, the length of a good game and the player's best."""
+        """Return the goal, the steps of three stars and of the known plan, and the best game."""
         words = [_task(name).goal_description]
         length, best = self._length(name), best_of(self._best, name)
         if length is not None:
-            words.append(f"A great game takes {length} steps.")
+            three = limits_of(length, self._rate).three
+            words.append(f"Three stars take at most {three} steps. Best known: {length}.")
         words.append("Not solved yet." if best is None else f"Your best: {best} steps.")
         return "\n".join(words)
 

@@ -31,6 +31,8 @@ class MenuChoice(StrEnum):
     STAY = "stay"
     """Stay in the game that is shown."""
     AGAIN = "again"
+    SLOWER = "slower"
+    """Play the same game again at an easy pace."""
     NEXT = "next"
     """Play the next task."""
     WATCH = "watch"
