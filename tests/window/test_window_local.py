@@ -37,7 +37,7 @@ from robotouille_client.window.app.local_game import (
 )
 from robotouille_client.window.app.replays_menu import recent_recordings
 from robotouille_client.window.drawing.seat_cards import status
-from robotouille_client.window.sources.feedback import Blockages
+from robotouille_client.window.sources.feedback import Blockages, ChatLog
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 from robotouille_client.window.view import NEWS
 
@@ -195,8 +195,32 @@ def test_a_walk_to_an_occupied_station_shows_who_blocks() -> None:
     here, there = (standing_at(state, player) or "" for player in world.players[:2])
     game.act(world.action("move", world.players[0], here, there))
     assert game.view().blocked == ((world.players[0], there, world.players[1]),)
-    timer.now += 6.0
+    timer.now += 20.0
+    assert game.view().blocked == ((world.players[0], there, world.players[1]),), "it is steady"
+    timer.now += 11.0
     assert game.view().blocked == ()
+
+
+def test_a_player_who_does_something_else_is_not_marked_any_more() -> None:
+    timer, world = Timer(), World("multi_agent/02")
+    one, other = world.players[:2]
+    there = standing_at(world.initial, other) or ""
+    blockages = Blockages(timer)
+    walk = world.action("move", one, standing_at(world.initial, one) or "", there)
+    blockages.refused(one, world.unmet(world.initial, walk), world.initial)
+    assert blockages.at(world.initial) == ((one, there, other),)
+    done = next(action for action in world.initial.actions(one) if action.destination)
+    state = world.initial.step(done).state
+    blockages.stepped([(one, done, True)], (), state)
+    assert blockages.at(state) == ()
+
+
+def test_an_announcement_is_short_over_its_player() -> None:
+    chat = ChatLog(Timer())
+    text = "Next: go to the board; cut the lettuce; go to the left table"
+    chat.said("Pia", "robot2", text)
+    assert [bubble.text for bubble in chat.bubbles] == ["go to the board"]
+    assert chat.lines == (("Pia", text),)
 
 
 def test_a_request_for_a_station_lasts_while_standing_still() -> None:

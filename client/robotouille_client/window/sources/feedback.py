@@ -7,7 +7,12 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from robotouille.planning.policies.team_talk import announced_version, appealed, requested
+from robotouille.planning.policies.team_talk import (
+    announced_version,
+    appealed,
+    next_intention,
+    requested,
+)
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.presentation.work import Occupancy
@@ -16,8 +21,12 @@ from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State
 from robotouille_client.window.view import NEWS, Bubble
 
-BLOCKED_SECONDS = 5.0
-"""Time for which a rejected player counts as waiting, unless the station becomes free."""
+BLOCKED_SECONDS = 30.0
+"""Time for which a rejected player counts as waiting.
+
+It ends earlier if the station becomes free or the player does something else. It is long, because a
+mark that comes and goes does not show who has to move.
+"""
 ASKED_SECONDS = 30.0
 """Time for which a player who asked for something counts as waiting.
 
@@ -85,8 +94,10 @@ class Blockages:
         # A player who works at something has given up the request. A walk alone proves nothing:
         # players step aside while they wait.
         for player, action, applied in did:
-            if applied and action is not None and action.destination is None:
-                self._requests.pop(player, None)
+            if applied and action is not None:
+                self._waits = {wait: t for wait, t in self._waits.items() if wait[0] != player}
+                if action.destination is None:
+                    self._requests.pop(player, None)
         # Bots that wait say so in each step, which renews their requests.
         for player in {*waits} & self._requests.keys():
             self._requests[player] = tuple(
@@ -165,7 +176,8 @@ class ChatLog:
             return
         self._lines.append((name, text))
         if player:
-            self._add(Bubble(player, text, "chat"))
+            # The chat has the whole announcement; over a player there is room for its beginning.
+            self._add(Bubble(player, next_intention(text) or text, "chat"))
 
     def repeated(self, name: str, text: str) -> None:
         """Add a chat message from before the local player returned."""

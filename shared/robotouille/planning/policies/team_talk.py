@@ -27,6 +27,7 @@ ANNOUNCED_ACTIONS = 3
 """Number of actions in an announcement."""
 
 _ANNOUNCED = re.compile(r"\(team planner (\d{1,6})\)\s*$")
+INTENDS = "Next: "
 _APPEAL = re.compile(r"can you\b.*\?\s*$", re.IGNORECASE)
 _REQUEST = re.compile(r"\b(need|make way|please)\b", re.IGNORECASE)
 
@@ -44,7 +45,13 @@ def announced_version(text: str) -> int | None:
 
 def intention(actions: Sequence[GroundAction], state: State, wording: Wording) -> str:
     """Return the announcement of a bot's next actions."""
-    return f"Next: {'; '.join(wording.action(action, state) for action in actions)}"[:MAX_SAID]
+    return f"{INTENDS}{'; '.join(wording.action(action, state) for action in actions)}"[:MAX_SAID]
+
+
+def next_intention(text: str) -> str:
+    """Return the first action of an announcement by `intention`; empty for other texts."""
+    first, _, _ = text.partition(";")
+    return first.removeprefix(INTENDS) if text.startswith(INTENDS) else ""
 
 
 # Requests and appeals are plain sentences in the words of the window, so that people and models
