@@ -40,7 +40,7 @@ GOLDEN = Path(__file__).parents[1] / "window/golden_screens"
 SIZE, SMALL = (1120, 630), (320, 240)
 BURGER = "multi_agent/01_lettuce_burger"
 NOW = datetime(2026, 11, 22, 14, 5, tzinfo=UTC)
-MAX_LATE = 8
+MAX_LATE = 100
 """Largest number of extra draws while pictures load."""
 
 

@@ -160,7 +160,7 @@ def test_the_focused_task_loads_first(display: Display) -> None:
     assert row.picture((200, 200)) is not None, "no list stays blank while lengths are computed"
     assert "steps" not in row.text().detail
     for _ in range(len(form.rows)):
-        if "three stars in 228 steps" in row.text().detail:
+        if "3 stars: 228 steps" in row.text().detail:
             break
         form.idle()
     assert "Three stars take at most 228 steps. Best known: 89." in row.about()

@@ -62,7 +62,7 @@ class TaskPicker:
         words = [players_words(_task(name))]
         length = self._length(name)
         if length is not None:
-            words.append(f"three stars in {limits_of(length, self._rate).three} steps")
+            words.append(f"3 stars: {limits_of(length, self._rate).three} steps")
         best = best_of(self._best, name)
         if best is not None:
             words.append(f"your best {best}")
