@@ -123,8 +123,9 @@ def game(display: Display, out: Path) -> Iterator[str]:
 def end(display: Display, out: Path) -> Iterator[str]:
     """Draw the end of a won game."""
     for key in COURSE.split():
+        # The use key is guarded for a second after an action.
+        yield from pause(70 if key == "e" else 2)
         yield key
-        yield from pause(2)
     yield from pause(60)
     display.save(out / "end.png")
 
@@ -182,6 +183,7 @@ async def served(out: Path) -> None:
         def script(display: Display, out: Path) -> Iterator[str]:
             yield from pause(30)
             for key in ("return", *COURSE.split()):
+                yield from pause(70 if key == "e" else 0)
                 yield key
                 yield from pause(6)
             yield from pause(60)

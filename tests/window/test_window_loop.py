@@ -13,6 +13,7 @@ from tests.support.window_play import SIZE, Script, Timer, at, click, goes_to, h
 from robotouille import Timing, World, load_task
 from robotouille.certification.certificate import load_certificate
 from robotouille_client.window.input.commands import Command
+from robotouille_client.window.input.input_controller import GUARD_SECONDS
 from robotouille_client.window.view import FarewellView, PauseView, View
 from robotouille_client.window.window import Window
 
@@ -304,6 +305,7 @@ def test_a_whole_task_by_gamepad_alone(task: str) -> None:
         action = source.world.parse(source.state, source.me, line)
         station = goes_to(action)
         if station is None:
+            pad.timer.now += GUARD_SECONDS
             pad.press(pygame.CONTROLLER_BUTTON_A)
             assert source.acted[-1] == action
         else:
