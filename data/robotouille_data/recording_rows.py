@@ -272,8 +272,10 @@ class RowBuilder:
 
     @property
     def success(self) -> bool | None:
-        """True if the goal was reached, None if the episode has not ended."""
-        return None if self._outcome is None else self._outcome["reason"] == "goal"
+        """True if the goal was reached; None for an unfinished episode, and for a shift."""
+        if self._outcome is None or self._outcome["reason"] == "shift_over":
+            return None
+        return bool(self._outcome["reason"] == "goal")
 
     def measures(self, left: StepsLeft = UNKNOWN) -> Row:
         """Return the row of the team's measures.

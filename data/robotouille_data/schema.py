@@ -157,7 +157,7 @@ MEASURES = Table(
     "measures",
     METADATA,
     Column("episode_id", BigInteger, primary_key=True, autoincrement=False, doc="`episodes.id`"),
-    Column("success", Boolean, doc="whether the goal was reached; null if unfinished"),
+    Column("success", Boolean, doc="whether the goal was reached; null if unfinished or a shift"),
     Column("fewest_steps", Integer, doc="length of the shortest plan, from a shipped certificate"),
     Column("optimality_rate", Double, doc="for a success: steps / fewest steps; 1 is best"),
     Column("repeated_transitions", Integer, nullable=False,

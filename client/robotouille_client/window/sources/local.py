@@ -25,7 +25,12 @@ from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.bots.partners import Decision, Partners
 from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
-from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
+from robotouille_client.window.sources.texts import (
+    clock_words,
+    outcome_words,
+    waiting_words,
+    won,
+)
 from robotouille_client.window.view import GLIDE_SECONDS, GameSource, PauseView, SeatView, View
 
 THINKS_LONG = 0.5
@@ -128,7 +133,7 @@ class LocalSource(GameSource):
             chat=self._chat_log.lines,
             status=self._status(),
             outcome=outcome_words(outcome.to_json()) if outcome else "",
-            won=outcome is not None and outcome.success,
+            won=outcome is not None and won(outcome.to_json()),
             pause=PauseView("Paused", "Take your time.") if episode.paused else None,
             starts_in=self._starts_in(),
             notice=self._chat_log.notice,

@@ -64,6 +64,7 @@ def _goal(name: str) -> str:
 
 REASONS = {
     "goal": "Goal reached",
+    "shift_over": "Shift over",
     "step_limit": "Out of steps",
     "abandoned": "Abandoned",
     "aborted": "Stopped",
@@ -115,14 +116,24 @@ UNREADABLE = FarewellView(
 def outcome_words(outcome: Mapping[str, object]) -> str:
     """Return an outcome in words, such as `Goal reached in 31 steps`."""
     code = str(outcome.get("reason", "ended"))
+    score = outcome.get("score")
+    if code == Reason.SHIFT_OVER and isinstance(score, Mapping):
+        lost = f", {score['expired']} lost" if score.get("expired") else ""
+        points, served = score.get("points", 0), score.get("served", 0)
+        return f"{REASONS[code]}: {points} points, {served} orders served{lost}"
     reason, link = REASONS.get(code, code), "in" if code == "goal" else "after"
     detail = f": {outcome['detail']}" if outcome.get("detail") else ""
     return f"{reason} {link} {outcome.get('steps', 0)} steps{detail}"
 
 
 def won(outcome: Mapping[str, object] | None) -> bool:
-    """Return whether the game ended with its goal reached."""
-    return outcome is not None and outcome.get("reason") == Reason.GOAL
+    """Return whether the game ended with its goal reached, or as a shift with points."""
+    if outcome is None:
+        return False
+    score = outcome.get("score")
+    if outcome.get("reason") == Reason.SHIFT_OVER and isinstance(score, Mapping):
+        return int(score.get("points", 0)) > 0
+    return outcome.get("reason") == Reason.GOAL
 
 
 def clock_words(clock: str, rules: Mapping[str, Any]) -> str:
