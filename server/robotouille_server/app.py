@@ -167,7 +167,8 @@ class Server:
             if room.episode.phase is Phase.WAITING:
                 self._hand_over(room)
         for session in list(self.sessions.by_id.values()):
-            idle = session.room is None or not session.room.episode.in_progress
+            there = session.room
+            idle = there is None or there.mirrored or not there.in_progress
             if idle and session.peer is not None:
                 session.peer.close("server/restart", "restart", retry=True, status=1012)
         loop = asyncio.get_running_loop()
@@ -229,7 +230,7 @@ class Server:
 
     def _hand_over(self, room: JoinedRoom) -> bool:
         """Leave an episode that has not ended to the next process, if it is recorded."""
-        if self.storage is None or room.episode.phase is Phase.ENDED:
+        if self.storage is None or room.ended:
             return False
         for member in self.lobby.suspend(room.id):
             if member.peer is not None:

@@ -10,8 +10,6 @@ from typing import Any
 
 import pytest
 
-from robotouille import World
-from robotouille.episode import Episode, Rules
 from robotouille.protocol.participant_names import proper_name
 from robotouille.replay import read_recording
 from robotouille_client import Client
@@ -319,7 +317,7 @@ async def test_invisible_name_is_refused(tmp_path: Path) -> None:
 
 
 def test_thousands_of_equal_names_are_numbered_quickly() -> None:
-    names, asked = DisplayNames(Episode(World("multi_agent/01"), Rules(), 0.0)), []
+    names, asked = DisplayNames(lambda: [("robot1", "ada"), ("robot2", "")]), []
     for _ in range(5000):
         name = names.choose("eve")
         names.watch(name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -49,9 +49,13 @@ class Directory:
 
     The copy may be a moment behind the bucket. A node that takes an outdated record for current is
     refused by the journal.
+
+    Attributes:
+        observer: Called with the id of each episode whose record has changed or is gone.
     """
 
     def __init__(self, bus: Bus) -> None:
+        self.observer: Callable[[str], None] = _ignore
         self._bus = bus
         self._by_code: dict[str, EpisodeRecord] = {}
         self._by_id: dict[str, str] = {}
@@ -73,11 +77,13 @@ class Directory:
             return
         self._by_code[key] = record
         self._by_id[record.episode] = key
+        self.observer(record.episode)
 
     def _remove(self, key: str) -> None:
         known = self._by_code.pop(key, None)
         if known is not None:
             self._by_id.pop(known.episode, None)
+            self.observer(known.episode)
 
     def find(self, name: str) -> EpisodeRecord | None:
         """Return the record of an episode by id or code."""
@@ -136,6 +142,10 @@ class Directory:
             entry = await self._bus.get(Bucket.EPISODES, key)
             if entry is not None:
                 self.changed(key, entry)
+
+
+def _ignore(episode: str) -> None:
+    """Do nothing: nobody on this node is interested in other nodes' episodes."""
 
 
 @dataclass(frozen=True, slots=True)

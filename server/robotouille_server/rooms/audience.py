@@ -8,7 +8,7 @@ the steps of other rooms get their turns in between (docs/decisions/0041).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import Any
 
@@ -35,14 +35,19 @@ class SharedMessage:
     """Message to several recipients, encoded once per codec.
 
     Attributes:
-        content: The message, or the fields of a delta.
+        content: The message, or its fields.
     """
 
     __slots__ = ("_frames", "content")
 
-    def __init__(self, content: BaseModel | dict[str, Any]) -> None:
+    def __init__(
+        self,
+        content: BaseModel | dict[str, Any],
+        codec: Codec | None = None,
+        frame: bytes = b"",
+    ) -> None:
         self.content = content
-        self._frames: dict[Codec, bytes] = {}
+        self._frames: dict[Codec, bytes] = {codec: frame} if codec is not None else {}
 
     def frame(self, codec: Codec) -> bytes:
         """Return the message as a frame, the same for all readers (docs/decisions/0016)."""
@@ -57,14 +62,23 @@ class SharedMessage:
 
 
 class SharedStep(SharedMessage):
-    """Delta of a step, with the step itself for recipients who read text."""
+    """Delta of a step.
+
+    Attributes:
+        event: The step itself, for recipients who read text; None if another node takes the steps.
+    """
 
     __slots__ = ("event",)
 
-    def __init__(self, delta: dict[str, Any], event: Stepped, codec: Codec, frame: bytes) -> None:
-        super().__init__(delta)
-        self._frames[codec] = frame
+    def __init__(
+        self, delta: dict[str, Any], event: Stepped | None, codec: Codec, frame: bytes
+    ) -> None:
+        super().__init__(delta, codec, frame)
         self.event = event
+
+
+Observe = Callable[[Any], SharedMessage | None]
+"""Function that returns the spectators' text view after the event of a step, if there is one."""
 
 
 class Batch:
@@ -80,7 +94,7 @@ class Batch:
     def __init__(
         self,
         updates: Sequence[SharedMessage],
-        observe: Callable[[Stepped], SharedMessage],
+        observe: Observe,
     ) -> None:
         self._updates = updates
         self._observe = observe
@@ -119,8 +133,8 @@ class Batch:
                 if state and not too_many:
                     found.append(update.frame(codec))
                 # Texts show a whole state, so the last one replaces all before it.
-                if text and update is steps[-1]:
-                    found.append(self._observe(update.event).frame(codec))
+                if text and update is steps[-1] and (shown := self._observe(update.event)):
+                    found.append(shown.frame(codec))
             elif not isinstance(update.content, messages.Roster) or update is rosters[-1]:
                 found.append(update.frame(codec))
         return b"".join(found), len(found), too_many
@@ -133,7 +147,8 @@ class Audience:
         timers: The timers of all rooms.
         budget: The event loop's budget of work per turn.
         observe: Returns the spectators' text view after a step.
-        snapshot: Sends a snapshot to a session, which includes everything that is pending.
+        snapshot: Sends a snapshot to a session, which includes everything that is pending, or lets
+            it `wait_for_snapshot`.
     """
 
     __slots__ = (
@@ -147,13 +162,14 @@ class Audience:
         "_stale",
         "_timers",
         "_updates",
+        "_waiting",
     )
 
     def __init__(
         self,
         timers: TimerQueue,
         budget: LoopBudget,
-        observe: Callable[[Stepped], SharedMessage],
+        observe: Observe,
         snapshot: Callable[[Session], None],
     ) -> None:
         self._timers = timers
@@ -167,6 +183,8 @@ class Audience:
         self._delivered = 0
         # Spectators who have asked for a snapshot, or have missed steps and can receive one now.
         self._stale: set[Session] = set()
+        # Spectators who receive no steps, because they have none of the states before them.
+        self._waiting: set[Session] = set()
         self._next_at = 0.0
         # True from the time at which a delivery is scheduled until everybody has received it.
         self._delivering = False
@@ -184,6 +202,17 @@ class Audience:
         self.catch_up(session)
         self._places.pop(session, None)
         self._stale.discard(session)
+        self._waiting.discard(session)
+
+    @property
+    def waiting(self) -> Collection[Session]:
+        """Spectators who wait for a snapshot."""
+        return self._waiting
+
+    def wait_for_snapshot(self, session: Session) -> None:
+        """Deliver no steps to a spectator until a snapshot follows."""
+        if session in self._places:
+            self._waiting.add(session)
 
     def add(self, update: SharedMessage) -> None:
         """Deliver an update with the next delivery."""
@@ -207,6 +236,7 @@ class Audience:
         """
         if not steps:
             self._stale.discard(session)
+            self._waiting.discard(session)
         if self._places.get(session, self._total) < self._total:
             batch = Batch(self._updates, self._observe)
             self._deliver_to(session, batch, self._total, steps=steps)
@@ -268,7 +298,8 @@ class Audience:
             return 0.0
         # The snapshot of a stale spectator may wait until the recording can be written. Chat does
         # not, so it is sent here.
-        steps = steps and not stale and self._keeps_up(session, peer)
+        withheld = stale or session in self._waiting
+        steps = steps and not withheld and self._keeps_up(session, peer)
         frames, count, too_many = batch.frames(
             peer.codec,
             place - self._delivered,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 import msgpack
@@ -81,6 +81,7 @@ class Broadcaster:
 
     Attributes:
         members: The sessions in the room. Change it by `enter` and `leave` only.
+        mirrored: The number of spectators on other nodes, and the first names.
         long_wait: The seats that rosters report as slow.
         rematch: The code of the next game with the same task and participants, if one was opened.
     """
@@ -103,6 +104,7 @@ class Broadcaster:
         "_snapshots",
         "long_wait",
         "members",
+        "mirrored",
         "rematch",
     )
 
@@ -118,6 +120,7 @@ class Broadcaster:
     ) -> None:
         now = timers.time
         self.members: list[Session] = []
+        self.mirrored: tuple[int, tuple[str, ...]] = (0, ())
         self.long_wait = LongWait(episode)
         self.rematch = ""
         self._id = episode_id
@@ -140,12 +143,18 @@ class Broadcaster:
 
     @property
     def spectators(self) -> int:
+        """Number of spectators, those on other nodes included."""
+        return self.spectators_here + self.mirrored[0]
+
+    @property
+    def spectators_here(self) -> int:
         return sum(1 for _ in self._watching())
 
     @property
     def spectator_names(self) -> list[str]:
-        """Names of the spectators who have watched longest."""
-        return [session.name for session in islice(self._watching(), MAX_SPECTATOR_NAMES)]
+        """Names of the spectators who have watched longest, those of this node first."""
+        here = (session.name for session in self._watching())
+        return list(islice(chain(here, self.mirrored[1]), MAX_SPECTATOR_NAMES))
 
     def _watching(self) -> Iterator[Session]:
         return (s for s in self.members if not s.players and s.peer is not None)
@@ -161,6 +170,30 @@ class Broadcaster:
         self.members.append(session)
         if not session.players:
             self._audience.enter(session)
+
+    def begin_relay(self, relay: Session) -> None:
+        """Send everything that spectators receive to a session that is no member."""
+        self._audience.enter(relay)
+
+    def send_to_relay(self, relay: Session, said: int) -> None:
+        """Send a relay everything that is pending, then what new spectators need.
+
+        Args:
+            relay: The session of the relay.
+            said: The number of the last chat message that all other nodes have.
+        """
+        # Unlike a spectator, a relay receives the steps before a snapshot: it passes them on to
+        # spectators who need no snapshot.
+        self._audience.catch_up(relay)
+        if relay.peer is not None:
+            # Nodes see from this whether the chat contains all lines that they lack.
+            after = SharedMessage({"type": "said_after", "number": said})
+            relay.peer.send_frame(after.frame(MSGPACK))
+        for line in self._said:
+            if line.number > said:
+                self.send(relay, line)
+        self.send_snapshot(relay)
+        self.send(relay, self.roster())
 
     def leave(self, session: Session) -> None:
         """Send nothing more to a session."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 
 from robotouille.episode import Controller, Departure, Episode, Moderation, Phase
 from robotouille.episode.rules import NO_TREATMENT
@@ -55,11 +55,15 @@ class Membership:
         self._rosters = rosters
         self._sessions = sessions
         self._labels = labels
-        self._names = DisplayNames(episode)
+        self._names = DisplayNames(self._named_seats)
         self._turnover = SeatTurnover(episode.world.players, now)
         self._chat_limits = ChatLimits(episode.world.players, now)
         taken = [seat for seat in episode.seats.values() if seat.taken]
         self.ever_seated = {one for seat in taken for one in (seat.session, seat.participant)}
+
+    def _named_seats(self) -> list[tuple[str, str]]:
+        seats = self._episode.seats.values()
+        return [(seat.player, seat.name if seat.taken else "") for seat in seats]
 
     # Coming in
 
@@ -98,9 +102,8 @@ class Membership:
             # Both ids are kept: a participant with a token has the same pseudonym in a new session,
             # but one without a token has only the session's id (see `FinishedGame.check`).
             self.ever_seated |= {session.id, session.participant}
-        elif self._broadcaster.spectators >= max_spectators:
-            message = f"the episode has {max_spectators} spectators already"
-            raise ProtocolError("episode/full", message, "role")
+        elif self._broadcaster.spectators_here >= max_spectators:
+            raise too_many_spectators(max_spectators)
         else:
             session.players = ()
             self._limit_away(max_spectators)
@@ -212,6 +215,19 @@ class Membership:
             raise ProtocolError("seat/muted", "the operator has muted you in this episode", "text")
         self._chat_limits.charge(session, now)
 
+    @property
+    def banned(self) -> Set[str]:
+        """Sessions and participants who were removed."""
+        return self._episode.record.banned
+
+    def spectators_changed(self) -> None:
+        """Publish a roster, because spectators have come or gone on another node."""
+        self._rosters.changed()
+
+    def forget(self, recipient: Session) -> None:
+        """Drop what waits for the recording to be written."""
+        self._gate.forget(recipient)
+
     # Leaving
 
     def leave(self, session: Session, now: float, why: Departure = Departure.LEFT) -> None:
@@ -318,3 +334,8 @@ class Membership:
         if session.peer is None:
             self._sessions.sent_out(session)
         self._broadcaster.send(session, messages.Left(episode=episode_id, reason=reason))
+
+
+def too_many_spectators(most: int) -> ProtocolError:
+    message = f"the episode has {most} spectators already"
+    return ProtocolError("episode/full", message, "role")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from robotouille.episode import Departure, Event, Moderation, PauseReason
@@ -18,10 +20,13 @@ from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.write_ahead import CommitGate, Readable
 
 if TYPE_CHECKING:
-    from robotouille.episode import Episode
+    from robotouille.episode import Episode, Seat
     from robotouille.protocol.states import StateWriter
     from robotouille_server.rooms.journal import EpisodeJournal
     from robotouille_server.rooms.sessions import Sessions
+
+
+MAX_GUESTS = 64
 
 
 class RoomObserver(Protocol):
@@ -73,6 +78,7 @@ class Room:
 
     Attributes:
         recording: The file name of the finished recording, or empty.
+        guests: The spectators on other nodes who have written last, for operators.
     """
 
     __slots__ = (
@@ -84,6 +90,7 @@ class Room:
         "created",
         "driver",
         "episode",
+        "guests",
         "id",
         "journal",
         "labels",
@@ -110,6 +117,7 @@ class Room:
         self.world = episode.world
         self.journal = journal
         self.recording = ""
+        self.guests: dict[str, Session] = {}
         self._keeper = keeper
         now = machinery.timers.time
         self._gate = CommitGate(journal)
@@ -145,7 +153,39 @@ class Room:
 
     @property
     def spectators(self) -> int:
+        """Number of spectators, those on other nodes included."""
         return self.broadcaster.spectators
+
+    @property
+    def spectators_here(self) -> int:
+        return self.broadcaster.spectators_here
+
+    @property
+    def mirrored(self) -> bool:
+        return False
+
+    @property
+    def task(self) -> str:
+        return self.world.task.name
+
+    @property
+    def step(self) -> int:
+        return self.episode.step
+
+    @property
+    def in_progress(self) -> bool:
+        return self.episode.in_progress
+
+    @property
+    def ended(self) -> bool:
+        return self.episode.ended
+
+    @property
+    def grace(self) -> float:
+        return self.episode.rules.grace
+
+    def seat(self, player: str) -> Seat:
+        return self.episode.seat(player)
 
     @property
     def problem(self) -> str:
@@ -251,6 +291,40 @@ class Room:
 
     def bans(self, session_id: str, participant: str) -> bool:
         return self.membership.bans(session_id, participant)
+
+    # Spectators on other nodes
+
+    def begin_relay(self, relay: Session) -> None:
+        """Send everything that spectators receive to a session for other nodes, too."""
+        self.broadcaster.begin_relay(relay)
+
+    def end_relay(self, relay: Session) -> None:
+        self.broadcaster.leave(relay)
+        self.membership.forget(relay)
+
+    def send_to_relay(self, relay: Session, said: int) -> None:
+        """Send a relay what new spectators need, once everything is recorded."""
+        send: Callable[[], object] = partial(self.broadcaster.send_to_relay, relay, said)
+        if self._gate.writing:
+            # Deferred answers are sent before the events that they wait for. A relay needs these
+            # events first, because other spectators need the last step before its snapshot.
+            loop = asyncio.get_running_loop()
+            send = partial(loop.call_soon, self.send_to_relay, relay, said)
+        self._gate.when_committed(relay, send)
+
+    def mirrored_by(self, spectators: int, names: Sequence[str]) -> None:
+        """Note the spectators on other nodes."""
+        if self.broadcaster.mirrored != (spectators, tuple(names)):
+            self.broadcaster.mirrored = spectators, tuple(names)
+            self.membership.spectators_changed()
+
+    def say_for(self, guest: Session, text: str) -> None:
+        """Post a chat message of a spectator on another node."""
+        guest = self.guests.pop(guest.id, guest)
+        self.guests[guest.id] = guest
+        if len(self.guests) > MAX_GUESTS:
+            del self.guests[next(iter(self.guests))]
+        self.say(guest, text)
 
     # Requests of operators
 

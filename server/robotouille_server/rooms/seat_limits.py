@@ -6,7 +6,7 @@ Every change of a seat is recorded, so a client that comes and goes must not fil
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 from robotouille.episode import Episode
 from robotouille.errors import ProtocolError
@@ -29,20 +29,23 @@ class DisplayNames:
 
     Reserved names and the seats' names count as taken. Otherwise, a participant in one seat could
     pose as another seat, or as the operator.
+
+    Args:
+        seats: Returns each player and the name of its participant, which is empty for a free seat.
     """
 
-    __slots__ = ("_alike", "_episode", "_watching")
+    __slots__ = ("_alike", "_seats", "_watching")
 
-    def __init__(self, episode: Episode) -> None:
-        self._episode = episode
+    def __init__(self, seats: Callable[[], Collection[tuple[str, str]]]) -> None:
+        self._seats = seats
         self._watching: set[str] = set()
         self._alike: Counter[str] = Counter()
 
     def choose(self, name: str, players: Collection[str] = ()) -> str:
         """Return the name, with a number if it is taken; `players` are the participant's seats."""
-        seats = self._episode.seats.values()
-        taken = {likeness(seat.name) for seat in seats if seat.taken} | RESERVED_NAMES
-        taken |= {likeness(seat.player) for seat in seats if seat.player not in players}
+        seats = self._seats()
+        taken = {likeness(name) for _, name in seats if name} | RESERVED_NAMES
+        taken |= {likeness(player) for player, _ in seats if player not in players}
         like, alike = likeness(name), self._alike
         alike[like] += 1
         # This bounds the number of counters, because a client could join with ever new names.

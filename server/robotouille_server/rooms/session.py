@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from robotouille.episode import Departure, Episode
+from robotouille.episode import Departure, Seat
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import CountedConnection, Role, Visitor
@@ -21,10 +21,34 @@ class JoinedRoom(Protocol):
 
     id: str
     code: str
-    episode: Episode
 
     @property
-    def spectators(self) -> int: ...
+    def mirrored(self) -> bool:
+        """True if another node has the episode, so that nobody can play here."""
+
+    def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None: ...
+
+    @property
+    def spectators_here(self) -> int:
+        """Number of spectators who are connected to this process."""
+
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+
+    @property
+    def step(self) -> int: ...
+
+    @property
+    def in_progress(self) -> bool: ...
+
+    @property
+    def ended(self) -> bool: ...
+
+    @property
+    def grace(self) -> float: ...
+
+    def seat(self, player: str) -> Seat: ...
 
     @property
     def writing(self) -> bool: ...

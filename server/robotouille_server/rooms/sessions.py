@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import random
 
-from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.participant_names import proper_name
@@ -152,7 +151,7 @@ class Sessions:
         check_scope(grant.only_episode, room.id, room.code, "resume")
         # A second connection that takes over a watching session does not add a spectator.
         watching = session is not None and session.peer is not None
-        if watches and not watching and room.spectators >= self._max_spectators:
+        if watches and not watching and room.spectators_here >= self._max_spectators:
             raise _expired(f"the episode has {self._max_spectators} spectators already")
 
     def resume(self, grant: ResumeGrant, room: JoinedRoom | None, role: Role) -> Session:
@@ -168,7 +167,7 @@ class Sessions:
     def _from_before(self, grant: ResumeGrant, room: JoinedRoom | None) -> Session:
         """Restore a session of an earlier process, from its token and the recorded seats."""
         _, players = _place(None, grant, room)
-        seat = room.episode.seats[players[0]] if room is not None and players else None
+        seat = room.seat(players[0]) if room is not None and players else None
         session = Session(
             grant.session,
             name=grant.name,
@@ -231,8 +230,8 @@ class Sessions:
             room.connection_lost(session)
         # The sessions of players whose grace has passed are dropped by `Membership.vacate`, so that
         # seat and session end in the same step.
-        if not session.players or room is None or room.episode.phase is Phase.ENDED:
-            self._expire_in(room.episode.rules.grace if room is not None else 0.0, session)
+        if not session.players or room is None or room.ended:
+            self._expire_in(room.grace if room is not None else 0.0, session)
 
     def sent_out(self, session: Session) -> None:
         """Keep the session of a removed participant for a while, to tell it when it returns."""
@@ -329,7 +328,7 @@ def _generation(session: Session | None, room: JoinedRoom | None, players: tuple
     """Return the last generation of a session's resume tokens, or 0 if it is unknown."""
     if session is not None:
         return session.generation
-    return room.episode.seats[players[0]].generation if room is not None and players else 0
+    return room.seat(players[0]).generation if room is not None and players else 0
 
 
 def _expired(why: str) -> ProtocolError:

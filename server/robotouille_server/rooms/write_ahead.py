@@ -70,7 +70,7 @@ class CommitGate:
     def __init__(self, log: EventLog | None) -> None:
         self.closed = self.failing = False
         self._log = log
-        self._deferred: dict[Hashable, list[Callable[[], None]]] = {}
+        self._deferred: dict[Hashable, list[Callable[[], object]]] = {}
         self._held: list[Readable] = []
 
     @property
@@ -92,7 +92,7 @@ class CommitGate:
         for connection in held:
             connection.resume_reading(WRITING)
 
-    def when_committed(self, recipient: Hashable, send: Callable[[], None]) -> None:
+    def when_committed(self, recipient: Hashable, send: Callable[[], object]) -> None:
         """Call `send` now or, while events are not written, when everything is written."""
         if not self.closed and self._log is not None and not self._log.check_ownership():
             self.closed = True
