@@ -134,3 +134,11 @@ class Bus(Protocol):
 
     async def answer(self, subject: str, handler: Callable[[str, bytes], Awaitable[bytes]]) -> None:
         """Answer all requests to `subject.WORD` with `handler(WORD, data)`."""
+
+    def publish(self, subject: str, data: bytes) -> None:
+        """Send a message to all subscribers. It may be lost."""
+
+    async def subscribe(
+        self, subject: str, received: Callable[[bytes], None]
+    ) -> Callable[[], Awaitable[None]]:
+        """Call `received` with each message that is published; return how to end that."""

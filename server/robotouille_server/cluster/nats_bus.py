@@ -66,6 +66,8 @@ HEARTBEAT_SECONDS = 1.0
 CONNECT_SECONDS = 10.0
 NODE_KEY_SECONDS = 10.0
 """Seconds after which NATS deletes the key of a node that does not renew it."""
+MAX_PUBLISHED = 8 * 1024 * 1024
+"""Bytes that wait to be published, above which messages are lost."""
 KEEP = "Robotouille-Keep"
 EXPECTED = str(Header.EXPECTED_LAST_SUBJECT_SEQUENCE.value)
 MESSAGE_ID = str(Header.MSG_ID.value)
@@ -99,6 +101,8 @@ class NatsBus:
         self._js = CarefulJetStream(self._nats, timeout=ANSWER_SECONDS)
         self._buckets: dict[Bucket, KeyValue] = {}
         self._outgoing: deque[tuple[Append, bytes]] = deque()
+        self._published: deque[tuple[str, bytes]] = deque()
+        self._published_bytes = 0
         self._wake = asyncio.Event()
         self._waiting: dict[str, tuple[float, Callable[[int | BusError], None]]] = {}
         self._count = 0
@@ -299,6 +303,15 @@ class NatsBus:
                     )
                 except (NatsError, OSError) as error:
                     self._finish(token.decode(), UnavailableError(str(error)))
+            # Appends come first, because games wait for them.
+            if self._published:
+                self._wake.set()
+                await self._send_published(*self._published.popleft())
+
+    async def _send_published(self, subject: str, data: bytes) -> None:
+        self._published_bytes -= len(data)
+        with contextlib.suppress(NatsError, OSError):
+            await self._nats.publish(f"{self._prefix}.{subject}", data)
 
     async def _answered(self, answer: Msg) -> None:
         self._finish(answer.subject.rpartition(".")[2], _acknowledged(answer))
@@ -451,6 +464,28 @@ class NatsBus:
 
         async with _errors():
             await self._nats.subscribe(f"{self._prefix}.{subject}.*", cb=begin)
+
+    def publish(self, subject: str, data: bytes) -> None:
+        # Without a connection the library would keep messages that are outdated when it is back.
+        if self.connected and self._published_bytes + len(data) <= MAX_PUBLISHED:
+            self._published.append((subject, data))
+            self._published_bytes += len(data)
+            self._wake.set()
+
+    async def subscribe(
+        self, subject: str, received: Callable[[bytes], None]
+    ) -> Callable[[], Awaitable[None]]:
+        async def pass_on(message: Msg) -> None:
+            received(message.data)
+
+        async with _errors():
+            subscription = await self._nats.subscribe(f"{self._prefix}.{subject}", cb=pass_on)
+
+        async def end() -> None:
+            with contextlib.suppress(NatsError, OSError):
+                await subscription.unsubscribe()
+
+        return end
 
 
 def _acknowledged(answer: Msg) -> int | BusError:
