@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 from robotouille.errors import ProtocolError
 from robotouille.installation import RELEASE
 from robotouille.protocol import messages
-from robotouille_server.auth import CountedConnection, Role, TooManyConnectionsError, counted_as
+from robotouille_server.auth import (
+    CountedConnection,
+    ResumeGrant,
+    Role,
+    TooManyConnectionsError,
+    counted_as,
+)
 from robotouille_server.requests import AnswerLater, Requests, Services, unheard
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.runtime.budgets import COSTS, PACED, FloodError, MessageBudget
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import LATE
@@ -19,12 +25,13 @@ from robotouille_server.runtime.workers import ElsewhereError
 from robotouille_server.transport import Peer
 
 
-class EndMissedError(Exception):
-    """A session comes back to an episode without a room, which may have ended."""
+class SearchFirstError(Exception):
+    """A session comes back to an episode without a room, but `search` may find one."""
 
-    def __init__(self, episode: str) -> None:
+    def __init__(self, episode: str, search: Callable[[str], Awaitable[object]]) -> None:
         super().__init__(episode)
         self.episode = episode
+        self.search = search
 
 
 class Conversation:
@@ -231,10 +238,10 @@ class Conversation:
             self._services.metrics.dropped.labels("crowded").inc()
             self.peer.close(error.code, error.message, retry=True, status=1013)
             return
-        except EndMissedError as error:
+        except SearchFirstError as error:
             self.peer.socket.pause_reading("hello")
             self._hello_task = self._loop.create_task(
-                self._handle_hello_later(message, error.episode)
+                self._handle_hello_later(message, error.search(error.episode))
             )
             return
         except ProtocolError as error:
@@ -258,7 +265,7 @@ class Conversation:
             resume=services.sessions.resume_token(session),
             resumed=resumed,
             role=session.role.value,
-            grace=room.episode.rules.grace if room is not None else services.settings.grace,
+            grace=room.grace if room is not None else services.settings.grace,
             readiness=True,
             workers=services.worker.addresses() if session.role.includes(Role.HOST) else [],
             nodes=services.cluster.nodes if services.cluster is not None else [],
@@ -272,13 +279,13 @@ class Conversation:
                 reason = "you are no longer in this episode"
                 self.peer.send(messages.Left(episode=hello.seen.episode, reason=reason))
 
-    async def _handle_hello_later(self, hello: messages.Hello, episode: str) -> None:
-        """Search the archive for an episode, without delaying others, then answer `hello`.
+    async def _handle_hello_later(self, hello: messages.Hello, search: Awaitable[object]) -> None:
+        """Search for an episode, without delaying others, then answer `hello`.
 
         Until then, no further messages are read from the client.
         """
         try:
-            await self._services.lobby.show_end(episode)
+            await search
             if self.peer.open and not self._services.shutdown.begun:
                 self._handle_hello(hello, shown=True)
         except ProtocolError as error:
@@ -292,7 +299,7 @@ class Conversation:
         """Return a new session, or the one of a lost connection and True.
 
         Raises:
-            EndMissedError: The episode may have ended and is not `shown` yet.
+            SearchFirstError: The episode may have ended or be elsewhere, and is not `shown` yet.
         """
         services, visitor = self._services, self._connection.who
         if hello.resume is None:
@@ -301,7 +308,7 @@ class Conversation:
             return services.sessions.open(hello, role, grant), False
         resume = services.tokens.check_resume(hello.resume)
         services.sessions.check_may_return(resume)
-        room = services.lobby.home_of(resume.session, resume.episode)
+        room = self._home_of(resume, shown=shown)
         unknown = room is None and resume.session not in services.sessions.by_id
         if (
             unknown
@@ -309,7 +316,7 @@ class Conversation:
             and resume.episode
             and services.lobby.may_have_ended(resume.episode)
         ):
-            raise EndMissedError(resume.episode)
+            raise SearchFirstError(resume.episode, services.lobby.show_end)
         role = services.sessions.judge(resume, room, visitor)
         if room is not None:
             room.check_return(resume.session)
@@ -319,6 +326,21 @@ class Conversation:
         session = services.sessions.resume(resume, room, role)
         session.view = hello.view or session.view
         return session, True
+
+    def _home_of(self, resume: ResumeGrant, *, shown: bool) -> JoinedRoom | None:
+        """Return the room of a resume token; spectators may watch another node's episode here."""
+        cluster, lobby = self._services.cluster, self._services.lobby
+        if cluster is None or resume.seat:
+            return lobby.home_of(resume.session, resume.episode)
+        mirror = cluster.mirror_of(resume.session, resume.episode)
+        if mirror is not None:
+            return mirror
+        try:
+            return lobby.home_of(resume.session, resume.episode)
+        except ElsewhereError:
+            if shown:
+                raise
+            raise SearchFirstError(resume.episode, cluster.mirror) from None
 
     def _take_slot(self, subject: str, instead_of: CountedConnection | None = None) -> None:
         """Count the connection by the subject of its token from now on, if it has one."""

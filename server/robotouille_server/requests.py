@@ -36,6 +36,7 @@ from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot
 from robotouille_server.transport import LoopBudget, Peer
 
 DAY_SECONDS = 86_400.0
+SPECTATOR = "spectator"
 STEP_COST = 8.0
 """Cost of a step, in units of `LoopBudget`."""
 
@@ -97,6 +98,10 @@ class ClusterRequests(Protocol):
         """True while clients must go to another node."""
 
     async def look(self, code: str) -> None: ...
+
+    async def mirror(self, episode: str) -> JoinedRoom | None: ...
+
+    def mirror_of(self, session: str, episode: str) -> JoinedRoom | None: ...
 
     async def create(self, opening: Opening) -> messages.Created: ...
 
@@ -264,18 +269,22 @@ class Requests:
             )
         if cluster is not None and not prepared:
             known = self._known_as(message)
-            if known == "unknown" or (known == "here" and session.limits.once):
-                raise AnswerLater(self._join_later(cluster, message))
+            watches = known == "elsewhere" and message.role == SPECTATOR
+            if known == "unknown" or watches or (known == "here" and session.limits.once):
+                raise AnswerLater(self._join_later(cluster, message, known))
         try:
             room = self._find(message.episode)
         except ElsewhereError as error:
             self._peer.send(error.moved(message.ref))
             return
-        request = message.model_copy(update={"seat": self._seat_for(message, room)})
         # The token is used up by the join, not by `hello`: a client that fails to join can try
         # again. See `UsedTokens`.
         with self._using_token():
-            room.enter(session, request, self._services.settings.max_spectators)
+            self._enter(room, message)
+
+    def _enter(self, room: JoinedRoom, message: messages.Join) -> None:
+        request = message.model_copy(update={"seat": self._seat_for(message, room)})
+        room.enter(self._session, request, self._services.settings.max_spectators)
 
     def _known_as(self, message: messages.Join) -> str:
         """Return whether a node of a cluster has an episode `here`, or elsewhere, or `unknown`."""
@@ -287,15 +296,34 @@ class Requests:
             return "unknown" if error.code == ErrorCode.EPISODE_UNKNOWN else "elsewhere"
         return "here"
 
-    async def _join_later(self, cluster: ClusterRequests, message: messages.Join) -> None:
+    async def _join_later(
+        self, cluster: ClusterRequests, message: messages.Join, known: str
+    ) -> None:
         self._services.code_guesses.check(self._counted, self._now())
-        await cluster.look(message.episode)
-        # The node that has the episode uses the token up. There the client has another session.
-        limits, here = self._session.limits, self._known_as(message) == "here"
+        if known != "elsewhere":
+            await cluster.look(message.episode)
+            known = self._known_as(message)
+        limits, mirror = self._session.limits, None
+        if known == "elsewhere" and message.role == SPECTATOR:
+            mirror = await self._mirror(cluster, message)
+        # The node that the client stays at uses the token up. Elsewhere it has another session.
+        here = known == "here" or mirror is not None
         use = cluster.using_token(self._session.id, limits)
         async with use if limits.once and here else nullcontext():
-            if self._peer.open:
+            if not self._peer.open:
+                return
+            if mirror is not None:
+                self._enter(mirror, message)
+            else:
                 self._join(message, prepared=True)
+
+    async def _mirror(self, cluster: ClusterRequests, message: messages.Join) -> JoinedRoom | None:
+        """Return a room for spectators of another node's episode; None without an answer."""
+        try:
+            self._find(message.episode)
+        except ElsewhereError as error:
+            return await cluster.mirror(error.episode)
+        return None
 
     def _using_token(self) -> AbstractContextManager[None]:
         """Return a context for a join that uses up a token for one session."""
@@ -305,7 +333,7 @@ class Requests:
         used = self._services.used_tokens
         return used.used_by(session.id, limits.token_id, limits.role_expires)
 
-    def _seat_for(self, message: messages.Join, room: Room) -> str | None:
+    def _seat_for(self, message: messages.Join, room: JoinedRoom) -> str | None:
         """Return the seat to request. A code that the token is not for counts as a wrong code."""
         only, seat = self._session.limits.only_episode, self._session.limits.only_seat
         try:
@@ -355,11 +383,11 @@ class Requests:
         if room is None:
             self._peer.send(unheard(message, session, 0, "episode/none", "join an episode first"))
             return
-        step = room.episode.step
+        step = room.step
         room.act(session, message)
         # Without the wall clock, an action may complete a step, which takes much longer than
         # reading the message.
-        if taken := room.episode.step - step:
+        if taken := room.step - step:
             self._services.loop_budget.spend(taken * STEP_COST)
 
     def _say(self, message: messages.Say) -> None:
@@ -396,7 +424,7 @@ class Requests:
     @property
     def _assets(self) -> TaskAssets | None:
         """Rendering and pictures of the session's task; None for a shipped task."""
-        return self._services.lobby.tasks.assets(self._room.episode.world.task.name)
+        return self._services.lobby.tasks.assets(self._room.task)
 
     @property
     def _room(self) -> JoinedRoom:

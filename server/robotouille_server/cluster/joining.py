@@ -55,7 +55,10 @@ class Cluster:
             raise RobotouilleError(f"--cluster: {error}") from None
         server.services.cluster = service
         get_logger().info("joined the cluster", node=self.node.name, others=len(service.nodes))
-        yield service
+        try:
+            yield service
+        finally:
+            await service.stop()
 
 
 @asynccontextmanager

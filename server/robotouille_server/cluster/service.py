@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 
 from pydantic import BaseModel, ValidationError
 
@@ -13,11 +12,14 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.cluster.bus import Bus, BusError
+from robotouille_server.cluster.mirrors import Mirrors
 from robotouille_server.cluster.node import ClusterNode, other_nodes
+from robotouille_server.cluster.packets import Line, Watch, Watched
+from robotouille_server.cluster.relays import Relays
 from robotouille_server.cluster.secrets import SharedSecrets
 from robotouille_server.requests import Opening, Services, open_episode
 from robotouille_server.rooms.lobby import MAX_LISTED
-from robotouille_server.rooms.session import SessionLimits
+from robotouille_server.rooms.session import JoinedRoom, SessionLimits
 
 ANSWER_SECONDS = 5.0
 """Seconds that another node has to open or close an episode."""
@@ -52,15 +54,18 @@ class _Answer(BaseModel):
     created: messages.Created | None = None
     episodes: messages.Episodes | None = None
     closed: str = ""
+    watched: Watched | None = None
 
 
-@dataclass(frozen=True, slots=True)
 class ClusterService:
     """Requests that clients may send to any node, and nodes to each other."""
 
-    node: ClusterNode
-    services: Services
-    secrets: SharedSecrets
+    def __init__(self, node: ClusterNode, services: Services, secrets: SharedSecrets) -> None:
+        self.node = node
+        self.services = services
+        self.secrets = secrets
+        self.mirrors = Mirrors(self)
+        self.relays = Relays(node, services.lobby)
 
     @property
     def _bus(self) -> Bus:
@@ -70,6 +75,11 @@ class ClusterService:
         """Answer the requests of other nodes."""
         self.services.lobby.owned_elsewhere = self._owned_elsewhere
         await self._bus.answer(f"node.{self.node.name}", self._asked)
+
+    async def stop(self) -> None:
+        """Let the spectators of other nodes' episodes go, and serve no other node's spectators."""
+        self.relays.close()
+        await self.mirrors.close()
 
     @property
     def nodes(self) -> list[str]:
@@ -167,6 +177,31 @@ class ClusterService:
         page = found[request.skip : request.skip + MAX_LISTED]
         return messages.Episodes(ref=request.ref, episodes=page, total=total)
 
+    # Watching
+
+    def mirror_of(self, session: str, episode: str) -> JoinedRoom | None:
+        """Return the mirror to which a spectator may come back."""
+        return self.mirrors.of(session, episode)
+
+    async def mirror(self, episode: str) -> JoinedRoom | None:
+        """Return a room for spectators of another node's episode; None if that is not possible."""
+        return await self.mirrors.open(episode)
+
+    async def watch(self, owner: str, request: Watch, seconds: float) -> Watched:
+        """Let the owner of an episode publish its updates for some seconds more."""
+        answer = await self._ask(owner, "watch", request.model_dump_json().encode(), seconds)
+        if answer.watched is None:
+            raise ProtocolError("server/internal", "another node failed to publish its updates")
+        return answer.watched
+
+    async def say(self, line: Line) -> None:
+        """Post a chat line in an episode of another node."""
+        record = self.node.directory.find(line.episode)
+        if record is None or self.node.members.find(record.node) is None:
+            message = "this episode is being handed over; try again in a moment"
+            raise ProtocolError("server/handover", message, "episode")
+        await self._ask(record.node, "say", line.model_dump_json().encode(), ANSWER_SECONDS)
+
     # Between nodes
 
     async def _ask(self, node: str, what: str, data: bytes, seconds: float) -> _Answer:
@@ -201,6 +236,11 @@ class ClusterService:
             lobby, operator = self.services.lobby, closing.operator
             room = lobby.close(closing.episode, closing.reason, closing.owner, operator=operator)
             return _Answer(closed=room.id)
+        if what == "watch":
+            return _Answer(watched=self.relays.watch(Watch.model_validate_json(data)))
+        if what == "say":
+            self.relays.say(Line.model_validate_json(data))
+            return _Answer()
         listing = _Listing.model_validate_json(data)
         infos = self.services.lobby.infos(
             listing.request, listing.only, listing.owner, operator=listing.operator

@@ -195,7 +195,10 @@ class RoomRows:
         """Return a room's row with its state as text, its spectators and recent events."""
         return EpisodeDetail(
             **dict(self.row(room, now)),
-            audience=[self._spectator(room, s) for s in room.members if not s.players],
+            audience=[
+                *(self._spectator(room, s) for s in room.members if not s.players),
+                *(self._spectator(room, guest) for guest in room.guests.values()),
+            ],
             turn=room.episode.on_turn,
             text=room.episode.state.text(None),
             lines=list(lines),
@@ -220,7 +223,7 @@ class RoomRows:
         return ParticipantRow(
             name=session.name,
             kind=session.kind,
-            present=session.peer is not None,
+            present=session.peer is not None or session.id in room.guests,
             **self._session(room, session),
         )
 

@@ -421,7 +421,7 @@ def _matches(room: Room, words: list[str]) -> bool:
 
 
 def _member(room: Room, session_id: str) -> Session:
-    for session in room.members:
+    for session in (*room.members, *room.guests.values()):
         if session.id == session_id:
             return session
     message = f"no session {session_id!r} in {shown_code(room.code)}"
