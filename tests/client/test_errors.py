@@ -17,6 +17,7 @@ PUBLIC = [
     "Announced",
     "ChatReceived",
     "ChatRejected",
+    "ChatRepeated",
     "Client",
     "ConnectionFailedError",
     "Game",
