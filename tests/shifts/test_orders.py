@@ -39,6 +39,21 @@ def orders_of(state: State) -> Orders:
     return state.orders
 
 
+DERIVED = {rule.predicate for rule in WORLD.task.domain.layout or () if rule.unless}
+
+
+def derived(world: World, state: State) -> set[tuple[str, ...]]:
+    """Compute the facts that hold unless others do, one by one."""
+    atoms, found = state.atoms(), set()
+    types = {p.name: p.param_types for p in world.task.domain.predicate_defs}
+    for rule in world.task.domain.layout or ():
+        if rule.unless:
+            taken = {name for atom in atoms if atom[0] in rule.unless for name in atom[1:]}
+            things = (o.name for o in state.objects if o.type == types[rule.predicate][0])
+            found |= {(rule.predicate, name) for name in things if name not in taken}
+    return found
+
+
 # Serving
 
 
@@ -148,6 +163,53 @@ def test_discarded_things_return_as_dirty_as_they_are(tmp_path: Path) -> None:
         assert orders_of(after).score == 0
 
 
+def test_thing_whose_place_is_taken_goes_to_an_empty_table(tmp_path: Path) -> None:
+    world = bistro(tmp_path)
+    state = act(
+        world.initial,
+        "Move robot1 from sink1 to table1",
+        "Pick up bowl1 at table1 with robot1",
+        "Move robot1 from table1 to hatch1",
+        "Put down bowl1 at hatch1 with robot1",
+        "Move robot1 from hatch1 to crate1",
+        "Lift bread2 off bread1 at crate1 with robot1",
+        "Move robot1 from crate1 to table1",
+        "Put down bread2 at table1 with robot1",
+        "Move robot1 from table1 to hatch1",
+        "Pick up bowl1 at hatch1 with robot1",
+        "Move robot1 from hatch1 to bin1",
+        "Put down bowl1 at bin1 with robot1",
+    )
+    assert state.holds("container_at", "bowl1", "table2")
+    assert state.holds("item_on", "bread2", "table1")
+    assert {atom for atom in state.atoms() if atom[0] in DERIVED} == derived(world, state)
+
+
+def test_large_pile_on_the_hatch_is_judged_at_once(tmp_path: Path) -> None:
+    goal = [
+        {"predicate": "item_at", "args": ["bread", "hatch"], "ids": [i, 0]} for i in range(1, 10)
+    ]
+    menu = {"nine slices": {"goal": goal, "points": 1, "patience": 90}}
+    problem = file_of(menu=menu, arrivals=[{"at": 0, "dish": "nine slices"}])
+    crate = {"x": 0, "y": 4}
+    slices = [{"name": "bread", **crate, "stack-level": level} for level in range(16)]
+    problem["objects"]["item"] = slices
+    path = tmp_path / "pile.json"
+    path.write_text(json.dumps(problem))
+    world = World(str(path))
+    state = world.initial
+
+    def pile(count: int) -> State:
+        moved = [f"bread{number}" for number in range(1, count + 1)]
+        facts = state.facts & ~world.table.matching(("atop", None, None))
+        for name in moved:
+            facts &= ~world.table.bit["item_at", name, "crate1"]
+            facts |= world.table.bit["item_at", name, "hatch1"]
+        return world.restore(facts, (), (), orders_of(state).row)
+
+    assert [orders_of(pile(count).step(None).state).served for count in (8, 9, 16)] == [0, 1, 0]
+
+
 # Arrival and expiry
 
 
@@ -212,21 +274,6 @@ def walk(world: World, seed: int, steps: int) -> list[State]:
     return states
 
 
-DERIVED = {rule.predicate for rule in WORLD.task.domain.layout or () if rule.unless}
-
-
-def derived(world: World, state: State) -> set[tuple[str, ...]]:
-    """Compute the facts that hold unless others do, one by one."""
-    atoms, found = state.atoms(), set()
-    types = {p.name: p.param_types for p in world.task.domain.predicate_defs}
-    for rule in world.task.domain.layout or ():
-        if rule.unless:
-            taken = {name for atom in atoms if atom[0] in rule.unless for name in atom[1:]}
-            things = (o.name for o in state.objects if o.type == types[rule.predicate][0])
-            found |= {(rule.predicate, name) for name in things if name not in taken}
-    return found
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_states_of_random_play_are_sound_and_survive_every_form(seed: int) -> None:
     writer = StateWriter(WORLD)
@@ -267,6 +314,11 @@ def test_states_with_other_orders_differ(tmp_path: Path) -> None:
         ([10**9, [], 0, 0, 0, 0], WrongWorldError),
         ([0, [], 10**9, 0, 0, 0], WrongWorldError),
         ([0, [[7, 10]], 1, 0, 0, 0], WrongWorldError),
+        ([0, [[0, 10], [0, 10]], 2, 0, 0, 0], WrongWorldError),
+        ([0, [[i, 10] for i in range(4)], 4, 0, 0, 0], WrongWorldError),
+        ([0, [[0, 10**6]], 1, 0, 0, 0], WrongWorldError),
+        ([0, [], 2, 0, 3, -1], WrongWorldError),
+        ([0, [], 2, 0, 1, 0], WrongWorldError),
     ],
 )
 def test_orders_from_outside_are_checked(row: Any, error: type[RobotouilleError]) -> None:
@@ -323,6 +375,8 @@ def test_searches_refuse_a_shift() -> None:
             "does not describe a single thing",
         ),
         ({"discard": "ben"}, "no station 'ben'"),
+        ({"discard": "hatch"}, "dishes are served at these stations"),
+        ({"steps": 5000, "arrivals": {"every": [1, 1]}}, "5,000 orders; at most 1,000"),
         ({"steps": 0}, r"shift\.steps"),
     ],
 )
@@ -330,6 +384,15 @@ def test_faults_of_files_are_named(tmp_path: Path, changes: dict[str, Any], faul
     path = tmp_path / "shift.json"
     path.write_text(json.dumps(file_of(**changes)))
     with pytest.raises(FileError, match=fault):
+        World(str(path))
+
+
+def test_things_that_could_not_return_are_named(tmp_path: Path) -> None:
+    problem = file_of()
+    problem["objects"]["item"][3] |= {"x": 2, "y": 3}
+    path = tmp_path / "shift.json"
+    path.write_text(json.dumps(problem))
+    with pytest.raises(FileError, match=r"items\[3\]: 'bread' is not on a station"):
         World(str(path))
 
 

@@ -16,6 +16,7 @@ from robotouille.batch import BatchWorld
 from robotouille.domain.schema import Arrival
 from robotouille.envs import RobotouilleEnv
 from robotouille.errors import RobotouilleError
+from robotouille.generation.generator import GenerationError, Generator
 from robotouille.planning.policies.planner_policy import PlannerOptions
 from robotouille.planning.policies.shift_policy import ShiftPolicy
 from robotouille.replay import Recording, read_recording
@@ -206,3 +207,10 @@ def test_batch_engine_refuses_a_shift() -> None:
 def test_task_survives_json() -> None:
     task: Any = json.loads(json.dumps(example(seed=5).to_json()))
     assert task["problem"]["shift"]["arrivals"][0]["at"] == 0
+
+
+def test_generator_and_shaped_rewards_refuse_a_shift() -> None:
+    with pytest.raises(GenerationError, match="is a shift"):
+        Generator(example())
+    with pytest.raises(RobotouilleError, match="a shift rewards points"):
+        RobotouilleEnv(example(seats=1), reward="shaped")

@@ -43,9 +43,14 @@ def drawn(state: State, size: tuple[int, int] = (900, 600)) -> bytes:
 def test_slips_show_orders_patience_and_score(size: tuple[int, int]) -> None:
     start = WORLD.initial
     assert start.orders is not None
-    rows = [[0, 70]], [[0, 35]], [[0, 70], [1, 60], [2, 50]], []
-    states = [WORLD.restore(start.facts, (), (), [0, row, 3, 0, 0, 0]) for row in rows]
-    states.append(WORLD.restore(start.facts, (), (), [0, [[0, 70]], 3, 37, 1, 1]))
+    rows = [
+        [0, [[0, 70]], 1, 0, 0, 0],
+        [0, [[0, 35]], 1, 0, 0, 0],
+        [0, [[0, 70], [1, 60], [2, 50]], 3, 0, 0, 0],
+        [0, [], 3, 0, 2, 1],
+        [0, [[2, 70]], 3, 37, 1, 1],
+    ]
+    states = [WORLD.restore(start.facts, (), (), row) for row in rows]
     pictures = [drawn(state, size) for state in states]
     assert len(set(pictures)) == len(pictures)
     assert drawn(states[0], size) == pictures[0]

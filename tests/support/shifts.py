@@ -53,7 +53,7 @@ BISTRO: dict[str, Any] = {
             {"name": name, "x": x, "y": 3 if x % 2 else 0}
             for x, name in enumerate(["rack", "sink", "crate", "crate", "stove", "table", "hatch"])
         ]
-        + [{"name": "bin", "x": 7, "y": 3}],
+        + [{"name": "bin", "x": 7, "y": 3}, {"name": "table", "x": 7, "y": 0}],
         "item": [
             {"name": "plate", "x": 0, "y": 0, "predicates": ["isclean"]},
             {"name": "bread", "x": 2, "y": 0},

@@ -164,7 +164,11 @@ def _recorded_state(reference: str) -> State:
 def _search(
     task: Task, start: State | None, expansions: int | None, deadline: Deadline
 ) -> Certificate:
-    _announce_compiling(World(task))
+    from robotouille.planning.solvers import check_has_goal
+
+    world = World(task)
+    check_has_goal(world)
+    _announce_compiling(world)
     progress = _Progress()
     limits = Limits(expansions, BUDGET.states, deadline)
     with _interruptible(deadline), progress.shown():

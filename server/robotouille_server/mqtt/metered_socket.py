@@ -44,11 +44,17 @@ def metered(
 
 async def _connect(broker: socket.socket, far: socket.socket, budget: LoopBudget) -> None:
     loop = asyncio.get_running_loop()
-    raw, _ = await loop.create_connection(asyncio.Protocol, sock=broker)
-    raw.pause_reading()
-    # The broker's certificates may be long. The thread that connects checks them.
-    meter = RecordMeter(raw, budget, max_handshake=inf)
-    await loop.create_connection(lambda: _FarEnd(meter), sock=far)
+    try:
+        raw, _ = await loop.create_connection(asyncio.Protocol, sock=broker)
+        raw.pause_reading()
+        # The broker's certificates may be long. The thread that connects checks them.
+        meter = RecordMeter(raw, budget, max_handshake=inf)
+        await loop.create_connection(lambda: _FarEnd(meter), sock=far)
+    except BaseException:
+        # paho learns of the failure by the end of its socket.
+        for end in (broker, far):
+            end.close()
+        raise
 
 
 class _FarEnd(asyncio.Protocol):

@@ -37,6 +37,7 @@ from robotouille.world.world import World
 if TYPE_CHECKING:
     from robotouille.episode.rules import Substitute as Kind
     from robotouille.planning.policies.policy import Policy
+    from robotouille.planning.shift import DishPlanner
     from robotouille.planning.solvers import AnytimePlanner
 
 EXPANSIONS = 200
@@ -78,6 +79,7 @@ class BotWorld:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._anytime: AnytimePlanner | None = None
+        self._dishes: dict[str, DishPlanner] = {}
         self.learnt: set[str] = set()
 
     @cached_property
@@ -103,7 +105,7 @@ class BotWorld:
         if self.world.shift is not None:
             from robotouille.planning.policies.shift_policy import ShiftPolicy
 
-            return ShiftPolicy(self.world, player, options)
+            return ShiftPolicy(self.world, player, options, dishes=self._dishes)
         return PlannerPolicy(self.world, player, options, anytime=self.planner)
 
     def learn(self, player: str) -> None:
@@ -117,14 +119,20 @@ class BotWorld:
 
     def tidy(self) -> None:
         """Forget everything after too many searches, to bound the memory."""
-        if self._anytime is not None and self._anytime.searches >= MAX_SEARCHES:
+        if sum(planner.searches for planner in self._planners) >= MAX_SEARCHES:
             self.forget()
 
     def forget(self) -> None:
         """Forget all plans and prepared seats."""
         self.learnt.clear()
-        if self._anytime is not None:
-            self._anytime.forget()
+        for planner in self._planners:
+            planner.forget()
+
+    @property
+    def _planners(self) -> list[AnytimePlanner]:
+        """The planners so far: of the task, or of the dishes of a shift."""
+        own = [] if self._anytime is None else [self._anytime]
+        return own + [dish.anytime for dish in self._dishes.values()]
 
 
 @dataclass(slots=True)

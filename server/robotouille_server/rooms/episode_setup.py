@@ -89,7 +89,7 @@ def _with_step_limit(
 ) -> Rules:
     """Replace the default step limit of a task with people's timing by a suitable one."""
     given = request.max_steps is not None or "max_steps" in settings.model_fields_set
-    if given or task.timing is not Timing.PEOPLE:
+    if given or (task.timing is not Timing.PEOPLE and task.problem.shift is None):
         return rules
     limit = people_step_limit(task, rules.step_rate if rules.scheduled else None)
     return rules if limit is None else rules.model_copy(update={"max_steps": limit})

@@ -18,6 +18,7 @@ from robotouille.domain.derived import (
 )
 from robotouille.domain.domain_checks import unknown
 from robotouille.domain.schema import (
+    MAX_ORDERS,
     Arrivals,
     CountedEffect,
     DomainFile,
@@ -177,6 +178,9 @@ def _check_shift(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
             for i, arrival in enumerate(shift.arrivals)
             if arrival.dish not in shift.menu
         ]
+        if len(shift.arrivals) > MAX_ORDERS:
+            message = f"{len(shift.arrivals):,} orders; at most {MAX_ORDERS:,} are allowed"
+            faults.append(Fault("shift.arrivals", message))
         times = [arrival.at for arrival in shift.arrivals]
         if times != sorted(times):
             faults.append(Fault("shift.arrivals", "the orders are not sorted by their times"))
@@ -194,12 +198,28 @@ def _check_shift(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
             faults.append(unknown(path, "predicate", predicate, predicates))
         elif len(predicates[predicate].param_types) != 1:
             faults.append(Fault(path, f"{predicate!r} does not describe a single thing"))
+    faults += _check_places(problem, domain)
+    if shift.discard == shift.serve.station:
+        faults.append(Fault("shift.discard", "dishes are served at these stations"))
     stations = {o.name for kind in domain.station_types for o in problem.objects.get(kind, ())}
     for path, station in (("serve.station", shift.serve.station), ("discard", shift.discard)):
         if station is not None and station not in stations:
             message = f"the kitchen has no station {station!r}{did_you_mean(station, stations)}"
             faults.append(Fault(f"shift.{path}", message))
     return faults
+
+
+def _check_places(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    """Find things that could not return to their place in a shift, because it is no station."""
+    fixed = {*domain.station_types, *domain.player_types}
+    tiles = {(o.x, o.y) for kind in domain.station_types for o in problem.objects.get(kind, ())}
+    return [
+        Fault(f"{_list_name(kind)}[{i}]", f"{obj.name!r} is not on a station, as a shift requires")
+        for kind, objects in problem.objects.items()
+        if kind not in fixed
+        for i, obj in enumerate(objects)
+        if (obj.x, obj.y) not in tiles
+    ]
 
 
 def _relates_to_station(predicate: PredicateDef, domain: DomainFile) -> bool:

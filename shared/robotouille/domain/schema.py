@@ -260,6 +260,9 @@ class GoalTerm(Schema):
         return self
 
 
+DishName = Annotated[str, Field(min_length=1, max_length=100)]
+
+
 class Dish(Schema):
     """Dish on the menu of a shift. Times are in steps of the timing profile `benchmark`.
 
@@ -292,7 +295,7 @@ class Arrival(Schema):
     """Arrival of one order."""
 
     at: Annotated[int, Field(ge=0, le=10_000)]
-    dish: Words
+    dish: DishName
 
 
 class Serving(Schema):
@@ -304,6 +307,9 @@ class Serving(Schema):
     station: Name
     predicates: tuple[Name, ...] = Field(min_length=1, max_length=8)
     soils: tuple[Name, ...] = Field(default=(), max_length=8)
+
+
+MAX_ORDERS = 1000
 
 
 class Shift(Schema):
@@ -319,8 +325,8 @@ class Shift(Schema):
     """
 
     steps: Annotated[int, Field(ge=1, le=10_000)]
-    menu: dict[Words, Dish] = Field(min_length=1, max_length=32)
-    arrivals: Arrivals | Annotated[tuple[Arrival, ...], Field(min_length=1, max_length=1000)]
+    menu: dict[DishName, Dish] = Field(min_length=1, max_length=32)
+    arrivals: Arrivals | Annotated[tuple[Arrival, ...], Field(min_length=1, max_length=MAX_ORDERS)]
     most_open: Annotated[int, Field(ge=1, le=16)] = 3
     serve: Serving
     discard: Name | None = None

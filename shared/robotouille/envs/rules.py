@@ -171,6 +171,8 @@ class EnvRules:
             FileError: A task's files are invalid.
         """
         task = _loaded(self.task)
+        if task.problem.shift is not None and self.reward is Reward.SHAPED:
+            raise WrongArgumentError("reward: 'shaped' needs a goal; a shift rewards points")
         if isinstance(self.instances, str):
             if self.instances != "generated":
                 found = repr(self.instances)

@@ -150,6 +150,8 @@ class Generator:
     ) -> None:
         if kind is Kind.NOISY and parameters.held:
             raise GenerationError("held", "players of a noisy instance keep what they hold")
+        if task.problem.shift is not None:
+            raise GenerationError("task", f"{task.name} is a shift; only tasks with a goal work")
         if attempts < 1:
             raise GenerationError("attempts", f"expected at least 1, found {attempts}")
         self.task = replace(task, seats=seat_counts(task)[0], timing=Timing.BENCHMARK)

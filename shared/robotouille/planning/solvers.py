@@ -89,7 +89,7 @@ def solve(
         WrongArgumentError: The search is unknown.
         RobotouilleError: The task is a shift, which has no goal.
     """
-    _check_has_goal(world)
+    check_has_goal(world)
     state = world.initial if start is None else start
     if search == Search.ANYTIME:
         *_, result = AnytimePlanner(world).search(state, limits)
@@ -104,7 +104,8 @@ def solve(
     return found or astar_search(world, state, limits=limits, watch=watch)
 
 
-def _check_has_goal(world: World) -> None:
+def check_has_goal(world: World) -> None:
+    """Raise RobotouilleError if a task is a shift, which has no goal."""
     if world.shift is not None:
         raise RobotouilleError(
             f"{world.task.name} is a shift, which has no goal; plan its dishes one by one with "
@@ -155,7 +156,7 @@ class AnytimePlanner:
     """
 
     def __init__(self, world: World) -> None:
-        _check_has_goal(world)
+        check_has_goal(world)
         task = world.task
         profile = task.profile
         plain = not profile.steps_per_tile and profile.repeat_steps == 1

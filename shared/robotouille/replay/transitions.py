@@ -51,7 +51,10 @@ class Transition:
 
     @property
     def reward(self) -> float:
-        """1 for a request in the step that reached the goal, otherwise 0."""
+        """1 for a request in the step that reached the goal, in a shift the points, otherwise 0."""
+        before, after = self.state.orders, self.next_state.orders
+        if before is not None and after is not None:
+            return float(after.score - before.score)
         return float(self.next_state.goal_reached and not self.state.goal_reached)
 
 

@@ -8,15 +8,21 @@ seed are the same whatever the players do.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import Any, NamedTuple
 
 from robotouille.domain.schema import Arrival, Dish, Shift
 from robotouille.errors import WrongArgumentError, WrongWorldError
 from robotouille.world.grounding.atoms import USED, AtomTable, bits_of
-from robotouille.world.grounding.goal import Goal
+from robotouille.world.grounding.goal import Goal, Variable
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Object
 from robotouille.world.timers import Timers
+
+MAX_KEPT = 2_000
+"""Arrangements of things for which it is known whether they are a dish."""
+MAX_TRIED = 100
+"""Choices of parts that are tried, which matters only to dishes with parts of any kind."""
 
 
 class OpenOrder(NamedTuple):
@@ -85,6 +91,12 @@ class ShiftRules:
             name: Goal(task.task, task.table, task.all_objects, dish.goal)
             for name, dish in shift.menu.items()
         }
+        fixed = {*task.task.domain.station_types, *task.task.domain.player_types}
+        self._parts = {
+            name: sum(_type_of(v, task) not in fixed for v in goal.variables.values())
+            for name, goal in self._goals.items()
+        }
+        self._known: dict[tuple[str, int], bool] = {}
         self._return = _Return(task, shift)
         counter, bins = shift.serve.station, shift.discard
         self._serving = self._return.surfaces(counter)
@@ -97,6 +109,7 @@ class ShiftRules:
         """Include objects that have been added to the world."""
         for goal in self._goals.values():
             goal.refresh()
+        self._known.clear()
         self._return.refresh()
 
     # Orders
@@ -167,11 +180,22 @@ class ShiftRules:
 
     def _is_dish(self, number: int, things: frozenset[str], facts: int) -> bool:
         """Return whether the things are the dish of an order, and nothing else."""
-        movable = self._return.movable
-        return any(
-            movable.intersection(binding.values()) == things
-            for binding in self._goals[self.dish_name(number)].assignments(facts)
-        )
+        name = self.dish_name(number)
+        goal = self._goals[name]
+        # Without this test, the search would go through all choices of parts from a large pile.
+        if len(things) != self._parts[name]:
+            return False
+        key = name, facts & goal.relevant
+        known = self._known.get(key)
+        if known is None:
+            if len(self._known) >= MAX_KEPT:
+                self._known.clear()
+            movable = self._return.movable
+            known = self._known[key] = any(
+                movable.intersection(binding.values()) == things
+                for binding in islice(goal.assignments(facts), MAX_TRIED)
+            )
+        return known
 
     def _expire(self, orders: Orders) -> Orders:
         late = [order for order in orders.open if order.due <= orders.time]
@@ -213,9 +237,30 @@ class ShiftRules:
             raise WrongArgumentError(f"expected the orders of a shift, found {row!r}")
         if not (0 <= orders.time <= self.steps and 0 <= orders.arrived <= len(self._arrivals)):
             raise WrongWorldError(f"the shift has no such orders: {row!r}")
-        if not all(0 <= order.number < orders.arrived for order in opened):
-            raise WrongWorldError(f"an order is open that has not arrived: {row!r}")
+        if not self._is_possible(orders):
+            raise WrongWorldError(f"the shift has no such orders: {row!r}")
         return orders
+
+    def _is_possible(self, orders: Orders) -> bool:
+        numbers = [order.number for order in orders.open]
+        counts = orders.served, orders.expired
+        return (
+            len(numbers) <= self.most_open
+            and numbers == sorted(set(numbers))
+            and all(0 <= number < orders.arrived for number in numbers)
+            and all(o.due <= self.steps + self.patience(o.number) for o in orders.open)
+            and min(counts) >= 0
+            and sum(counts) + len(numbers) == orders.arrived
+        )
+
+
+def _type_of(variable: Variable, task: GroundTask) -> str:
+    """Return the type of the objects that a variable of a dish can stand for."""
+    if variable.is_type:
+        return variable.kind
+    if variable.fixed is not None:
+        return task.thing(variable.fixed).type
+    return next((o.type for o in task.all_objects() if o.kind == variable.kind), variable.kind)
 
 
 def _due(order: OpenOrder) -> tuple[int, int]:
@@ -230,6 +275,7 @@ class _Return:
         self._table: AtomTable = task.table
         self._soils = frozenset(shift.serve.soils)
         self._predicates = shift.serve.predicates
+        self._leaving = {shift.serve.station, shift.discard}
         domain = task.task.domain
         self._fixed_types = {*domain.station_types, *domain.player_types}
         self._types = {p.name: p.param_types for p in domain.predicate_defs}
@@ -241,6 +287,7 @@ class _Return:
         self._defaults = [(rule.predicate, rule.unless) for rule in rules if rule.unless]
         # Facts that follow from positions are computed again when a thing returns.
         self._derived = {rule.predicate for rule in rules}
+        self._stations = [o for o in task.placed if o.type in domain.station_types]
         self._homes = {o.name: self._home(o) for o in task.placed if self._moves(o)}
         self.refresh()
 
@@ -253,9 +300,10 @@ class _Return:
         return thing.type not in self._fixed_types
 
     def _home(self, thing: Object) -> str | None:
-        """Return the station where a thing is at the beginning."""
-        stations = (o for o in self._task.placed if o.type in self._task.task.domain.station_types)
-        return next((o.name for o in stations if o.tile == thing.tile), None)
+        """Return the station where a thing is at the beginning; None for what a thing contains."""
+        here = next((o.name for o in self._stations if o.tile == thing.tile), None)
+        shared = ((p, thing.name, here or "") for p in self._rules["shares_tile"])
+        return here if self._table.mask(shared) else None
 
     # Surfaces
 
@@ -322,8 +370,9 @@ class _Return:
         for name in sorted(things):
             home = self._homes.get(name)
             if home is not None:
-                facts = self._place(name, home, facts)
-                touched |= {name, home}
+                station = self._station_with_room(name, home, facts)
+                facts = self._place(name, station, facts)
+                touched |= {name, station}
         facts |= unsoiled
         left = tuple(e for e in timers.entries if things.isdisjoint(e[0].label[2]))
         if len(left) < len(timers.entries):
@@ -338,6 +387,19 @@ class _Return:
     def _unsoiled(self, things: Iterable[str], facts: int) -> int:
         bits = (self._table.mask([(soil, name)]) for soil in self._soils for name in things)
         return sum(bit for bit in bits if facts & bit)
+
+    def _station_with_room(self, name: str, home: str, facts: int) -> str:
+        """Return the thing's station, or an empty one like it if something else is there."""
+        type_, kind = self._task.thing(name).type, self._task.thing(home).kind
+        others = [o for o in self._stations if o.kind not in self._leaving]
+        others.sort(key=lambda o: (o.kind != kind, o.name not in self._task.floor.plain))
+        for station in (home, *(o.name for o in others)):
+            there = set(self._related(station, facts))
+            alike = all(self._task.thing(other).type == type_ for other in there)
+            piles_up = station == home and alike and self._top(home, type_, facts) is not None
+            if not there or piles_up:
+                return station
+        return home
 
     def _place(self, name: str, home: str, facts: int) -> int:
         """Put a thing on its station, on top of what is there."""

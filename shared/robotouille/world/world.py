@@ -169,6 +169,8 @@ class State(GroundState):
     def graph(self) -> Graph:
         """Return the state as arrays of a graph of objects and relations (docs/train.md).
 
+        The graph does not contain the orders of a shift, which are about no object.
+
         Raises:
             SlotOverflowError: More created objects than slots.
             MissingExtraError: NumPy is not installed.

@@ -28,7 +28,7 @@ from robotouille_client.window.app.replays import Replays
 from robotouille_client.window.app.user_interface import UserInterface
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.input.commands import Command, KeyMap
-from robotouille_client.window.sources.texts import task_title
+from robotouille_client.window.sources.texts import task_title, won
 from robotouille_client.window.view import GameSource, View
 
 TUTORIAL = GameSetup("training/01", clock=Clock.TURN, max_steps=500)
@@ -287,7 +287,7 @@ class LocalGames:
 
     def _overtaxed(self, setup: GameSetup, outcome: Mapping[str, Any] | None) -> bool:
         """Return whether a player who has never won a game has lost one that could be slower."""
-        lost = outcome is not None and outcome["reason"] != "goal"
+        lost = outcome is not None and not won(outcome)
         fast = setup.clock is Clock.REALTIME and setup.rate > EASY_RATE
         return lost and fast and not self._ui.settings.best
 

@@ -9,6 +9,7 @@ from itertools import combinations, pairwise, product
 from robotouille.domain.schema import Creation, EffectDef
 from robotouille.planning.pddl.syntax import Literal, PddlAction, PddlEffect, Term, Variable
 from robotouille.planning.pddl.timer_facts import QUIET, TimerFacts, TimerPart, literals
+from robotouille.planning.solvers import check_has_goal
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.objects import Object
 from robotouille.world.world import World
@@ -60,6 +61,7 @@ class Lifted:
     """A world over variables, with room for created objects."""
 
     def __init__(self, world: World) -> None:
+        check_has_goal(world)
         self.world = world
         self.transient = world.table.transient
         self.schemas = tuple(schema for schema in world.schemas if not _is_idle(schema))

@@ -9,7 +9,7 @@ from robotouille.planning.policies.planner_policy import (
     PlannerOptions,
     PlannerPolicy,
 )
-from robotouille.planning.policies.policy import Did
+from robotouille.planning.policies.policy import Did, waits
 from robotouille.planning.shift import DishPlanner, most_urgent, rules_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
@@ -22,16 +22,25 @@ class ShiftPolicy:
     """Policy that serves one order after the other, each with a `PlannerPolicy` for its dish.
 
     Every seat chooses the same order, so the bots of a team plan for the same dish.
+
+    Args:
+        dishes: Planners of the dishes that several policies share, so that each dish is analysed
+            once.
     """
 
     def __init__(
-        self, world: World, player: str, options: PlannerOptions = DEFAULT_OPTIONS
+        self,
+        world: World,
+        player: str,
+        options: PlannerOptions = DEFAULT_OPTIONS,
+        *,
+        dishes: dict[str, DishPlanner] | None = None,
     ) -> None:
         self._rules = rules_of(world)
         self._world = world
         self._player = player
         self._options = options
-        self._dishes: dict[str, DishPlanner] = {}
+        self._dishes = {} if dishes is None else dishes
         self._dish: DishPlanner | None = None
         self._policy: PlannerPolicy | None = None
         self._order = -1
@@ -47,7 +56,7 @@ class ShiftPolicy:
     @property
     def waiting(self) -> bool:
         """True if the seat waits for a place or a participant."""
-        return bool(getattr(self._policy, "waiting", False))
+        return self._policy is not None and waits(self._policy)
 
     def act(self, state: State) -> GroundAction | None:
         order = most_urgent(state)
