@@ -114,6 +114,27 @@ class TestAnyNode:
                         await again.join(created.code)
 
 
+class TestHandOver:
+    @virtual
+    async def test_who_joins_while_an_episode_is_handed_over_has_the_seat(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK, seats=3)
+            owner = nodes.owner(created.episode)
+            room = owner.server.lobby.rooms[created.episode]
+            async with connect(owner.url, name="bob") as bob:
+                nodes.nats.quality.latency = 0.1
+                leaving = asyncio.create_task(owner.leave())
+                while room.driver._open:
+                    await asyncio.sleep(0.01)
+                game = await bob.join(created.code)
+                others = (n.server.lobby.rooms.get(created.episode) for n in nodes.others(owner))
+                (now,) = filter(None, others)
+                assert now.episode.seats[game.seat or ""].name == "bob"
+                await leaving
+
+
 class TestTakeover:
     @virtual
     async def test_a_game_goes_on_after_its_node_was_killed(self, tmp_path: Path) -> None:

@@ -245,6 +245,8 @@ class EpisodeDriver:
         """Stop without ending the episode; another process continues the recording."""
         self._stop()
         if self._journal is not None:
+            # Nothing is recorded any more, so nobody may receive an answer about a later state.
+            self._gate.closed = True
             # Releasing the lock on the file tells the next process that it may continue.
             self._journal.release()
 
