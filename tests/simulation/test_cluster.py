@@ -11,6 +11,7 @@ import pytest
 
 from robotouille.episode import Event, Stepped
 from robotouille_server.cluster.bus import BusError, ConflictError, Stored
+from robotouille_server.cluster.directory import Directory
 from robotouille_server.cluster.journal import ReplicatedJournal
 from robotouille_server.cluster.members import Members, _Member
 from tests.programs.simulation.cluster import run_cluster_seed
@@ -114,6 +115,15 @@ def forget_the_last_message(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(read, careless)
 
 
+def trust_the_directory(patch: pytest.MonkeyPatch) -> None:
+    """Claim episodes without reading their records again."""
+
+    async def nothing(directory: Directory, code: str) -> None:
+        pass
+
+    patch.setattr(Directory, "look", nothing)
+
+
 FAULTS = [
     Fault(ignore_conflicts, (2, 125), "recorded"),
     Fault(claim_at_once, (1, 2), "which is alive"),
@@ -121,6 +131,7 @@ FAULTS = [
     Fault(publish_before_writing, (4, 3), "recorded"),
     Fault(omit_a_step, (4, 1), "recorded"),
     Fault(forget_the_last_message, (2, 6), "not taken over"),
+    Fault(trust_the_directory, (73, 100), "has it"),
 ]
 
 

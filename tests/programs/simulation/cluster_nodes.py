@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterator
 from functools import cache, partial
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from robotouille.episode import Event
 from robotouille_server import ServerSettings
 from robotouille_server.app import Surroundings
 from robotouille_server.auth import Credentials
-from robotouille_server.cluster.bus import Append, BusError
+from robotouille_server.cluster.bus import Append, Bucket, BusError, Entry
 from robotouille_server.cluster.members import NodeReport
 from robotouille_server.cluster.node import ClusterNode, NodeParts
 from robotouille_server.rooms.bot_worker import ThreadBotWorker
@@ -53,11 +54,21 @@ def _metrics() -> Metrics:
 
 
 class WatchedBus(SimulatedBus):
-    """Bus that reports when its node begins to claim an episode."""
+    """Bus that reports when its node begins to claim an episode.
+
+    Attributes:
+        read_at: When the node last asked for the record of each episode, by the record's key.
+    """
 
     def __init__(self, nats: SimulatedNats, name: str, claims: Callable[[str], None]) -> None:
         super().__init__(nats, name)
+        self.read_at: dict[str, float] = {}
         self._claims = claims
+
+    async def get(self, bucket: Bucket, key: str) -> Entry | None:
+        if bucket is Bucket.EPISODES:
+            self.read_at[key] = self._nats.loop.time()
+        return await super().get(bucket, key)
 
     def append(self, message: Append, done: Callable[[int | BusError], None]) -> None:
         if ".claim." in message.id:
@@ -155,7 +166,8 @@ class NodeMachine:
     def _claims(self, journal: str) -> None:
         record = self.node.directory.find(journal) if self.node is not None else None
         if record is not None:
-            self.sim.oracle.claims(self.name, journal, record.node)
+            read_at = self.bus.read_at.get(record.key, inf)
+            self.sim.oracle.claims(self.name, journal, record.node, read_at)
 
     # Observer of the rooms
 

@@ -69,7 +69,7 @@ class ClusterOracle:
         self._now = now
         self._reports: defaultdict[str, list[float]] = defaultdict(list)
         self._beats: dict[str, int] = {}
-        self._nodes: dict[str, str] = {}
+        self._owners: defaultdict[str, list[tuple[float, str]]] = defaultdict(list)
 
     # Reports of the service
 
@@ -95,7 +95,7 @@ class ClusterOracle:
             self._reported(NodeReport.model_validate_json(value))
         elif bucket is Bucket.EPISODES and value is not None:
             record = EpisodeRecord.model_validate_json(value)
-            self._nodes[record.episode] = record.node
+            self._owners[record.episode].append((self._now(), record.node))
 
     def _reported(self, report: NodeReport) -> None:
         # A copy of an earlier report, which arrives late, is no sign of life.
@@ -105,23 +105,27 @@ class ClusterOracle:
         if report.leaving:
             self.leaving.add(report.name)
 
-    def claims(self, node: str, journal: str, believed: str) -> None:
+    def claims(self, node: str, journal: str, believed: str, read: float) -> None:
         """Check that a node claims an episode only from a node that was silent or has left.
 
-        `believed` is the owner in the node's copy of the directory, which may be outdated.
+        `believed` is the owner in the node's copy of the directory. The node asked for this record
+        at the time `read`, and it may have changed since then.
         """
         self.counts["claims"] += 1
-        owner = self._nodes.get(journal, "")
+        owners = self._owners[journal]
+        owner = owners[-1][1] if owners else ""
         if believed != owner:
             self.counts["claims by an outdated record"] += 1
-            return
-        if owner in ("", node) or owner in self.leaving:
+            ends = [end for (_, was), (end, _) in pairwise(owners) if was == believed]
+            if max(ends, default=0.0) < read:
+                self._fail(f"{node} claims {journal} of {believed}, but {owner} has it")
+        if believed in ("", node) or believed in self.leaving:
             return
         now = self._now()
-        times = [*self._reports[owner], now]
+        times = [*self._reports[believed], now]
         gaps = ((b, b - a) for a, b in pairwise(times))
         if not any(end >= now - RECENT and gap > LEASE_SECONDS - 0.01 for end, gap in gaps):
-            self._fail(f"{node} claims {journal} of {owner}, which is alive")
+            self._fail(f"{node} claims {journal} of {believed}, which is alive")
 
     # Reports of the rooms
 
