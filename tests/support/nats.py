@@ -92,6 +92,17 @@ class NatsCluster:
         """Return the index of the server with a name, such as the leader of a stream."""
         return int(name.removeprefix("nats"))
 
+    def leader(self, stream: str) -> int:
+        """Return the index of a stream's leader, or of the first server while there is none."""
+        running = (i for i, each in enumerate(self._processes) if each and i not in self._stopped)
+        for i in running:
+            for account in self._ask(i, "jsz?streams=true").get("account_details", []):
+                for detail in account.get("stream_detail", []):
+                    leader = detail.get("cluster", {}).get("leader", "")
+                    if detail["name"] == stream and leader:
+                        return self.index(leader)
+        return 0
+
     def start(self, i: int) -> None:
         """Start a server with the same ports and store. `wait` and `ready` wait for the cluster."""
         assert self._processes[i] is None, f"nats{i} already runs"

@@ -25,7 +25,9 @@ def main() -> int:
     parser.add_argument("--nodes", type=int, default=3, help="nodes of the cluster")
     parser.add_argument("--rounds", type=int, help="rolling restarts")
     parser.add_argument("--processes", type=int, default=2, help="processes for the bots")
-    parser.add_argument("--short", action="store_true", help="few episodes, all on one cluster")
+    parser.add_argument(
+        "--short", action="store_true", help="few episodes, on two clusters at once"
+    )
     parser.add_argument("--seed", type=int, help="seed of the episodes")
     parser.add_argument("--folder", type=Path, help="keep recordings and logs here")
     options = parser.parse_args()

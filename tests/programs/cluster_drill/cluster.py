@@ -7,21 +7,30 @@ import io
 import os
 import signal
 import time
-from collections.abc import AsyncIterator, Iterator
-from contextlib import ExitStack, asynccontextmanager, contextmanager, redirect_stdout
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, redirect_stdout
 from pathlib import Path
 
 from tests.programs.drill.server import ServerProcess
 from tests.support.nats import Link, NatsCluster, nats_cluster
 from tests.support.worker_processes import lasting_ports
 
-__all__ = ["Cluster", "Node", "cpu_seconds", "running_cluster"]
+__all__ = ["CUT_OFF", "NATS_SERVERS", "Cluster", "Node", "cpu_seconds", "running_cluster"]
 
-READY_SECONDS = 60.0
+READY_SECONDS = 120.0
+STOP_SECONDS = 120.0
 LOOK_SECONDS = 0.02
 NATS_SERVERS = 3
 JOINED = "joined the cluster"
 TICKS = os.sysconf("SC_CLK_TCK")
+CUT_OFF = (
+    "recording failed",
+    "connection to NATS lost",
+    "the node's report was not stored",
+    "the cluster's buckets cannot be used",
+    "this node is cut off from NATS, and other nodes take its episodes over",
+)
+"""Errors in the log of a node that is cut off from NATS, or too slow for its leases."""
 
 
 class Node:
@@ -48,7 +57,9 @@ class Node:
             servers = [link.url for link in self.to_nats]
             self.url = f"ws://127.0.0.1:{self.to_clients[0].port}"
         flags = ("--cluster", ",".join(servers), "--cluster-url", self.url, "--no-operator")
-        self.process = ServerProcess(folder, port, self.faults, *flags, ready=JOINED)
+        self.process = ServerProcess(
+            folder, port, self.faults, *flags, ready=JOINED, patience=STOP_SECONDS
+        )
 
     async def start(self) -> None:
         """Start a process, and wait until it has joined the cluster."""
@@ -97,31 +108,30 @@ class Cluster:
 async def running_cluster(
     folder: Path, nodes: int, *, links: bool = False
 ) -> AsyncIterator[Cluster]:
-    """Run NATS servers and nodes.
+    """Run NATS servers, and end all nodes that were started.
 
     Args:
         folder: An existing folder for stores, recordings and logs.
         nodes: The number of nodes.
         links: Let nodes reach NATS, and clients the nodes, through links that can be cut.
     """
-    with ExitStack() as stack:
-        nats = stack.enter_context(_silent_nats(folder))
-        lines = stack if links else None
+    async with AsyncExitStack() as stack:
+        nats = await stack.enter_async_context(_silent_nats(folder))
+        lines = stack.enter_context(ExitStack()) if links else None
         cluster = Cluster(
             folder, nats, [Node(folder / f"node{i}", nats, lines) for i in range(nodes)]
         )
         try:
-            await cluster.start()
             yield cluster
         finally:
             await cluster.kill()
 
 
-@contextmanager
-def _silent_nats(folder: Path) -> Iterator[NatsCluster]:
+@asynccontextmanager
+async def _silent_nats(folder: Path) -> AsyncIterator[NatsCluster]:
     """Run NATS servers whose logs remain in files."""
     running = nats_cluster(folder / "nats", NATS_SERVERS)
-    nats = running.__enter__()
+    nats = await asyncio.to_thread(running.__enter__)
     try:
         yield nats
     finally:

@@ -36,6 +36,7 @@ class Listener:
     Attributes:
         heard: The time and kind of each message.
         joined: Set when the episode's state has arrived.
+        ended: Set when the connection has ended.
     """
 
     episode: str
@@ -43,6 +44,7 @@ class Listener:
     file: Path
     heard: list[tuple[float, str]] = field(default_factory=list)
     joined: asyncio.Event = field(default_factory=asyncio.Event)
+    ended: asyncio.Event = field(default_factory=asyncio.Event)
 
     def after(self, moment: float) -> list[str]:
         """Return the kinds of the messages that came after a moment."""
@@ -64,6 +66,7 @@ class Listener:
                         file.write(json.dumps(row) + "\n")
                     if isinstance(message, messages.Snapshot):
                         self.joined.set()
+        self.ended.set()
 
     def close(self) -> None:
         """Complete the evidence."""

@@ -6,7 +6,7 @@ import asyncio
 import signal
 import time
 
-from tests.programs.cluster_drill.failures import CUT_OFF
+from tests.programs.cluster_drill.cluster import CUT_OFF
 from tests.programs.cluster_drill.stage import Stage
 from tests.programs.drill.report import spread
 
@@ -23,12 +23,14 @@ async def power(stage: Stage) -> None:
     The kernel survives, so this does not show what a disk loses without power.
     """
     stage.cluster.allow(*CUT_OFF)
+    await stage.all_started()
     crowd, servers = stage.crowd, stage.cluster.nats
     crowd.mark()
     begun, players = time.monotonic(), set(crowd.playing)
     for index in range(len(servers.urls)):
         servers.kill(index)
     await stage.cluster.kill()
+    stage.failed()
     crowd.mark()
     for index in range(len(servers.urls)):
         servers.start(index)
@@ -43,11 +45,12 @@ async def power(stage: Stage) -> None:
 async def rolling(stage: Stage) -> None:
     """Restart all nodes one after the other, several times."""
     crowd, plan = stage.crowd, stage.plan
-    quiet = min(QUIET_SECONDS, plan.away)
-    begun = time.monotonic()
-    await asyncio.sleep(quiet)
-    before = [late.seconds for late in crowd.late if late.at >= begun]
-    stage.row(f"late steps in {quiet:g} s before", spread(before))
+    await stage.all_started()
+    if plan.timed:
+        begun = time.monotonic()
+        await asyncio.sleep(QUIET_SECONDS)
+        before = [late.seconds for late in crowd.late if late.at >= begun]
+        stage.row(f"late steps in {QUIET_SECONDS:g} s before", spread(before))
     begun = time.monotonic()
     for number in range(plan.rounds):
         for node in stage.cluster.nodes:
@@ -55,7 +58,8 @@ async def rolling(stage: Stage) -> None:
             await node.process.kill(signal.SIGTERM)
             took = node.process.stop_seconds[-1]
             await node.start()
-            await asyncio.sleep(SETTLE_SECONDS)
+            if plan.timed:
+                await asyncio.sleep(SETTLE_SECONDS)
             stage.say(
                 f"round {number + 1}, node {node.index}: {episodes} episodes handed over"
                 f" in {took:.1f} s, {len(stage.played_at(node))} are new"

@@ -6,11 +6,11 @@ import asyncio
 import signal
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.programs.cluster_drill.cluster import Cluster, Node, running_cluster
+from tests.programs.cluster_drill.cluster import CUT_OFF, Cluster, Node, running_cluster
 from tests.programs.cluster_drill.directory import Observer, observing
 from tests.programs.drill.crowd import Crowd
 from tests.programs.drill.report import spread, verdict_rows
@@ -19,8 +19,7 @@ from tests.programs.drill.verdict import Verdict, judge
 __all__ = ["Drill", "Plan", "Result", "Stage", "run_drills"]
 
 WARM_UP_SECONDS = 90.0
-SETTLE_SECONDS = 2.0
-"""Seconds in which the players of the last episode take their seats."""
+LOOK_SECONDS = 0.02
 ACT_SECONDS = 10.0
 """Seconds in which players must act again."""
 SHARE = 0.99
@@ -37,10 +36,12 @@ class Plan:
         games: The episodes at the same time.
         away: The seconds for which nodes are stopped or cut off.
         rounds: The rolling restarts.
+        mix: The kinds of episodes; see `games.MIXES`.
         steps: The bounds of the episodes' step limits.
         patience: The seconds for which the last episodes may go on.
-        timed: Whether slow players and late steps are violations. Otherwise they are figures only,
-            because other programs may keep the machine busy.
+        timed: Whether slow players, late steps and takeovers of living nodes are violations.
+            Otherwise they are figures only, because other programs may keep the machine busy, and
+            drills wait for conditions, not for a number of seconds.
     """
 
     games: int = 100
@@ -69,7 +70,11 @@ class Result:
 
 
 class Stage:
-    """What a drill works with."""
+    """What a drill works with.
+
+    Attributes:
+        last: True during the last drill.
+    """
 
     def __init__(
         self,
@@ -87,6 +92,17 @@ class Stage:
         self.observer = observer
         self.evidence = evidence
         self.result = Result()
+        self.last = False
+        self._starting: list[asyncio.Task[None]] = []
+
+    def failed(self) -> None:
+        """Start no more episodes after the last failure, unless the drills are timed."""
+        if self.last and not self.plan.timed:
+            self.crowd.finish()
+
+    def limit(self, seconds: float) -> float:
+        """Return how long to wait for something that should take at most `seconds`."""
+        return seconds if self.plan.timed else max(seconds, self.plan.patience)
 
     def row(self, name: str, value: str) -> None:
         """Add a figure."""
@@ -96,9 +112,23 @@ class Stage:
         """Add a violation."""
         self.result.faults.append(text)
 
-    def busiest(self) -> Node:
-        """Return the node with the most episodes that are played."""
-        return max(self.cluster.nodes, key=lambda node: len(self.played_at(node)))
+    async def busiest(self) -> Node:
+        """Return the node with the most episodes that are played; wait until there are some."""
+        deadline = time.monotonic() + self.limit(WARM_UP_SECONDS)
+        while True:
+            node = max(self.cluster.nodes, key=lambda node: len(self.played_at(node)))
+            if self.played_at(node) or time.monotonic() > deadline:
+                return node
+            await asyncio.sleep(LOOK_SECONDS)
+
+    def restart(self, node: Node) -> None:
+        """Start a process of a node while the drills go on."""
+        self._starting.append(asyncio.create_task(node.start()))
+
+    async def all_started(self) -> None:
+        """Wait until the nodes that were started again have joined."""
+        starting, self._starting = self._starting, []
+        await asyncio.gather(*starting)
 
     def played_at(self, node: Node) -> set[str]:
         """Return the episodes of a node that are played."""
@@ -110,7 +140,7 @@ class Stage:
 
     async def taken_over(self, episodes: set[str], since: float, seconds: float) -> None:
         """Wait until other nodes have taken episodes over, and add the times as a figure."""
-        left = await self.observer.lost(episodes, seconds)
+        left = await self.observer.lost(episodes, self.limit(seconds))
         times = self.observer.taken_over_at(episodes, since)
         self.row("failure → episodes taken over", spread([at - since for at in times.values()]))
         if left:
@@ -127,9 +157,9 @@ class Stage:
             since: The moment of the failure.
             bound: Require it within `ACT_SECONDS`.
         """
-        players = players & self.crowd.playing
-        missing = await self.crowd.all_act(players, ACT_SECONDS + PATIENCE)
+        missing = await self.crowd.all_act(players, self.limit(ACT_SECONDS + PATIENCE))
         acted = {who: at - since for who, at in self.crowd.acted.items() if who in players}
+        players = missing | acted.keys()
         self.row(name, spread(list(acted.values())))
         slow = sum(seconds > ACT_SECONDS for seconds in acted.values()) + len(missing)
         if bound and self.plan.timed and slow > (1 - SHARE) * len(players):
@@ -151,16 +181,19 @@ async def _stage(
 ) -> AsyncIterator[Stage]:
     evidence = folder / "told"
     evidence.mkdir(parents=True)
-    async with running_cluster(folder, plan.nodes, links=links) as cluster:
+    async with AsyncExitStack() as stack:
+        running = running_cluster(folder, plan.nodes, links=links)
+        cluster = await stack.enter_async_context(running)
         crowd = Crowd(cluster.url, evidence, plan.seed, plan.steps, [], mix=plan.mix)
-        async with observing(cluster.nats.urls) as observer:
-            try:
-                await crowd.start(plan.games, plan.processes, 0)
-                await crowd.all_play(plan.games, WARM_UP_SECONDS)
-                await asyncio.sleep(SETTLE_SECONDS)
-                yield Stage(plan, cluster, crowd, observer, evidence, say)
-            finally:
-                await crowd.stop()
+        stack.push_async_callback(crowd.stop)
+        if not plan.timed:
+            cluster.allow(*CUT_OFF)
+        # Players look for a node until there is one.
+        await asyncio.gather(cluster.start(), crowd.start(plan.games, plan.processes, 0))
+        observer = await stack.enter_async_context(observing(cluster.nats.urls))
+        stage = Stage(plan, cluster, crowd, observer, evidence, say)
+        await crowd.all_play(plan.games, stage.limit(WARM_UP_SECONDS))
+        yield stage
 
 
 async def run_drills(
@@ -180,6 +213,7 @@ async def run_drills(
         say(f"{len(stage.crowd.playing)} players in {stage.crowd.opened} episodes")
         for name, drill in drills.items():
             stage.result = results[name] = Result()
+            stage.last = name == list(drills)[-1]
             begun = time.monotonic()
             await drill(stage)
             _take_faults(stage)
@@ -204,6 +238,7 @@ async def _finish(stage: Stage, say: Callable[[str], None]) -> None:
     say(f"{len(crowd.playing)} players play their episodes to the end")
     if not await crowd.finished(stage.plan.patience):
         stage.fault(f"{sorted(crowd.playing)} still play; {crowd.situations}")
+    await stage.all_started()
     await stage.cluster.kill(signal.SIGINT)
     _take_faults(stage)
     say("comparing recordings with the messages that clients received")

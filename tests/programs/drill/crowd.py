@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,7 @@ class Crowd:
         self._folder = folder
         self.situations: list[dict[str, Any]] = []
         self.opened = 0
+        self._seats = self._joined = 0
         self.pictures = 0
         self.clicks = 0
         self.turn_of_events = asyncio.Event()
@@ -114,12 +115,17 @@ class Crowd:
         self._readers.append(asyncio.create_task(self._read(process)))
 
     async def all_play(self, games: int, seconds: float) -> None:
-        """Wait until this many episodes have been created, or until the time is up."""
+        """Wait until the players of this many episodes have joined, or until the time is up."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                while self.opened < games:
-                    self.turn_of_events.clear()
-                    await self.turn_of_events.wait()
+                await self._until(lambda: self.opened >= games)
+                seats = self._seats
+                await self._until(lambda: self._joined >= seats)
+
+    async def _until(self, reached: Callable[[], bool]) -> None:
+        while not reached():
+            self.turn_of_events.clear()
+            await self.turn_of_events.wait()
 
     async def most_are_back(self, share: float, seconds: float) -> None:
         """Wait until this share of the players is connected, or until the time is up."""
@@ -202,8 +208,10 @@ class Crowd:
         match row["event"]:
             case "opened":
                 self.opened += 1
+                self._seats += row.get("seats", 0)
                 self.turn_of_events.set()
             case "joined":
+                self._joined += 1
                 self.playing.add(who)
                 self.episodes[who] = row["episode"]
                 self.turn_of_events.set()

@@ -273,7 +273,7 @@ class Slots:
         ]
         try:
             code = await players[0].open()
-            tell("opened", who=name)
+            tell("opened", who=name, seats=spec.seats)
             async with asyncio.TaskGroup() as group:
                 for player in players:
                     self._playing[player.name] = player

@@ -40,6 +40,7 @@ class ServerProcess:
         faults: Gets errors in the logs and unexpected ends.
         flags: More options of the server.
         ready: The entry of the log after which the server accepts players.
+        patience: The seconds in which the server must end after a signal.
 
     Attributes:
         allowed: Entries of the log that are errors, but not faults at the moment.
@@ -52,6 +53,7 @@ class ServerProcess:
         faults: list[str],
         *flags: str,
         ready: str = "listening",
+        patience: float = STOP_SECONDS,
     ) -> None:
         self.url = f"ws://127.0.0.1:{port}"
         self.folder = folder
@@ -64,6 +66,7 @@ class ServerProcess:
         self.faults = faults
         self.allowed: frozenset[str] = frozenset()
         self._ready = ready
+        self._patience = patience
         recordings = str(folder / "recordings")
         self._arguments = (*COMMAND, "--port", str(port), "--recordings", recordings,
                            "--log-format", "json", "--drain-seconds", "0", *flags)  # fmt: skip
@@ -112,11 +115,11 @@ class ServerProcess:
         with contextlib.suppress(ProcessLookupError):  # It has ended by itself.
             process.send_signal(number)
         try:
-            async with asyncio.timeout(STOP_SECONDS):
+            async with asyncio.timeout(self._patience):
                 status = await process.wait()
         except TimeoutError:
             self.faults.append(
-                f"life {self.lives} did not end within {STOP_SECONDS} s of {number!r}"
+                f"life {self.lives} did not end within {self._patience:g} s of {number!r}"
             )
             process.kill()
             status = await process.wait()
