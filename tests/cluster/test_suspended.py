@@ -11,9 +11,11 @@ import pytest
 
 from robotouille.replay.recorder import Recorder
 from robotouille_client import connect
-from robotouille_server.cluster.bus import Append, BusError, Stored
+from robotouille_server.cluster.bus import Append, BusError, Stored, UnavailableError
 from robotouille_server.cluster.journal import JournalKeeper, ReplicatedJournal
-from robotouille_server.rooms.publisher import SpectatorRosters
+from robotouille_server.cluster.members import LEASE_SECONDS
+from robotouille_server.rooms.episode_driver import RoundTrips
+from robotouille_server.rooms.publisher import WAITING_SECONDS, SpectatorRosters
 from robotouille_server.rooms.write_ahead import CommitGate
 from robotouille_server.runtime.timer_queue import TimerQueue
 from tests.support.clusters import cluster_of
@@ -48,9 +50,9 @@ class Keeper:
     """Node whose appends the test answers."""
 
     name = "node"
-    lease_certain = True
 
     def __init__(self) -> None:
+        self.lease_certain = True
         self.bus = self
         self.appends: list[tuple[Append, Callable[[int | BusError], None]]] = []
 
@@ -59,6 +61,9 @@ class Keeper:
 
     async def last(self, subject: str) -> Stored | None:
         raise AssertionError(subject)
+
+    def released(self, journal: ReplicatedJournal) -> None:
+        pass
 
     def begun(self, journal: ReplicatedJournal) -> None:
         pass
@@ -90,6 +95,70 @@ async def test_an_answer_from_before_a_suspension_publishes_nothing(
         assert (again.data, again.expected) == (b"", 1)
         done(2)
         assert changes == [True]
+
+
+@virtual
+@pytest.mark.parametrize("answered", [True, False])
+async def test_a_node_that_continues_announces_no_failure_before_it_has_an_answer(
+    answered: bool,
+) -> None:
+    keeper, loop = Keeper(), asyncio.get_running_loop()
+    journal = ReplicatedJournal(
+        cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None), begin=b"step"
+    )
+    changes: list[str] = []
+    journal.listen(lambda: changes.append(journal.problem))
+    journal.write()
+    await asyncio.sleep(SUSPENDED)
+    if answered:
+        keeper.appends[0][1](UnavailableError("NATS does not answer"))
+    journal.look(loop.time())
+    await asyncio.sleep(1)
+    journal.look(loop.time())
+    assert changes == []
+    await asyncio.sleep(LEASE_SECONDS - 1)
+    journal.look(loop.time())
+    assert len(changes) == 1
+
+
+@virtual
+async def test_nobody_waits_for_the_owner_of_an_ended_episode() -> None:
+    keeper = Keeper()
+    journal = ReplicatedJournal(
+        cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None)
+    )
+    journal.release()
+    keeper.lease_certain = False
+    assert journal.check_ownership()
+
+
+@virtual
+@pytest.mark.parametrize("cause", ["slow player", "round trips"])
+async def test_a_roster_without_an_event_waits_until_the_node_knows_that_it_owns_the_episode(
+    cause: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with cluster_of(tmp_path) as nodes:
+        async with (
+            connect(nodes[0].url, name="ada") as ada,
+            connect(nodes[0].url, name="bob") as bob,
+        ):
+            created = await ada.create(TASK, seats=2, clock="turn", move_budget=0)
+            await ada.join(created.code)
+            await bob.join(created.code)
+            owner = nodes.owner(created.episode)
+            room = owner.server.lobby.rooms[created.episode]
+            while not room.episode.running:
+                await asyncio.sleep(0.1)
+            before = room.broadcaster._last_roster
+            owner.bus.cut()
+            owner.cluster.node.members._renewed -= SUSPENDED
+            if cause == "round trips":
+                await asyncio.sleep(0.1)
+                monkeypatch.setattr(RoundTrips, "measure", lambda *_: (True, []))
+                room.driver.measure_round_trips()
+            else:
+                await asyncio.sleep(WAITING_SECONDS + 0.1)
+            assert room.broadcaster._last_roster is before
 
 
 class OwnershipLog:

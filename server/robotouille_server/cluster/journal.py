@@ -132,6 +132,8 @@ class ReplicatedJournal:
         self._write: _Write | None = None
         self._checking = False
         self._released = False
+        self._looked = self._loop.time()
+        self._quiet_until = 0.0
         self._changed: Callable[[], None] = _nothing
         self._settling: list[asyncio.Future[None]] = []
         keeper.begun(self)
@@ -195,6 +197,9 @@ class ReplicatedJournal:
 
     def check_ownership(self) -> bool:
         """Return whether this node certainly owns the episode; if not, write to find out."""
+        if self._released:
+            # The episode has ended. No other node continues it, and nothing is written any more.
+            return True
         if self._keeper.lease_certain or self._checking:
             return not self._checking
         # An empty message is refused like any other if another node has the episode.
@@ -215,7 +220,10 @@ class ReplicatedJournal:
                 write.asking = True
                 self._loop.create_task(self._ask(write))
         else:
-            write.retry_at = self._loop.time() + RETRY_SECONDS
+            now = self._loop.time()
+            write.retry_at = now + RETRY_SECONDS
+            if now - write.sent >= LEASE_SECONDS:
+                self._quiet_until = now + LEASE_SECONDS
             self._fails(str(result))
 
     def _written(self, write: _Write, sequence: int) -> None:
@@ -265,6 +273,9 @@ class ReplicatedJournal:
 
     def look(self, now: float) -> None:
         """Notice that a write takes too long, and try again if it has failed."""
+        passed, self._looked = now - self._looked, now
+        if passed >= LEASE_SECONDS:
+            self._quiet_until = now + LEASE_SECONDS
         write = self._write
         if write is None or self._released:
             return
@@ -274,6 +285,10 @@ class ReplicatedJournal:
             self._fails("NATS has no quorum, or cannot be reached")
 
     def _fails(self, why: str) -> None:
+        # After a suspension of this process, another node may have the episode. Until the answers
+        # of NATS are read, participants must receive nothing.
+        if self._loop.time() < self._quiet_until:
+            return
         problem = f"the recording cannot be written: {why}"
         if not self.problem:
             get_logger().error("recording failed", file=self.name, error=problem)

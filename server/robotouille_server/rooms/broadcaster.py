@@ -100,6 +100,7 @@ class Broadcaster:
         "_notices",
         "_now",
         "_public",
+        "_roster_waits",
         "_said",
         "_snapshots",
         "long_wait",
@@ -136,6 +137,7 @@ class Broadcaster:
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._last_delta = 0
         self._last_roster: messages.Roster | None = None
+        self._roster_waits = False
         self._last_turn: str | None = None
         self._public: tuple[tuple[int, str | None, str], SharedMessage] | None = None
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
@@ -407,6 +409,20 @@ class Broadcaster:
         self._last_roster = self.roster()
         self._last_turn = self._last_roster.turn
         self.send_all(self._last_roster)
+
+    def publish_roster_when_owned(self) -> None:
+        """Send the roster once everything is written and this process owns the episode.
+
+        Rosters without an event need this: if the process was suspended, another node may have the
+        episode.
+        """
+        if not self._roster_waits:
+            self._roster_waits = True
+            self._gate.when_committed(self, self._publish_waiting_roster)
+
+    def _publish_waiting_roster(self) -> None:
+        self._roster_waits = False
+        self.publish_roster()
 
     def publish_unwritable(self) -> None:
         """Tell everybody that the episode is paused because its recording cannot be written.

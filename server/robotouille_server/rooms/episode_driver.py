@@ -140,7 +140,7 @@ class EpisodeDriver:
             return False
         shown, recorded = self._round_trips.measure(self._broadcaster.members)
         if shown:
-            self._broadcaster.publish_roster()
+            self._broadcaster.publish_roster_when_owned()
         for player, seconds in recorded:
             self._episode.note_round_trip(player, seconds, self.now())
         if recorded:

@@ -187,7 +187,7 @@ class Publisher:
         self._metrics = metrics
         self._vacated = vacated
         self._slow_seats = SlowSeats(
-            episode, broadcaster.long_wait, timers, broadcaster.publish_roster
+            episode, broadcaster.long_wait, timers, broadcaster.publish_roster_when_owned
         )
         # Under other absence rules no bot observes the steps, so this costs nothing then.
         self._substitutes: list[SubstituteBot] = []
