@@ -14,8 +14,8 @@ from robotouille_client import connect
 from robotouille_server.cluster.bus import Append, BusError, Stored, UnavailableError
 from robotouille_server.cluster.journal import JournalKeeper, ReplicatedJournal
 from robotouille_server.cluster.members import LEASE_SECONDS
-from robotouille_server.rooms.episode_driver import RoundTrips
 from robotouille_server.rooms.publisher import WAITING_SECONDS, SpectatorRosters
+from robotouille_server.rooms.seat_limits import RoundTrips
 from robotouille_server.rooms.write_ahead import CommitGate
 from robotouille_server.runtime.timer_queue import TimerQueue
 from tests.support.clusters import cluster_of

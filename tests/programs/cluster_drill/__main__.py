@@ -25,6 +25,8 @@ def main() -> int:
     parser.add_argument("--nodes", type=int, default=3, help="nodes of the cluster")
     parser.add_argument("--rounds", type=int, help="rolling restarts")
     parser.add_argument("--processes", type=int, default=2, help="processes for the bots")
+    parser.add_argument("--rate", type=float, help="steps per second of the episodes")
+    parser.add_argument("--steps", type=_bounds, help="bounds of the step limits", metavar="A:B")
     parser.add_argument(
         "--short", action="store_true", help="few episodes, on two clusters at once"
     )
@@ -38,12 +40,22 @@ def main() -> int:
     folder = options.folder or Path(tempfile.mkdtemp(prefix="robotouille-cluster-drill-"))
     say = _teller()
     say(f"seed {seed}, files in {folder}")
-    given = {"games": options.games, "rounds": options.rounds}
+    given = {
+        "games": options.games,
+        "rounds": options.rounds,
+        "rate": options.rate,
+        "steps": options.steps,
+    }
     changes = {name: value for name, value in given.items() if value is not None}
     changes |= {"nodes": options.nodes, "processes": options.processes, "seed": seed}
     work = run_short if options.short else run
     results = asyncio.run(work(chosen, folder, say, lambda plan: replace(plan, **changes)))
     return _report(results)
+
+
+def _bounds(text: str) -> tuple[int, int]:
+    low, _, high = text.partition(":")
+    return int(low), int(high)
 
 
 def _teller() -> Callable[[str], None]:

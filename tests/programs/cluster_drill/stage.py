@@ -37,6 +37,7 @@ class Plan:
         away: The seconds for which nodes are stopped or cut off.
         rounds: The rolling restarts.
         mix: The kinds of episodes; see `games.MIXES`.
+        rate: Their steps per second, or 0 for those of the mix. Few cores carry few steps.
         steps: The bounds of the episodes' step limits.
         patience: The seconds for which the last episodes may go on.
         timed: Whether slow players, late steps and takeovers of living nodes are violations.
@@ -52,6 +53,7 @@ class Plan:
     seed: int = 1
     steps: tuple[int, int] = (150, 600)
     mix: str = "random"
+    rate: float = 0.0
     patience: float = 300.0
     timed: bool = True
 
@@ -184,7 +186,9 @@ async def _stage(
     async with AsyncExitStack() as stack:
         running = running_cluster(folder, plan.nodes, links=links)
         cluster = await stack.enter_async_context(running)
-        crowd = Crowd(cluster.url, evidence, plan.seed, plan.steps, [], mix=plan.mix)
+        crowd = Crowd(
+            cluster.url, evidence, plan.seed, plan.steps, [], mix=plan.mix, rate=plan.rate
+        )
         stack.push_async_callback(crowd.stop)
         if not plan.timed:
             cluster.allow(*CUT_OFF)

@@ -55,6 +55,7 @@ class Crowd:
         steps: The bounds of the episodes' step limits.
         faults: The list to which faults are appended.
         mix: The kinds of episodes; see `games.MIXES`.
+        rate: The steps per second of the episodes, or 0 for those of the mix.
 
     Attributes:
         episodes: The episode of each player who plays.
@@ -71,6 +72,7 @@ class Crowd:
         faults: list[str],
         *,
         mix: str = "all",
+        rate: float = 0.0,
     ) -> None:
         self.playing: set[str] = set()
         self.present: set[str] = set()
@@ -93,7 +95,7 @@ class Crowd:
         self._lost_at: dict[str, float] = {}
         self._arguments = ["--url", url, "--folder", str(folder), "--seed", str(seed)]
         self._arguments += ["--min-steps", str(steps[0]), "--max-steps", str(steps[1])]
-        self._arguments += ["--mix", mix]
+        self._arguments += ["--mix", mix, "--rate", str(rate)]
         self._processes: list[asyncio.subprocess.Process] = []
         self._readers: list[asyncio.Task[None]] = []
         self._finishing = self._stopping = False

@@ -10,7 +10,7 @@ from typing import Any
 from robotouille.installation import data_folder
 from robotouille_client.bots.kinds import BotKind
 
-__all__ = ["MIXES", "GameSpec", "Mix", "draw_game", "plan_of"]
+__all__ = ["MIXES", "GameSpec", "Mix", "draw_game", "mix_of", "plan_of"]
 
 ALONE = (
     "training/01_synchronous",
@@ -56,6 +56,12 @@ MIXES = {
         absences=("wait", "bot"),
     ),
 }  # fmt: skip
+
+
+def mix_of(name: str, rate: float = 0.0) -> Mix:
+    """Return a mix of episodes; `rate` is the number of steps per second if it is not 0."""
+    mix = MIXES[name]
+    return replace(mix, rates=(rate,), thinks=(0.5 / rate,)) if rate else mix
 
 
 @dataclass(frozen=True, slots=True)

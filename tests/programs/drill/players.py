@@ -28,7 +28,7 @@ from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.seat_policy import MakePolicy
 from robotouille_client.errors import ConnectionFailedError
-from tests.programs.drill.games import MIXES, GameSpec, draw_game, plan_of
+from tests.programs.drill.games import MIXES, GameSpec, draw_game, mix_of, plan_of
 from tests.programs.drill.witness import Witness
 
 LOOK_SECONDS = 0.02
@@ -262,7 +262,8 @@ class Slots:
         await asyncio.sleep(slot * 0.02)
         while not self._stopping.is_set():
             steps = (given.min_steps, given.max_steps)
-            spec = draw_game(given.seed, slot, number, steps=steps, mix=MIXES[given.mix])
+            mix = mix_of(given.mix, given.rate)
+            spec = draw_game(given.seed, slot, number, steps=steps, mix=mix)
             await self._game(spec, f"s{slot}g{number}")
             number += 1
 
@@ -303,6 +304,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--min-steps", type=int, required=True)
     parser.add_argument("--max-steps", type=int, required=True)
     parser.add_argument("--mix", choices=MIXES, default="all")
+    parser.add_argument("--rate", type=float, default=0.0)
     parser.add_argument("slots", type=int, nargs="+")
     return parser.parse_args()
 
