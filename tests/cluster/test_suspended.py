@@ -12,8 +12,9 @@ import pytest
 from robotouille.replay.recorder import Recorder
 from robotouille_client import connect
 from robotouille_server.cluster.bus import Append, BusError, Stored, UnavailableError
-from robotouille_server.cluster.journal import JournalKeeper, ReplicatedJournal
+from robotouille_server.cluster.journal import LATE_SECONDS, JournalKeeper, ReplicatedJournal
 from robotouille_server.cluster.members import LEASE_SECONDS
+from robotouille_server.cluster.node import LOOK_SECONDS
 from robotouille_server.rooms.publisher import WAITING_SECONDS, SpectatorRosters
 from robotouille_server.rooms.seat_limits import RoundTrips
 from robotouille_server.rooms.write_ahead import CommitGate
@@ -102,7 +103,7 @@ async def test_an_answer_from_before_a_suspension_publishes_nothing(
 async def test_a_node_that_continues_announces_no_failure_before_it_has_an_answer(
     answered: bool,
 ) -> None:
-    keeper, loop = Keeper(), asyncio.get_running_loop()
+    keeper = Keeper()
     journal = ReplicatedJournal(
         cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None), begin=b"step"
     )
@@ -112,12 +113,26 @@ async def test_a_node_that_continues_announces_no_failure_before_it_has_an_answe
     await asyncio.sleep(SUSPENDED)
     if answered:
         keeper.appends[0][1](UnavailableError("NATS does not answer"))
-    journal.look(loop.time())
-    await asyncio.sleep(1)
-    journal.look(loop.time())
+    journal.look(asyncio.get_running_loop().time())
+    await look(journal, LEASE_SECONDS - 0.2)
     assert changes == []
-    await asyncio.sleep(LEASE_SECONDS - 1)
-    journal.look(loop.time())
+    await look(journal, 0.4)
+    assert len(changes) == 1
+
+
+@virtual
+async def test_a_busy_node_does_not_take_its_own_delay_for_a_failure_of_nats() -> None:
+    keeper = Keeper()
+    journal = ReplicatedJournal(
+        cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None), begin=b"step"
+    )
+    changes: list[str] = []
+    journal.listen(lambda: changes.append(journal.problem))
+    journal.write()
+    await asyncio.sleep(1)
+    journal.look(asyncio.get_running_loop().time())
+    assert changes == []
+    await look(journal, 2 * LATE_SECONDS)
     assert len(changes) == 1
 
 
@@ -159,6 +174,15 @@ async def test_a_roster_without_an_event_waits_until_the_node_knows_that_it_owns
             else:
                 await asyncio.sleep(WAITING_SECONDS + 0.1)
             assert room.broadcaster._last_roster is before
+
+
+async def look(journal: ReplicatedJournal, seconds: float) -> None:
+    """Look at a journal for a while, as a node does."""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + seconds
+    while loop.time() < end:
+        await asyncio.sleep(LOOK_SECONDS)
+        journal.look(loop.time())
 
 
 class OwnershipLog:

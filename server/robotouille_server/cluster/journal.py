@@ -32,6 +32,8 @@ MAX_PIECE = 512 * 1024
 """Bytes in one message. NATS refuses messages above 1 MiB, unless it is configured otherwise."""
 LATE_SECONDS = 0.5
 """Seconds without a quorum after which the episode is paused."""
+BUSY_SECONDS = 0.25
+"""Seconds between two calls of `look` above which this process was too busy to read answers."""
 SETTLE_SECONDS = 3.0
 """Seconds to wait for a quorum before an episode is opened or handed over."""
 RETRY_SECONDS = 0.5
@@ -87,10 +89,15 @@ class JournalEnd:
 
 @dataclass(slots=True)
 class _Write:
-    """A write under way."""
+    """A write under way.
+
+    Attributes:
+        busy: The seconds in which this process could read no answer.
+    """
 
     message: Append
     begun: float
+    busy: float = 0.0
     sent: float = 0.0
     retry_at: float = 0.0
     asking: bool = field(default=False)
@@ -279,9 +286,11 @@ class ReplicatedJournal:
         write = self._write
         if write is None or self._released:
             return
+        if passed >= BUSY_SECONDS:
+            write.busy += passed
         if now >= write.retry_at:
             self._send(write)
-        if now >= write.begun + LATE_SECONDS:
+        if now >= write.begun + write.busy + LATE_SECONDS:
             self._fails("NATS has no quorum, or cannot be reached")
 
     def _fails(self, why: str) -> None:
