@@ -444,7 +444,7 @@ async def test_released_journal_writes_nothing_more() -> None:
     await pair.writer.journal.stored()
     content = pair.content
     waiting = asyncio.create_task(pair.writer.journal.stored())
-    pair.writer.journal.discard()
+    pair.writer.journal.finish(kept=False)
     await waiting
     pair.writer.add()
     await asyncio.sleep(5)

@@ -312,13 +312,13 @@ class ReplicatedJournal:
         return False
 
     def finish(self, *, kept: bool) -> asyncio.Future[str]:
-        """Store the recording as a file and return its name, or delete it if it is not `kept`."""
+        """Store the recording as a file and return its name, or delete it if it is not `kept`.
+
+        The end of the episode is written, so this node had it until then, and no other continues
+        it.
+        """
         self.release()
         return self._keeper.finish(self, kept=kept)
-
-    def discard(self) -> None:
-        """Delete the journal, because nobody took part in the episode."""
-        self.finish(kept=False)
 
     def release(self) -> None:
         """Write nothing more, so that another node can continue the journal."""

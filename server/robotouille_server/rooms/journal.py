@@ -63,9 +63,6 @@ class EpisodeJournal(EventLog, Protocol):
     def finish(self, *, kept: bool) -> asyncio.Future[str]:
         """Close the recording and return its final name, or delete it if it is not `kept`."""
 
-    def discard(self) -> None:
-        """Delete the recording, because nobody took part in the episode."""
-
     def release(self) -> None:
         """Stop writing, so that another process can continue the recording."""
 
