@@ -54,6 +54,7 @@ class Keeper:
         self.name = name
         self.bus: SimulatedBus = nats.bus(name)
         self.lease_certain = True
+        self.certain_since = 0.0
         self.journals: list[ReplicatedJournal] = []
         self.lost: list[ReplicatedJournal] = []
         self.finished: list[bool] = []

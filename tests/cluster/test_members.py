@@ -44,6 +44,17 @@ class View:
         return sorted(one.name for one in self.members.alive())
 
 
+def test_lease_is_certain_only_since_the_last_gap() -> None:
+    view = View()
+    view.rounds(3)
+    assert view.members.certain_since == 1000.0
+    view.rounds(1, seconds=LEASE_SECONDS)
+    assert view.members.certain_since == view.now
+    begun = view.now
+    view.rounds(3)
+    assert view.members.certain_since == begun
+
+
 def test_silent_node_lapses_after_the_lease_and_comes_back_when_heard() -> None:
     view = View()
     view.rounds(5, report("b"), report("c"))

@@ -54,6 +54,7 @@ class Keeper:
 
     def __init__(self) -> None:
         self.lease_certain = True
+        self.certain_since = 0.0
         self.bus = self
         self.appends: list[tuple[Append, Callable[[int | BusError], None]]] = []
 
@@ -134,6 +135,26 @@ async def test_a_busy_node_does_not_take_its_own_delay_for_a_failure_of_nats() -
     assert changes == []
     await look(journal, 2 * LATE_SECONDS)
     assert len(changes) == 1
+
+
+@virtual
+async def test_a_renewed_lease_says_nothing_about_episodes_of_the_time_before() -> None:
+    keeper, loop = Keeper(), asyncio.get_running_loop()
+    journal = ReplicatedJournal(
+        cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None), begin=b"step"
+    )
+    journal.write()
+    keeper.appends[0][1](1)
+    assert journal.check_ownership()
+    await asyncio.sleep(SUSPENDED)
+    keeper.certain_since = loop.time()
+    assert not journal.check_ownership()
+    assert not journal.check_ownership(), "one write is enough"
+    again, done = keeper.appends[1]
+    assert (again.data, again.expected) == (b"", 1)
+    done(2)
+    assert journal.check_ownership()
+    assert len(keeper.appends) == 2
 
 
 @virtual

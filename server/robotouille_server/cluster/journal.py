@@ -12,6 +12,7 @@ import asyncio
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import count
+from math import inf
 from typing import Protocol
 
 from robotouille.episode import Event
@@ -54,7 +55,14 @@ class JournalKeeper(Protocol):
 
     @property
     def lease_certain(self) -> bool:
-        """True if no other node can have taken over this node's episodes."""
+        """True if no other node can take over this node's episodes now."""
+
+    @property
+    def certain_since(self) -> float:
+        """Time since which this was so, if it is so now.
+
+        A node that was suspended renews its lease before it learns which episodes it has lost.
+        """
 
     def begun(self, journal: ReplicatedJournal) -> None:
         """Watch a journal: call its `look` from time to time."""
@@ -140,6 +148,7 @@ class ReplicatedJournal:
         self._checking = False
         self._released = False
         self._looked = self._loop.time()
+        self._owned_at = -inf
         self._quiet_until = 0.0
         self._changed: Callable[[], None] = _nothing
         self._settling: list[asyncio.Future[None]] = []
@@ -198,7 +207,7 @@ class ReplicatedJournal:
         self._send(self._write)
 
     def _send(self, write: _Write) -> None:
-        write.retry_at = float("inf")
+        write.retry_at = inf
         write.sent = self._loop.time()
         self._keeper.bus.append(write.message, lambda result: self._answered(write, result))
 
@@ -207,8 +216,10 @@ class ReplicatedJournal:
         if self._released:
             # The episode has ended. No other node continues it, and nothing is written any more.
             return True
-        if self._keeper.lease_certain or self._checking:
-            return not self._checking
+        if self._checking:
+            return False
+        if self._keeper.lease_certain and self._owned_at >= self._keeper.certain_since:
+            return True
         # An empty message is refused like any other if another node has the episode.
         self._checking = True
         self.write()
@@ -236,6 +247,7 @@ class ReplicatedJournal:
     def _written(self, write: _Write, sequence: int) -> None:
         self._write = None
         self._checking = False
+        self._owned_at = write.sent
         self._sequence = sequence
         self._keep = None
         self.size += len(write.message.data)

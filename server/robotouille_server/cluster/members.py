@@ -76,12 +76,14 @@ class Members:
 
     Attributes:
         own: The report of this node.
+        certain_since: The time since which no other node can have claimed this node's episodes, as
+            long as `certain` is true.
     """
 
     def __init__(self, own: NodeReport, now: float) -> None:
         self.own = own
         self._others: dict[str, _Member] = {}
-        self._renewed = now
+        self._renewed = self.certain_since = now
         self._placed: dict[str, int] = {}
 
     # Reports
@@ -108,6 +110,8 @@ class Members:
 
     def renewed(self, now: float) -> None:
         """Note that this node's own report was stored."""
+        if not self.certain(now):
+            self.certain_since = now
         passed, self._renewed = now - self._renewed, now
         # Silence counts only while the others can hear this node: after a failure of NATS, or after
         # this process was stopped, everybody was silent.

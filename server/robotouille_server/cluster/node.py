@@ -139,6 +139,10 @@ class ClusterNode:
     def lease_certain(self) -> bool:
         return self.members.certain(self._loop.time())
 
+    @property
+    def certain_since(self) -> float:
+        return self.members.certain_since
+
     def begun(self, journal: ReplicatedJournal) -> None:
         self._journals.add(journal)
 

@@ -12,6 +12,7 @@ Invariants:
 
 * Everything that a node publishes is in the journal then, and at the end.
 * No two nodes publish different contents of a step. No step is lost after it was published.
+* A node that answers without a write owns the episode at that moment.
 * Nodes claim only the episodes of a node that was silent for the time of the lease, or that leaves.
 * When the faults stop, exactly one node continues each episode, and each episode ends.
 * Each recording is stored once, agrees with the journal, and verifies. Nothing else is left.
@@ -33,6 +34,7 @@ from unittest.mock import patch
 
 from robotouille_server.cluster import node
 from robotouille_server.cluster.bus import Bucket, Stored
+from robotouille_server.cluster.journal import ReplicatedJournal
 from tests.programs.simulation.cluster_games import Game
 from tests.programs.simulation.cluster_nodes import NodeMachine
 from tests.programs.simulation.cluster_oracle import ClusterOracle
@@ -95,13 +97,26 @@ class ClusterSimulation:
         await asyncio.sleep(0.01)
         return any(machine.url == url and machine.ready for machine in self.machines)
 
+    def _watched_check(self) -> Callable[[ReplicatedJournal], bool]:
+        """Return `check_ownership` with a check of its answer."""
+        check, answers = ReplicatedJournal.check_ownership, self.oracle.answers
+
+        def watched(journal: ReplicatedJournal) -> bool:
+            owned = check(journal)
+            if owned and not journal._released:
+                answers(journal._keeper.name, journal.episode)
+            return owned
+
+        return watched
+
     # Course of a run
 
     def run(self) -> Report:
         try:
             watch_logs(self.fail)
             asyncio.set_event_loop(self.loop)
-            with patch.object(node, "is_ready", self._is_ready):
+            owns = patch.object(ReplicatedJournal, "check_ownership", self._watched_check())
+            with patch.object(node, "is_ready", self._is_ready), owns:
                 self.loop.run_until_complete(self._course())
         except Exception as error:
             self.fail(f"{type(error).__name__}: {error}")

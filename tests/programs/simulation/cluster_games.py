@@ -108,6 +108,8 @@ class Player:
         if room is None or sessions is None or room.writing:
             return
         self._seen = self.game.sim.loop.time()
+        # As a request does that changes nothing, such as one for a snapshot.
+        room._gate.when_committed(self, _nothing)
         try:
             session = self._enter(room, sessions)
             if not room.writing and not room.episode.ended:
@@ -149,3 +151,7 @@ class Player:
             index = self._chance.randrange(len(actions)) if actions else None
             self._asked = messages.Act(seq=self._seq, action=index, basis=step)
         room.act(session, self._asked)
+
+
+def _nothing() -> None:
+    pass

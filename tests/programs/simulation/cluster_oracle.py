@@ -35,11 +35,13 @@ class ClusterTruth(EpisodeTruth):
     def __init__(self, name: str, fail: Fail, worlds: MutableMapping[str, World]) -> None:
         super().__init__(name, fail, worlds)
         self.purged = False
+        self.writer = ""
         self.published_steps: dict[int, tuple[str, Any]] = {}
         self._counted = 0
         self._notes: Counter[str] = Counter()
 
-    def stored(self, message: Stored) -> None:
+    def stored(self, writer: str, message: Stored) -> None:
+        self.writer = writer
         if message.keep is not None:
             self.cut(message.keep)
         if message.data:
@@ -79,7 +81,7 @@ class ClusterOracle:
             truth = self.truths[journal] = ClusterTruth(journal, self._fail, WORLDS)
         if truth.purged:
             self._fail(f"{writer} writes to the deleted journal {journal}")
-        truth.stored(message)
+        truth.stored(writer, message)
         self.counts["messages"] += 1
 
     def purged(self, journal: str) -> None:
@@ -128,6 +130,13 @@ class ClusterOracle:
             self._fail(f"{node} claims {journal} of {believed}, which is alive")
 
     # Reports of the rooms
+
+    def answers(self, node: str, journal: str) -> None:
+        """Check that a node that is sure to own an episode was the last to write to its journal."""
+        self.counts["answers"] += 1
+        truth = self.truths.get(journal)
+        if truth is not None and truth.writer != node:
+            self._fail(f"{node} is sure to own {journal}, but {truth.writer} has it")
 
     def published(self, node: str, journal: str, events: Iterable[Event]) -> None:
         """Check that everything that a node publishes is recorded."""
