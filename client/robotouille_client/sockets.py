@@ -18,7 +18,7 @@ from robotouille_client.sansio.addresses import check_redirect
 # Seconds between two pings, and until an unanswered one ends the connection. A machine that loses
 # power closes no connection. If there are other nodes, a slow one is better left.
 PING_SECONDS, PONG_SECONDS = 20.0, 60.0
-NODE_PING_SECONDS, NODE_PONG_SECONDS = 5.0, 15.0
+NODE_PING_SECONDS, NODE_PONG_SECONDS = 2.0, 5.0
 
 
 class open_socket(connect):  # noqa: N801
@@ -82,6 +82,10 @@ def ping_often(connection: ClientConnection) -> None:
     """Notice sooner that the server has fallen silent, since the client has other addresses."""
     connection.ping_interval = NODE_PING_SECONDS
     connection.ping_timeout = NODE_PONG_SECONDS
+    # The task sleeps until the end of the longer interval, so it is started again.
+    if connection.keepalive_task is not None:
+        connection.keepalive_task.cancel()
+    connection.start_keepalive()
 
 
 def connection_error(error: Exception, url: str) -> str:

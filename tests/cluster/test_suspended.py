@@ -47,6 +47,21 @@ async def test_a_game_goes_on_at_once_on_a_node_that_was_suspended_before(tmp_pa
             assert asyncio.get_running_loop().time() - begun < SUSPENDED / 2
 
 
+@virtual
+async def test_a_client_soon_leaves_a_node_that_has_fallen_silent(tmp_path: Path) -> None:
+    async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+        game = await ada.join((await ada.create(TASK, seats=2)).code)
+        owner = nodes.owner(game.episode)
+        (member,) = owner.server.lobby.rooms[game.episode].members
+        assert member.peer is not None
+        silent = ada._socket
+        begun = asyncio.get_running_loop().time()
+        member.peer.socket.pause_reading("suspended")
+        while ada._socket is silent or not ada.connected.is_set():
+            await asyncio.sleep(0.1)
+        assert asyncio.get_running_loop().time() - begun < 10
+
+
 class Keeper:
     """Node whose appends the test answers."""
 
