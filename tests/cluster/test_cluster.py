@@ -114,6 +114,20 @@ class TestAnyNode:
                         await again.join(created.code)
 
 
+class TestLease:
+    @virtual
+    async def test_a_node_keeps_its_episodes_while_a_bucket_does_not_answer(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK, seats=2)
+            owner = nodes.owner(created.episode)
+            monkeypatch.setattr(owner.bus, "prepare", lambda: asyncio.sleep(3600))
+            owner.cluster.node._suspect = True
+            await asyncio.sleep(20)
+            assert nodes.owner(created.episode) is owner
+
+
 class TestHandOver:
     @virtual
     async def test_who_joins_while_an_episode_is_handed_over_has_the_seat(

@@ -45,6 +45,8 @@ from robotouille_server.runtime.metrics import ClusterMetrics
 
 LOOK_SECONDS = 0.1
 """Seconds between two looks at the writes under way."""
+RETRY_SECONDS = 0.25
+"""Seconds after which a report is sent again that was not stored."""
 HAND_OVERS_AT_A_TIME = 4
 ADOPT_SECONDS = 5.0
 """Seconds that another node has to take an episode over."""
@@ -189,6 +191,7 @@ class ClusterNode:
         await self.bus.answer(f"adopt.{self.name}", self._adopt)
         await self._renew()
         self._start(self._beat())
+        self._start(self._maintain())
         self._start(self._share())
         self._start(self._look())
 
@@ -278,28 +281,42 @@ class ClusterNode:
     # Every second
 
     async def _beat(self) -> None:
+        pause = RENEW_SECONDS
         while True:
-            await asyncio.sleep(RENEW_SECONDS)
+            await asyncio.sleep(pause)
+            pause = RENEW_SECONDS
             try:
                 await self._renew()
                 self._claim_orphans()
-                await self._tidy()
-                if self._suspect:
-                    await self._repair()
                 if self._lost_since is not None:
                     get_logger().info("the node's report is stored again")
                 self._lost_since = None
             except BusError as error:
+                # The others count the silence of a node from their own first report on.
+                pause = RETRY_SECONDS
                 await self._without_bus_safely(error)
             except Exception:
                 get_logger().exception("the node's round failed")
+
+    async def _maintain(self) -> None:
+        """Repair and tidy the buckets. Leases must not wait for this."""
+        while True:
+            await asyncio.sleep(RENEW_SECONDS)
+            try:
+                if self._suspect:
+                    await self._repair()
+                await self._tidy()
+            except BusError as error:
+                get_logger().debug("the cluster's buckets not tidied", error=str(error))
+            except Exception:
+                get_logger().exception("the cluster's buckets not tidied")
 
     async def _without_bus_safely(self, error: BusError) -> None:
         try:
             await self._without_bus(error)
         except Exception:
             # The node must report itself again when NATS is back, whatever has failed.
-            get_logger().exception("the node's repair failed")
+            get_logger().exception("the node cannot deal with the loss of NATS")
 
     async def _without_bus(self, error: BusError) -> None:
         """Log a failure once; enter everything again if an operator has deleted the buckets."""
@@ -312,7 +329,7 @@ class ClusterNode:
         if now - self._lost_since < REPAIR_SECONDS or not self.bus.connected:
             return
         self._lost_since = now
-        await self._repair()
+        self._suspect = True
 
     async def _repair(self) -> None:
         """Create the buckets that an operator has deleted, and enter this node's episodes again."""
