@@ -127,6 +127,37 @@ class TestLease:
             await asyncio.sleep(20)
             assert nodes.owner(created.episode) is owner
 
+    @virtual
+    async def test_claims_of_an_episode_whose_node_lives_leave_one_true_recording(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            # NATS checks messages before it has stored those that came shortly before.
+            nodes.nats.commit_seconds = 0.1
+            async with (
+                connect(nodes[0].url, name="ada") as ada,
+                connect(nodes[0].url, name="bob") as bob,
+            ):
+                created = await ada.create(
+                    TASK, seats=2, clock="realtime", step_rate=20, max_steps=300
+                )
+                games = await ada.join(created.code), await bob.join(created.code)
+                claims = []
+                while not games[0].ended:
+                    await asyncio.sleep(1.03)
+                    for node in nodes:
+                        record = node.cluster.node.directory.find(created.episode)
+                        if created.episode not in node.rooms and record is not None:
+                            claim = node.cluster.node.claims.claim(record)
+                            claims.append(asyncio.create_task(claim))
+                await asyncio.gather(*claims)
+                await asyncio.sleep(5)
+        (file,) = {path.name: path for path in tmp_path.glob("*/*.rbt")}.values()
+        found = read_recording(file).verify()
+        assert found.ok
+        assert found.complete
+        assert found.steps == 300
+
 
 class TestHandOver:
     @virtual

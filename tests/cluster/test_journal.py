@@ -451,3 +451,18 @@ async def test_released_journal_writes_nothing_more() -> None:
     await asyncio.sleep(5)
     assert pair.content == content
     assert pair.one.finished == [False]
+
+
+@simulated
+async def test_a_write_that_nats_has_stored_twice_counts_once() -> None:
+    pair = Pair()
+    pair.writer.add()
+    await pair.writer.journal.stored()
+    content, storage = pair.content, pair.nats.storage
+    last = storage.messages(EPISODE)[-1]
+    storage.apply("a", Append(EPISODE, last.data, last.sequence, last.id))
+    assert pair.content == content
+    pair.writer.add()
+    await pair.writer.journal.stored()
+    assert not pair.writer.fenced
+    assert pair.content == content + pair.writer.lines[-1]

@@ -95,6 +95,8 @@ class SimulatedNats:
         quality: The quality of all connections.
         loop: The loop of the nodes; the running one by default.
         quorum: False while the service stores nothing.
+        commit_seconds: The longest time that passes between the check of a message for a journal
+            and its storage. Several messages may be checked before the first one is stored.
         storage: Journals, buckets and files.
     """
 
@@ -108,6 +110,8 @@ class SimulatedNats:
         self.quality = quality or Quality()
         self.loop = loop or asyncio.get_running_loop()
         self.quorum = True
+        self.commit_seconds = 0.0
+        self._committed_at = 0.0
         self.storage = SimulatedStorage(self.loop.time, self.chance)
         self.storage.on_set.append(lambda bucket, key, value: self._changed(bucket))
         self._context = copy_context()
@@ -182,6 +186,35 @@ class SimulatedNats:
             self._answer(request, request.work())
         except BusError as error:
             self._answer(request, error)
+
+    def append(
+        self, bus: SimulatedBus, message: Append, reply: Callable[[int | BusError], None]
+    ) -> None:
+        """Check a message for a journal, and store it later."""
+        if not self.commit_seconds:
+            self.send(bus, lambda: self.storage.append(bus.name, message), reply)
+            return
+        store = _Request(bus, lambda: self.storage.apply(bus.name, message), reply)
+
+        def checked(known: int | None) -> None:
+            if known is not None:
+                self._answer(store, known)
+                return
+            delay = self.chance.random() * self.commit_seconds
+            self._committed_at = max(self.loop.time() + delay, self._committed_at + SOONEST)
+            self.loop.call_at(self._committed_at, self._commit, store, context=self._context)
+
+        def refused(result: int | BusError | None) -> None:
+            if isinstance(result, BusError):
+                reply(result)
+
+        self.send(bus, lambda: checked(self.storage.check(message)), refused)
+
+    def _commit(self, store: _Request) -> None:
+        if self.quorum:
+            self._serve(store)
+        else:
+            self._proposed.append(store)
 
     def _answer(self, request: _Request, result: Any) -> None:
         for delay in self.delays():
@@ -364,7 +397,7 @@ class SimulatedBus:
 
         late = UnavailableError("NATS does not answer")
         self._nats.loop.call_later(ANSWER_SECONDS, finish, late, context=self.context)
-        self._nats.send(self, lambda: self._storage.append(self.name, message), finish)
+        self._nats.append(self, message, finish)
 
     async def prepare(self) -> None:
         await self._ask(lambda: None)

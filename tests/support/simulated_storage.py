@@ -125,15 +125,32 @@ class SimulatedStorage:
 
     def append(self, writer: str, message: Append) -> int:
         """Store a message unless there is a later one, or return its number if it is known."""
+        known = self.check(message)
+        return self.apply(writer, message) if known is None else known
+
+    def check(self, message: Append) -> int | None:
+        """Refuse a message if there is a later one, or return its number if it is known."""
         known = self._ids.get(message.id)
         if known is not None and self.now() < known[0] + DUPLICATE_SECONDS:
             return known[1]
         if self.full or len(message.data) > MAX_MESSAGE:
             raise UnavailableError("NATS: maximum bytes exceeded")
+        self._check_last(message)
+        return None
+
+    def _check_last(self, message: Append) -> None:
         journal = self._journals.get(message.subject, [])
         last = journal[-1][1].sequence if journal else 0
         if last != message.expected:
             raise ConflictError(f"wrong last sequence: {last}")
+
+    def apply(self, writer: str, message: Append) -> int:
+        """Store a message that was checked before.
+
+        As in NATS 2.9, only a message that must be the first one is checked again.
+        """
+        if message.expected == 0:
+            self._check_last(message)
         self._sequence += 1
         stored = Stored(self._sequence, message.id, message.data, message.keep)
         self._journals.setdefault(message.subject, []).append((self.now(), stored))

@@ -11,7 +11,7 @@ from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restoring
 from robotouille.world.world import shared_world
-from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError
+from robotouille_server.cluster.bus import Append, Bus, BusError, ConflictError, Stored
 from robotouille_server.cluster.closing import Closing
 from robotouille_server.cluster.directory import Directory, EpisodeRecord
 from robotouille_server.cluster.journal import (
@@ -104,19 +104,20 @@ class Claims:
         current = self._directory.find(record.episode)
         if current is None or (current.node, current.claim) != (record.node, record.claim):
             return "another node was first"
-        stored = await self._bus.read(record.episode)
-        if not stored:
+        last = await self._bus.last(record.episode)
+        if last is None:
             # Its node has died after it had deleted the journal, or an operator has deleted it.
             await self._directory.remove(record)
             return "it has no journal"
-        content, last = assembled(stored), stored[-1].sequence
+        stored = await self._fence(record, last.sequence)
+        content, sequence = assembled(stored), stored[-1].sequence
         recording, restored = await self._restored(content, record)
         if restored.complete:
-            await self._take(record, last, b"", None)
             await self._closing.finish(record.episode, record.file, kept=True)
             return "it has ended"
         keep = restored.kept if restored.kept < len(content) else None
-        sequence = await self._take(record, last, restored.missing, keep)
+        if restored.missing or keep is not None:
+            sequence = await self._append(record, sequence, restored.missing, keep)
         mine = record.model_copy(update={"node": self._keeper.name, "claim": sequence})
         if not await self._directory.replace(mine):
             return "another node was first"
@@ -138,7 +139,27 @@ class Claims:
         except RecordingError as error:
             raise RecordingError(f"the journal cannot be continued: {error}") from None
 
-    async def _take(self, record: EpisodeRecord, last: int, data: bytes, keep: int | None) -> int:
+    async def _fence(self, record: EpisodeRecord, last: int) -> list[Stored]:
+        """Take a journal over from its former owner, and return its messages.
+
+        NATS compares the expected sequence number when a message arrives, but not when it stores
+        the message. So it may store a write of the former owner that was under way at the time of
+        the claim, before or after it, and the former owner goes on. A second message shows that
+        nothing came after the claim, and then nothing can come any more.
+
+        Raises:
+            ConflictError: The former owner, or a third node, has written.
+        """
+        claim = await self._append(record, last)
+        fence = await self._append(record, claim)
+        stored = await self._bus.read(record.episode)
+        if [message.sequence for message in stored[-2:]] != [claim, fence]:
+            raise ConflictError("another node has written to the journal")
+        return stored
+
+    async def _append(
+        self, record: EpisodeRecord, last: int, data: bytes = b"", keep: int | None = None
+    ) -> int:
         """Write to a journal as its new owner; return the sequence number of the write.
 
         Raises:

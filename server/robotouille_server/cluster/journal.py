@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from math import inf
 from typing import Protocol
@@ -143,6 +143,7 @@ class ReplicatedJournal:
         self._loop = asyncio.get_running_loop()
         self._pending = begin
         self._sequence = end.sequence
+        self._last_id = ""
         self._keep = end.size if end.cut else None
         self._write: _Write | None = None
         self._checking = False
@@ -248,7 +249,7 @@ class ReplicatedJournal:
         self._write = None
         self._checking = False
         self._owned_at = write.sent
-        self._sequence = sequence
+        self._sequence, self._last_id = sequence, write.message.id
         self._keep = None
         self.size += len(write.message.data)
         self._keeper.written(self, self._loop.time() - write.begun)
@@ -284,6 +285,11 @@ class ReplicatedJournal:
             return
         if last is not None and last.id == write.message.id:
             self._written(write, last.sequence)
+        elif last is not None and last.id == self._last_id and last.sequence > self._sequence:
+            # An earlier attempt of the last write was stored, too.
+            self._sequence = last.sequence
+            write.message = replace(write.message, expected=last.sequence)
+            self._send(write)
         elif last is not None and last.sequence <= write.message.expected:
             # The answer comes from a server that is behind the others.
             write.retry_at = self._loop.time() + RETRY_SECONDS
@@ -346,8 +352,12 @@ def _nothing() -> None:
 
 def assembled(messages: Iterable[Stored]) -> bytes:
     """Return the bytes of a journal."""
-    content = bytearray()
+    content, known = bytearray(), set[str]()
     for message in messages:
+        # NATS may store an attempt and its repetition if its leader changes in between.
+        if message.id and message.id in known:
+            continue
+        known.add(message.id)
         # A node that takes over cuts off what its predecessor has not written completely.
         if message.keep is not None:
             del content[message.keep :]

@@ -86,7 +86,6 @@ async def _partition(stage: Stage, nats: bool, clients: bool) -> None:
         await asyncio.sleep(max(0.0, begun + stage.plan.away - time.monotonic()))
         acted = len(stage.crowd.acted.keys() & players)
         stage.row("its players who acted meanwhile", f"{acted} of {len(players)}")
-        healed = time.monotonic()
         for link in links:
             link.heal()
         taken = stage.observer.taken_over_at(lost, begun)
@@ -94,7 +93,7 @@ async def _partition(stage: Stage, nats: bool, clients: bool) -> None:
             await _only_farewells(stage, listeners, taken)
         elif not nats:
             _none_moved(stage, list(taken))
-    await stage.act_again("healed → its players act again", players, healed, bound=False)
+    await stage.act_again("cut off → its players act again", players, begun, bound=False)
 
 
 def _listeners(

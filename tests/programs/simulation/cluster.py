@@ -50,6 +50,8 @@ __all__ = ["ClusterSimulation", "run_block", "run_cluster_seed"]
 PROGRAM = "tests.programs.simulation.cluster"
 NODES = 3
 GAMES = 2
+COMMIT_SECONDS = 0.02
+"""Longest time between the check of a message and its storage."""
 SETTLE_SECONDS = 20.0
 """Seconds after the last fault in which one node must have each episode."""
 PATIENCE = 240.0
@@ -76,6 +78,7 @@ class ClusterSimulation:
         self.chance = random.Random(seed)
         self.oracle = ClusterOracle(self.fail, self.loop.time)
         self.nats = SimulatedNats(random.Random(f"{seed}/nats"), loop=self.loop)
+        self.nats.commit_seconds = COMMIT_SECONDS
         storage = self.nats.storage
         storage.on_stored, storage.on_purged = self._stored, self.oracle.purged
         storage.on_set.append(self.oracle.set)
