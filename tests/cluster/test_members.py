@@ -44,6 +44,14 @@ class View:
         return sorted(one.name for one in self.members.alive())
 
 
+def test_a_node_forgets_what_it_has_placed_on_itself_when_it_reports_its_load() -> None:
+    view = View("a")
+    view.rounds(1, report("b", load=1))
+    assert [view.members.place(2).name for _ in range(2)] == ["a", "b"]
+    view.rounds(1, report("b", load=1))
+    assert view.members.place(2).name == "a", "its episode has ended"
+
+
 def test_lease_is_certain_only_since_the_last_gap() -> None:
     view = View()
     view.rounds(3)

@@ -112,6 +112,7 @@ class Members:
         """Note that this node's own report was stored."""
         if not self.certain(now):
             self.certain_since = now
+        self._placed.pop(self.own.name, None)
         passed, self._renewed = now - self._renewed, now
         # Silence counts only while the others can hear this node: after a failure of NATS, or after
         # this process was stopped, everybody was silent.
