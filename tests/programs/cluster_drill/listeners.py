@@ -23,9 +23,12 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK
 from tests.programs.drill.witness import rows_of
 
-__all__ = ["FAREWELLS", "Listener", "listening_to"]
+__all__ = ["DELAYED", "FAREWELLS", "Listener", "listening_to"]
 
 FAREWELLS = ("moved", "bye")
+DELAYED = ("delta", "said", "roster")
+"""Messages that spectators receive together, a moment after they were recorded, or later if the
+node is suspended in between. The verdict compares steps and chat with the recording."""
 JOIN_SECONDS = 5.0
 
 

@@ -192,8 +192,13 @@ async def _stage(
         stack.push_async_callback(crowd.stop)
         if not plan.timed:
             cluster.allow(*CUT_OFF)
-        # Players look for a node until there is one.
-        await asyncio.gather(cluster.start(), crowd.start(plan.games, plan.processes, 0))
+        # Players look for a node until there is one. Timed games begin on all nodes.
+        starting = [cluster.start(), crowd.start(plan.games, plan.processes, 0)]
+        if plan.timed:
+            for step in starting:
+                await step
+        else:
+            await asyncio.gather(*starting)
         observer = await stack.enter_async_context(observing(cluster.nats.urls))
         stage = Stage(plan, cluster, crowd, observer, evidence, say)
         await crowd.all_play(plan.games, stage.limit(WARM_UP_SECONDS))
