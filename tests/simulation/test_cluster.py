@@ -106,11 +106,11 @@ def omit_a_step(patch: pytest.MonkeyPatch) -> None:
 
 
 def forget_the_last_message(patch: pytest.MonkeyPatch) -> None:
-    """Continue an episode without its last message, and cut it off."""
+    """Continue an episode without its last message that has content, and cut it off."""
     read = "robotouille_server.cluster.claims.assembled"
 
     def careless(messages: list[Stored]) -> bytes:
-        return b"".join(message.data for message in messages[:-1])
+        return b"".join([message.data for message in messages if message.data][:-1])
 
     patch.setattr(read, careless)
 
