@@ -106,14 +106,15 @@ class Cluster:
 
 @asynccontextmanager
 async def running_cluster(
-    folder: Path, nodes: int, *, links: bool = False
+    folder: Path, nodes: int, *, links: bool = False, started: bool = True
 ) -> AsyncIterator[Cluster]:
-    """Run NATS servers, and end all nodes that were started.
+    """Run NATS servers and nodes.
 
     Args:
         folder: An existing folder for stores, recordings and logs.
         nodes: The number of nodes.
         links: Let nodes reach NATS, and clients the nodes, through links that can be cut.
+        started: Start the nodes. Otherwise the caller does that.
     """
     async with AsyncExitStack() as stack:
         nats = await stack.enter_async_context(_silent_nats(folder))
@@ -122,6 +123,8 @@ async def running_cluster(
             folder, nats, [Node(folder / f"node{i}", nats, lines) for i in range(nodes)]
         )
         try:
+            if started:
+                await cluster.start()
             yield cluster
         finally:
             await cluster.kill()

@@ -184,7 +184,7 @@ async def _stage(
     evidence = folder / "told"
     evidence.mkdir(parents=True)
     async with AsyncExitStack() as stack:
-        running = running_cluster(folder, plan.nodes, links=links)
+        running = running_cluster(folder, plan.nodes, links=links, started=False)
         cluster = await stack.enter_async_context(running)
         crowd = Crowd(
             cluster.url, evidence, plan.seed, plan.steps, [], mix=plan.mix, rate=plan.rate

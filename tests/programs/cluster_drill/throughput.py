@@ -66,7 +66,6 @@ async def _measure(
     evidence = folder / "told"
     evidence.mkdir(parents=True)
     async with running_cluster(folder, plan.nodes) as cluster:
-        await cluster.start()
         _pin(cluster.nodes)
         crowd = Crowd(
             cluster.url, evidence, plan.seed, (100_000, 100_000), result.faults, mix="steady"
