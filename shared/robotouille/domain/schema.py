@@ -271,7 +271,7 @@ class Dish(Schema):
     `penalty`.
     """
 
-    goal: tuple[GoalTerm, ...] = Field(min_length=1, max_length=100)
+    goal: tuple[GoalTerm, ...] = Field(min_length=1, max_length=32)
     points: Annotated[int, Field(ge=0, le=10_000)]
     tip: Annotated[int, Field(ge=0, le=10_000)] = 0
     penalty: Annotated[int, Field(ge=0, le=10_000)] = 0

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from robotouille.domain.schema import Arrival, Dish, Shift
 from robotouille.errors import WrongArgumentError, WrongWorldError
-from robotouille.world.grounding.atoms import USED, AtomTable, bits_of
+from robotouille.world.grounding.atoms import AtomTable, bits_of
 from robotouille.world.grounding.goal import Goal, Variable
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Object
@@ -364,8 +364,10 @@ class _Return:
             return facts, timers
         touched = {name for thing in things for name in self._places_of(thing, facts)}
         unsoiled = self._unsoiled(things, facts) if not soiled else 0
+        # The names of created things become free again. Otherwise each pot of water would add
+        # atoms, and players could slow a game down by emptying one again and again.
         for name in things:
-            facts &= ~(self._table.mentions(name) & ~self._table.mask([(USED, name)]))
+            facts &= ~self._table.mentions(name)
         # Sorted, so that a state does not depend on the order of a set.
         for name in sorted(things):
             home = self._homes.get(name)
