@@ -123,6 +123,7 @@ async def _only_farewells(stage: Stage, listeners: list[Listener], since: dict[s
 async def nats(stage: Stage) -> None:
     """Kill one NATS server, the leader of the journals, and another one, and start them again."""
     stage.cluster.allow(*CUT_OFF)
+    await stage.busiest()  # Waits until episodes are played.
     servers, crowd = stage.cluster.nats, stage.crowd
     before = {name: record.node for name, record in stage.observer.records.items()}
     first = servers.leader(JOURNALS)

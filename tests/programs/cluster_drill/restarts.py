@@ -24,6 +24,7 @@ async def power(stage: Stage) -> None:
     """
     stage.cluster.allow(*CUT_OFF)
     await stage.all_started()
+    await stage.busiest()  # Waits until episodes are played.
     crowd, servers = stage.crowd, stage.cluster.nats
     crowd.mark()
     begun, players = time.monotonic(), set(crowd.playing)
