@@ -11,6 +11,7 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
+from robotouille_server.cluster.bus import Stored
 from tests.support.clusters import Nodes, cluster_of
 from tests.support.virtual_time import virtual
 
@@ -157,6 +158,36 @@ class TestLease:
         assert found.ok
         assert found.complete
         assert found.steps == 300
+
+    @virtual
+    async def test_an_ended_journal_is_read_only_once_by_the_node_that_claims_it(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        async with (
+            cluster_of(tmp_path) as nodes,
+            connect(nodes[0].url, name="ada") as ada,
+            connect(nodes[1].url, name="bob") as bob,
+        ):
+            games = await two_players(nodes, ada, bob)
+            owner = nodes.owner(games[0].episode)
+            monkeypatch.setattr(owner.bus, "store", lambda *_: asyncio.sleep(3600))
+            while not games[0].ended:
+                await step(*games)
+            await asyncio.sleep(1)
+            (file,) = owner.folder.glob("*.rbt")
+            other = nodes.others(owner)[0]
+            record = other.cluster.node.directory.find(games[0].episode)
+            assert record is not None
+            content, read = nodes.nats.storage.messages(record.episode), other.bus.read
+
+            async def read_once(episode: str) -> list[Stored]:
+                # Another node deletes the journal, one message after the other.
+                monkeypatch.setattr(other.bus, "read", lambda _: asyncio.sleep(0, content[1:]))
+                return await read(episode)
+
+            monkeypatch.setattr(other.bus, "read", read_once)
+            assert await other.cluster.node.claims.claim(record) == "it has ended"
+            assert (other.folder / file.name).read_bytes() == file.read_bytes()
 
 
 class TestHandOver:

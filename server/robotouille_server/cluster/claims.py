@@ -100,9 +100,7 @@ class Claims:
 
     async def _continue(self, record: EpisodeRecord) -> str:
         # The copy of the directory may be behind, and the episode in good hands.
-        await self._directory.look(record.code)
-        current = self._directory.find(record.episode)
-        if current is None or (current.node, current.claim) != (record.node, record.claim):
+        if await self._has_changed(record):
             return "another node was first"
         last = await self._bus.last(record.episode)
         if last is None:
@@ -111,9 +109,15 @@ class Claims:
             return "it has no journal"
         stored = await self._fence(record, last.sequence)
         content, sequence = assembled(stored), stored[-1].sequence
-        recording, restored = await self._restored(content, record)
+        try:
+            recording, restored = await self._restored(content, record)
+        except RecordingError:
+            # Another node may have stored the whole recording, and be deleting the journal.
+            if await self._has_changed(record):
+                return "another node was first"
+            raise
         if restored.complete:
-            await self._closing.finish(record.episode, record.file, kept=True)
+            await self._closing.finish(record.episode, record.file, kept=True, content=content)
             return "it has ended"
         keep = restored.kept if restored.kept < len(content) else None
         if restored.missing or keep is not None:
@@ -129,6 +133,13 @@ class Claims:
         found = ArchivedEpisode(recording.header, restored, recorder, journal)
         self._continuation.adopt(found)
         return ""
+
+    async def _has_changed(self, record: EpisodeRecord) -> bool:
+        """Read a record again, and return whether another node has the episode, or it is over."""
+        await self._directory.look(record.code)
+        current = self._directory.find(record.episode)
+        known = (record.node, record.claim, record.ended)
+        return current is None or (current.node, current.claim, current.ended) != known
 
     async def _restored(self, content: bytes, record: EpisodeRecord) -> tuple[Recording, Restored]:
         recording = Recording(content, record.file)

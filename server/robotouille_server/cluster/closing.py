@@ -24,20 +24,26 @@ class Closing:
     directory: Directory
     storage: Storage
 
-    async def finish(self, episode: str, name: str, *, kept: bool) -> str:
+    async def finish(
+        self, episode: str, name: str, *, kept: bool, content: bytes | None = None
+    ) -> str:
         """Store a recording and delete its journal; try again until NATS has done it.
 
         Args:
             episode: The episode's id.
             name: The file name of the open recording.
             kept: False to delete the journal only.
+            content: The journal, if the caller has read it already. Another node may be about to
+                delete it.
 
         Returns:
             The file name of the closed recording, or an empty text.
         """
         while True:
             try:
-                return await self._finish(episode, name, kept=kept)
+                if kept and content is None:
+                    content = assembled(await self.bus.read(episode))
+                return await self._finish(episode, name, content if kept else b"", kept=kept)
             except BusError as error:
                 get_logger().warning("recording not stored yet", file=name, error=str(error))
             except (OSError, RecordingError) as error:
@@ -45,11 +51,9 @@ class Closing:
                 return ""
             await asyncio.sleep(RETRY_SECONDS)
 
-    async def _finish(self, episode: str, name: str, *, kept: bool) -> str:
-        stored = await self.bus.read(episode) if kept else []
+    async def _finish(self, episode: str, name: str, content: bytes | None, *, kept: bool) -> str:
         whole = ""
-        if stored:
-            content = assembled(stored)
+        if content:
             # A thread does this, because compressing a long recording would delay steps.
             run = asyncio.get_running_loop().run_in_executor
             size = len(content)
