@@ -35,7 +35,7 @@ LOST = frozenset(
 
 
 class Seen:
-    """What one client has seen of a game.
+    """Steps and messages of a game that one client has received.
 
     Attributes:
         digests: The digest of each state, by step.

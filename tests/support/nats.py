@@ -93,7 +93,7 @@ class NatsCluster:
         return int(name.removeprefix("nats"))
 
     def leader(self, stream: str) -> int:
-        """Return the index of a stream's leader, or of the first server while there is none."""
+        """Return the index of a stream's leader, or of the first server without a leader."""
         running = (i for i, each in enumerate(self._processes) if each and i not in self._stopped)
         for i in running:
             for account in self._ask(i, "jsz?streams=true").get("account_details", []):

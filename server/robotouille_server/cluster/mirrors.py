@@ -25,7 +25,7 @@ from robotouille_server.cluster.packets import (
     subject_of,
 )
 from robotouille_server.requests import AnswerLater, unheard
-from robotouille_server.rooms.audience import Audience, SharedMessage
+from robotouille_server.rooms.audience import Audience
 from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES, REPEATED_SAID
 from robotouille_server.rooms.membership import too_many_spectators
 from robotouille_server.rooms.seat_limits import ChatLimits, DisplayNames
@@ -168,7 +168,7 @@ class Mirror:
             self._answered(watched)
 
     def _set_ready(self) -> None:
-        # Those who come back need the chat that they have missed, which comes before the snapshot.
+        # Returning spectators need the chat that they have missed, which comes before the snapshot.
         if self._answered_once and not self._updates.lost and not self.ready.done():
             self.ready.set_result(True)
 
@@ -240,9 +240,6 @@ class Mirror:
         for session in members:
             self._remove(session)
         return members
-
-    def _text(self, event: object) -> SharedMessage | None:
-        return self._updates.text
 
     # Messages to spectators
 

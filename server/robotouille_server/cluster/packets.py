@@ -43,7 +43,7 @@ class Watched(BaseModel):
         code: The code with which participants join.
         task: The name of the task.
         digest: The digest of the task.
-        grace: The seconds for which a spectator who is away keeps the place.
+        grace: The seconds for which an absent spectator keeps the place.
         said: The number of chat messages.
         banned: The sessions and participants who were removed.
         seated: The sessions that have seats.

@@ -14,7 +14,7 @@ from math import inf
 from typing import cast
 
 from robotouille_server.transport import LoopBudget
-from robotouille_server.transport.tls_records import READ_BUFFER, RecordMeter
+from robotouille_server.transport.tls_records import ENCRYPTED_BUFFER, RecordMeter
 
 CLOSE_SECONDS = 2.0
 """Seconds that the broker has to read the rest before its connection is aborted."""
@@ -90,7 +90,7 @@ class _FromBroker(asyncio.BufferedProtocol):
 
     def __init__(self, far: asyncio.Transport) -> None:
         self._far = far
-        self._buffer = memoryview(bytearray(len(READ_BUFFER)))
+        self._buffer = memoryview(bytearray(len(ENCRYPTED_BUFFER)))
 
     def get_buffer(self, sizehint: int) -> memoryview:
         return self._buffer

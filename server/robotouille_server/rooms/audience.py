@@ -183,7 +183,7 @@ class Audience:
         self._delivered = 0
         # Spectators who have asked for a snapshot, or have missed steps and can receive one now.
         self._stale: set[Session] = set()
-        # Spectators who receive no steps, because they have none of the states before them.
+        # Spectators who receive no steps, because they lack the states before them.
         self._waiting: set[Session] = set()
         self._next_at = 0.0
         # True from the time at which a delivery is scheduled until everybody has received it.

@@ -174,7 +174,7 @@ class Broadcaster:
             self._audience.enter(session)
 
     def begin_relay(self, relay: Session) -> None:
-        """Send everything that spectators receive to a session that is no member."""
+        """Send everything that spectators receive to a session outside the room."""
         self._audience.enter(relay)
 
     def send_to_relay(self, relay: Session, said: int) -> None:

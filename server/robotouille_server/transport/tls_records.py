@@ -28,8 +28,8 @@ RECORD_COST = 2.0
 HANDSHAKE_COST = 48.0
 """Cost of a record of a handshake. A signature with an RSA key of 4,096 bits takes milliseconds."""
 
-READ_BUFFER = memoryview(bytearray(2 * BYTES_AT_A_TIME))
-"""Buffer that all sockets are read into, one after the other."""
+ENCRYPTED_BUFFER = memoryview(bytearray(2 * BYTES_AT_A_TIME))
+"""Buffer that all encrypted sockets are read into, one after the other."""
 
 
 async def start_metered_tls(
@@ -85,20 +85,20 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
         self._received = bytearray()
         self._handshake_bytes = 0
         self._at_end = False
-        self._queued = False
-        # TLS takes no more data, the client does not read, or records wait for their turn.
+        # Three reasons to hold records back: TLS takes no more, the client does not read, and
+        # records wait for their turn.
         self._paused = True
-        self._unread = False
+        self._unread = self._queued = False
         self._holds_back = True
         raw.set_protocol(self)
 
     # Records
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        return READ_BUFFER
+        return ENCRYPTED_BUFFER
 
     def buffer_updated(self, nbytes: int) -> None:
-        self._received += READ_BUFFER[:nbytes]
+        self._received += ENCRYPTED_BUFFER[:nbytes]
         if not self._queued and not self._paused and not self._unread and self._budget.start():
             self._pass_on()
             self._budget.done()
@@ -129,7 +129,7 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
                 break
             length = int.from_bytes(received[size + 3 : size + HEAD_BYTES], "big")
             # OpenSSL rejects records of more than 18 KiB by their head. It needs no more of them.
-            end = size + HEAD_BYTES + min(length, len(READ_BUFFER) - HEAD_BYTES)
+            end = size + HEAD_BYTES + min(length, len(ENCRYPTED_BUFFER) - HEAD_BYTES)
             if len(received) < end:
                 break
             cost += HANDSHAKE_COST if received[size] == HANDSHAKE else RECORD_COST
@@ -174,7 +174,7 @@ class RecordMeter(asyncio.Transport, asyncio.BufferedProtocol):
 
     def _control_reading(self) -> None:
         """Read from the socket only if everything that has arrived could be passed on."""
-        # What is not read stays in the kernel's buffers, and TCP slows down the sender.
+        # Unread data stays in the kernel's buffers, and TCP slows down the sender.
         holds_back = self._paused or self._unread or self._queued
         if holds_back == self._holds_back or self._at_end or self._raw.is_closing():
             return

@@ -210,7 +210,7 @@ def _check_shift(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
 
 
 def _check_places(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
-    """Find things that could not return to their place in a shift, because it is no station."""
+    """Find things that do not begin on a station, to which they return in a shift."""
     fixed = {*domain.station_types, *domain.player_types}
     tiles = {(o.x, o.y) for kind in domain.station_types for o in problem.objects.get(kind, ())}
     return [

@@ -263,6 +263,11 @@ class GoalTerm(Schema):
 DishName = Annotated[str, Field(min_length=1, max_length=100)]
 
 
+MAX_POINTS = 10_000
+"""Largest number of points of a dish, and largest tip and penalty."""
+Points = Annotated[int, Field(ge=0, le=MAX_POINTS)]
+
+
 class Dish(Schema):
     """Dish on the menu of a shift. Times are in steps of the timing profile `benchmark`.
 
@@ -272,9 +277,9 @@ class Dish(Schema):
     """
 
     goal: tuple[GoalTerm, ...] = Field(min_length=1, max_length=32)
-    points: Annotated[int, Field(ge=0, le=10_000)]
-    tip: Annotated[int, Field(ge=0, le=10_000)] = 0
-    penalty: Annotated[int, Field(ge=0, le=10_000)] = 0
+    points: Points
+    tip: Points = 0
+    penalty: Points = 0
     patience: Annotated[int, Field(ge=1, le=10_000)]
 
 

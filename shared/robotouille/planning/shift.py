@@ -8,7 +8,7 @@ from functools import cached_property
 from robotouille.errors import RobotouilleError
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.shift import OpenOrder, ShiftRules
+from robotouille.world.shift import ShiftRules
 from robotouille.world.world import State, World
 
 
@@ -19,10 +19,7 @@ class DishPlanner:
     """
 
     def __init__(self, world: World, dish: str) -> None:
-        shift = world.task.problem.shift
-        if shift is None:
-            raise RobotouilleError(f"{world.task.name} has no shift, so it has no dishes")
-        changes = {"shift": None, "goal": shift.menu[dish].goal}
+        changes = {"shift": None, "goal": rules_of(world).menu[dish].goal}
         problem = world.task.problem.model_copy(update=changes)
         self._shift_world = world
         self.world = World(replace(world.task, name=f"{world.task.name}: {dish}", problem=problem))
@@ -58,9 +55,3 @@ def rules_of(world: World) -> ShiftRules:
     if world.shift is None:
         raise RobotouilleError(f"{world.task.name} has no shift")
     return world.shift
-
-
-def most_urgent(state: State) -> OpenOrder | None:
-    """Return the open order that expires first."""
-    orders = () if state.orders is None else state.orders.open
-    return min(orders, key=lambda order: (order.due, order.number), default=None)

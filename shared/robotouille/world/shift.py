@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any, NamedTuple
 
-from robotouille.domain.schema import Arrival, Dish, Shift
+from robotouille.domain.schema import MAX_POINTS, Arrival, Dish, Shift
 from robotouille.errors import WrongArgumentError, WrongWorldError
 from robotouille.world.grounding.atoms import AtomTable, bits_of
 from robotouille.world.grounding.goal import Goal, Variable
@@ -39,7 +39,7 @@ class Orders(NamedTuple):
         time: Steps since the beginning of the shift.
         open: The open orders, in the order of their arrival.
         arrived: The number of orders so far, open or not.
-        score: Points for served dishes, without the penalties for expired orders.
+        score: Points for served dishes, less the penalties for expired orders.
         served: The number of served orders.
         expired: The number of expired orders.
     """
@@ -59,6 +59,11 @@ class Orders(NamedTuple):
     def waited(self) -> Orders:
         """Return the orders a step later, if nothing else has changed."""
         return self._replace(time=self.time + 1)
+
+    @property
+    def by_urgency(self) -> list[OpenOrder]:
+        """The open orders, the one that expires first at the beginning."""
+        return sorted(self.open, key=lambda order: (order.due, order.number))
 
 
 class Fulfilment(NamedTuple):
@@ -91,13 +96,12 @@ class ShiftRules:
             name: Goal(task.task, task.table, task.all_objects, dish.goal)
             for name, dish in shift.menu.items()
         }
-        fixed = {*task.task.domain.station_types, *task.task.domain.player_types}
+        self._return = _Return(task, shift)
         self._parts = {
-            name: sum(_type_of(v, task) not in fixed for v in goal.variables.values())
+            name: sum(self._return.moves(_type_of(v, task)) for v in goal.variables.values())
             for name, goal in self._goals.items()
         }
         self._known: dict[tuple[str, int], bool] = {}
-        self._return = _Return(task, shift)
         counter, bins = shift.serve.station, shift.discard
         self._serving = self._return.surfaces(counter)
         self._discarding = self._return.surfaces(bins) if bins is not None else {}
@@ -149,13 +153,13 @@ class ShiftRules:
             return Fulfilment(facts, timers, orders)
         orders = orders.waited()
         if facts & self._discarding_mask:
-            for station in self._discarding:
-                things = self._return.things_at(self._discarding[station], facts)
+            for surface in self._discarding.values():
+                things = self._return.things_at(surface, facts)
                 facts, timers = self._return.put_back(things, facts, timers, soiled=False)
         if facts & self._serving_mask and orders.open:
             for surface in self._serving.values():
                 facts, timers, orders = self._serve(surface, facts, timers, orders)
-        if orders.open and min(orders.open, key=_due).due <= orders.time:
+        if any(order.due <= orders.time for order in orders.open):
             orders = self._expire(orders)
         if self._next_is_due(orders):
             orders = self._arrive(orders)
@@ -169,7 +173,7 @@ class ShiftRules:
             return Fulfilment(facts, timers, orders)
         alone = facts & ~self._return.others_mask(things)
         # Of two orders for one dish, the dish goes to the one that expires first.
-        for order in sorted(orders.open, key=_due):
+        for order in orders.by_urgency:
             if self._is_dish(order.number, things, alone):
                 facts, timers = self._return.put_back(things, facts, timers, soiled=True)
                 left = tuple(each for each in orders.open if each != order)
@@ -248,7 +252,8 @@ class ShiftRules:
             len(numbers) <= self.most_open
             and numbers == sorted(set(numbers))
             and all(0 <= number < orders.arrived for number in numbers)
-            and all(o.due <= self.steps + self.patience(o.number) for o in orders.open)
+            and all(0 < o.due - orders.time <= self.patience(o.number) for o in orders.open)
+            and abs(orders.score) <= 2 * MAX_POINTS * orders.arrived
             and min(counts) >= 0
             and sum(counts) + len(numbers) == orders.arrived
         )
@@ -261,10 +266,6 @@ def _type_of(variable: Variable, task: GroundTask) -> str:
     if variable.fixed is not None:
         return task.thing(variable.fixed).type
     return next((o.type for o in task.all_objects() if o.kind == variable.kind), variable.kind)
-
-
-def _due(order: OpenOrder) -> tuple[int, int]:
-    return order.due, order.number
 
 
 class _Return:
@@ -288,16 +289,17 @@ class _Return:
         # Facts that follow from positions are computed again when a thing returns.
         self._derived = {rule.predicate for rule in rules}
         self._stations = [o for o in task.placed if o.type in domain.station_types]
-        self._homes = {o.name: self._home(o) for o in task.placed if self._moves(o)}
+        self._homes = {o.name: self._home(o) for o in task.placed if self.moves(o.type)}
         self.refresh()
 
     def refresh(self) -> None:
         """Include objects that have been added to the world."""
         everything = self._task.all_objects()
-        self.movable = frozenset(o.name for o in everything if self._moves(o))
+        self.movable = frozenset(o.name for o in everything if self.moves(o.type))
 
-    def _moves(self, thing: Object) -> bool:
-        return thing.type not in self._fixed_types
+    def moves(self, type_: str) -> bool:
+        """Return whether objects of a type can be served or thrown away."""
+        return type_ not in self._fixed_types
 
     def _home(self, thing: Object) -> str | None:
         """Return the station where a thing is at the beginning; None for what a thing contains."""
@@ -403,19 +405,19 @@ class _Return:
                 return station
         return home
 
-    def _place(self, name: str, home: str, facts: int) -> int:
-        """Put a thing on its station, on top of what is there."""
+    def _place(self, name: str, station: str, facts: int) -> int:
+        """Put a thing on a station, on top of what is there."""
         table, own = self._table, self._task.initial_facts
         for bit in bits_of(own & table.mentions(name)):
             atom = table.atoms[bit]
             if len(atom) == 2 and atom[0] not in self._derived and atom[0] not in self._soils:
                 facts |= 1 << bit
         type_ = self._task.thing(name).type
-        below = self._top(home, type_, facts)
+        below = self._top(station, type_, facts)
         for predicate in self._rules["shares_tile"]:
-            facts |= table.mask([(predicate, name, home)])
+            facts |= table.mask([(predicate, name, station)])
         if below is None:
-            facts |= table.mask((p, name, home) for p in self._rules["bottom_of_stack"])
+            facts |= table.mask((p, name, station) for p in self._rules["bottom_of_stack"])
         else:
             facts |= table.mask((p, name, below) for p in self._rules["next_in_stack"])
             facts &= ~table.mask((p, below) for p in self._rules["top_of_stack"])

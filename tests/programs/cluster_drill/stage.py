@@ -40,7 +40,7 @@ class Plan:
         rate: Their steps per second, or 0 for those of the mix. Few cores carry few steps.
         steps: The bounds of the episodes' step limits.
         patience: The seconds for which the last episodes may go on.
-        timed: Whether slow players, late steps and takeovers of living nodes are violations.
+        timed: True if slow players, late steps and takeovers of living nodes are violations.
             Otherwise they are figures only, because other programs may keep the machine busy, and
             drills wait for conditions, not for a number of seconds.
     """
@@ -72,7 +72,7 @@ class Result:
 
 
 class Stage:
-    """What a drill works with.
+    """Surroundings of a drill.
 
     Attributes:
         last: True during the last drill.

@@ -83,7 +83,7 @@ def fit(dishes: Sequence[Dish], state: State) -> Fit:
     )
 
 
-# Largest number of dishes of which all orders are tried.
+# Largest number of dishes that are tried in every order.
 _MAX_ORDERED = 4
 
 

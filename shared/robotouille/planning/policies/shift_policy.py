@@ -10,7 +10,7 @@ from robotouille.planning.policies.planner_policy import (
     PlannerPolicy,
 )
 from robotouille.planning.policies.policy import Did, waits
-from robotouille.planning.shift import DishPlanner, most_urgent, rules_of
+from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
@@ -59,10 +59,11 @@ class ShiftPolicy:
         return self._policy is not None and waits(self._policy)
 
     def act(self, state: State) -> GroundAction | None:
-        order = most_urgent(state)
-        if order is None:
+        urgent = [] if state.orders is None else state.orders.by_urgency
+        if not urgent:
             self._order, self._policy = -1, None
             return None
+        order = urgent[0]
         dish = self._dish_planner(self._rules.dish_name(order.number))
         if self._policy is None or order.number != self._order:
             self._order, self._dish = order.number, dish
