@@ -85,7 +85,8 @@ def test_silent_connections_harm_neither_episodes_nor_recordings(
         while ask(player, {"type": "resync"}, "snapshot")["step"] < step + 20:
             time.sleep(0.05)
         taken = len(list(Path(f"/proc/{server.process.pid}/fd").iterdir()))
-        assert LIMIT * 3 // 4 < taken < LIMIT - 5, "nothing is kept free for recordings"
+        # Silent handshakes are aborted while others wait, so encrypted connections take fewer.
+        assert LIMIT // 2 < taken < LIMIT - 5, "nothing is kept free for recordings"
         assert ask(player, {"type": "leave"}, "left")["type"] == "left"
         answer = ask(player, order, "created")
         assert answer["type"] == "created", f"no file for a recording: {answer}"

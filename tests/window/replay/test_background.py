@@ -147,7 +147,7 @@ def test_a_clip_is_saved_next_to_the_recording(short: Path) -> None:
     export, state = exporting(short)
     state.first, state.last = 3, 5
     export.start()
-    assert "short-3-5.mp4" in state.jobs["video"].words
+    assert "steps 3 to 5" in state.jobs["video"].words
     export.start()
     assert "already" in state.message
     assert export.wait(120)
