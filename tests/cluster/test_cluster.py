@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
 from robotouille_server.cluster.bus import Stored
-from tests.support.clusters import Nodes, cluster_of
+from tests.support.buses import SimulatedNats
+from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.virtual_time import virtual
 
 TASK = "training/03_multi_agent"
@@ -31,6 +33,26 @@ async def until(game: Game, reached: int) -> None:
 async def two_players(nodes: Nodes, ada: Client, bob: Client) -> tuple[Game, Game]:
     created = await ada.create(TASK, seats=2, move_budget=0)
     return await ada.join(created.code), await bob.join(created.code)
+
+
+class TestStart:
+    @pytest.mark.parametrize("after", [0.0, 0.005, 0.01, 0.02])
+    @virtual
+    async def test_a_node_waits_until_nats_has_a_quorum(self, tmp_path: Path, after: float) -> None:
+        nats, loop = SimulatedNats(random.Random(1)), asyncio.get_running_loop()
+        loop.call_later(after, nats.lose_quorum)
+        loop.call_later(15.0, nats.regain_quorum)
+        async with cluster_on(nats, tmp_path, 2) as nodes, connect(nodes[0].url, name="ada") as ada:
+            assert loop.time() >= 15.0
+            assert (await ada.create(TASK)).episode
+
+    @virtual
+    async def test_a_node_that_waits_in_vain_says_why(self, tmp_path: Path) -> None:
+        nats = SimulatedNats(random.Random(1))
+        nats.lose_quorum()
+        with pytest.raises(RobotouilleError, match="--cluster: NATS does not answer"):
+            async with cluster_on(nats, tmp_path, 1):
+                pass
 
 
 class TestAnyNode:

@@ -17,7 +17,7 @@ from tests.support.buses import SimulatedBus, SimulatedNats
 from tests.support.executors import ImmediateExecutor
 from tests.support.servers import STAMP, crash
 
-__all__ = ["Node", "Nodes", "cluster_of"]
+__all__ = ["Node", "Nodes", "cluster_of", "cluster_on"]
 
 
 @dataclass(slots=True)
@@ -80,7 +80,16 @@ class Nodes:
 @asynccontextmanager
 async def cluster_of(folder: Path, nodes: int = 3, **options: Any) -> AsyncIterator[Nodes]:
     """Run some nodes. Call this in virtual time."""
-    found = Nodes(SimulatedNats(random.Random(1)))
+    async with cluster_on(SimulatedNats(random.Random(1)), folder, nodes, **options) as found:
+        yield found
+
+
+@asynccontextmanager
+async def cluster_on(
+    nats: SimulatedNats, folder: Path, nodes: int, **options: Any
+) -> AsyncIterator[Nodes]:
+    """Run some nodes on a service that exists. Call this in virtual time."""
+    found = Nodes(nats)
     async with AsyncExitStack() as stack:
         for i in range(nodes):
             own = folder / f"node{i}"

@@ -6,12 +6,18 @@ repeats messages.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
 from robotouille.errors import RobotouilleError
+from robotouille_server.runtime.logs import get_logger
+
+PATIENCE_SECONDS = 30.0
+"""Seconds for which a node that starts waits for the service: to elect leaders may take ten."""
+PAUSE_SECONDS = 0.5
 
 
 class Bucket(StrEnum):
@@ -142,3 +148,21 @@ class Bus(Protocol):
         self, subject: str, received: Callable[[bytes], None]
     ) -> Callable[[], Awaitable[None]]:
         """Call `received` with each message that is published; return how to end that."""
+
+
+async def until_available(ask: Callable[[], Awaitable[None]]) -> None:
+    """Repeat a request while the service is unavailable, for at most `PATIENCE_SECONDS`.
+
+    Raises:
+        BusError: The service was unavailable all the time, or it refuses the request.
+    """
+    loop = asyncio.get_running_loop()
+    end = loop.time() + PATIENCE_SECONDS
+    while True:
+        try:
+            return await ask()
+        except UnavailableError as error:
+            if loop.time() >= end:
+                raise
+            get_logger().warning("waiting for NATS", error=str(error))
+        await asyncio.sleep(PAUSE_SECONDS)

@@ -15,7 +15,7 @@ from robotouille.nats_address import nats_address
 from robotouille_server.app import Server
 from robotouille_server.auth import key_file, revoked_file
 from robotouille_server.auth.keys import Keyring
-from robotouille_server.cluster.bus import Bus, BusError
+from robotouille_server.cluster.bus import Bus, BusError, until_available
 from robotouille_server.cluster.members import NodeReport
 from robotouille_server.cluster.nats_bus import nats_bus
 from robotouille_server.cluster.node import ClusterNode, NodeParts
@@ -110,10 +110,10 @@ async def joined_through(
     )
     name = f"{around.randomness.getrandbits(64):016x}"
     try:
-        await shared.join()
+        await until_available(shared.join)
         report = NodeReport(name=name, url="", release=RELEASE, keys=digest())
         node = ClusterNode(bus, report, parts)
-        await node.join()
+        await until_available(node.join)
     except BusError as error:
         raise RobotouilleError(f"--cluster: {error}") from None
     try:

@@ -431,10 +431,16 @@ class NatsBus:
                 deliver_policy=DeliverPolicy.LAST_PER_SUBJECT,
                 idle_heartbeat=HEARTBEAT_SECONDS,
             )
-            if not (await watching.consumer_info()).num_pending and not watching.delivered:
-                return
-            async with asyncio.timeout(CONNECT_SECONDS):
-                await complete.wait()
+            try:
+                if not (await watching.consumer_info()).num_pending and not watching.delivered:
+                    return
+                async with asyncio.timeout(CONNECT_SECONDS):
+                    await complete.wait()
+            except BaseException:
+                # The caller will watch again.
+                with contextlib.suppress(NatsError, OSError, TimeoutError):
+                    await watching.unsubscribe()
+                raise
 
     # Files and requests
 

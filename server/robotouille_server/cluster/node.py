@@ -22,6 +22,7 @@ from robotouille_server.cluster.bus import (
     BusError,
     Entry,
     UnavailableError,
+    until_available,
 )
 from robotouille_server.cluster.claims import Claims, Continuation
 from robotouille_server.cluster.closing import Closing
@@ -189,7 +190,7 @@ class ClusterNode:
         rooms.observe(self)
         self.members.own = self.members.own.model_copy(update={"url": url})
         await self.bus.answer(f"adopt.{self.name}", self._adopt)
-        await self._renew()
+        await until_available(self._renew)
         self._start(self._beat())
         self._start(self._maintain())
         self._start(self._share())
