@@ -14,7 +14,6 @@ from tests.support.nats import missing
 
 # One test for all drills: they share two clusters, because starting one takes longer than a drill.
 @pytest.mark.process
-@pytest.mark.nightly
 @pytest.mark.skipif(bool(missing()), reason=missing())
 def test_episodes_survive_failures_of_nodes_and_of_nats(tmp_path: Path) -> None:
     results = asyncio.run(run_short(DRILLS, tmp_path, print))

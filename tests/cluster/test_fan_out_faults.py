@@ -134,7 +134,6 @@ async def test_spectators_see_the_same_game_whatever_fails(tmp_path: Path, seed:
 
 
 @pytest.mark.process
-@pytest.mark.nightly
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=missing())
 async def test_spectators_follow_a_game_over_three_processes_and_nats_servers(
