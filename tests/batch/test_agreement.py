@@ -29,14 +29,14 @@ SEED = int(os.environ.get("GITHUB_SHA", "0")[:8], 16)
 """In continuous integration, each commit has another seed."""
 
 
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize("name", quick_sample(SMALL, 4))
 def test_small_tasks_agree(name: str) -> None:
     world = world_of(name)
     agree(BatchWorld(world, 3), world, 3, 100, SEED)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", quick_sample([*task_names(), "workshop/02"]))
+@pytest.mark.parametrize("name", quick_sample([*task_names(), "workshop/02"], nightly=12))
 def test_all_tasks_agree(name: str) -> None:
     world = world_of(name)
     agree(BatchWorld(world, 3), world, 3, 60, SEED)

@@ -19,7 +19,7 @@ LENGTHS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", quick_sample(LENGTHS, 3))
+@pytest.mark.parametrize("name", quick_sample(LENGTHS, 3, nightly=10))
 def test_solves_initial_states(name: str) -> None:
     world = World(name)
     solution = BeamPlanner(world).solve(world.initial)
@@ -28,8 +28,9 @@ def test_solves_initial_states(name: str) -> None:
     assert len(solution.plan) <= LENGTHS[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["synchronous/03", "asynchronous/01", "asynchronous/02"])
-@pytest.mark.parametrize("seed", quick_sample([1, 2, 3]))
+@pytest.mark.parametrize("seed", quick_sample([1, 2, 3], nightly=1))
 def test_solves_later_states(name: str, seed: int) -> None:
     world, generator = World(name), random.Random(seed)
     state = world.initial

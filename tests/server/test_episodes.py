@@ -59,7 +59,9 @@ async def finish(
     return outcomes[0]
 
 
-@pytest.mark.parametrize(("name", "clock"), quick_sample_of_pairs(LENGTHS, list(Clock), 9))
+@pytest.mark.parametrize(
+    ("name", "clock"), quick_sample_of_pairs(LENGTHS, list(Clock), 3, nightly=True)
+)
 def test_planner_takes_a_shortest_plan(tmp_path: Path, name: str, clock: Clock) -> None:
     options = {"timing": "benchmark"} if clock is Clock.REALTIME else {}
     outcome = run(finish(tmp_path, name, clock, 1, planner, **options))
@@ -67,7 +69,9 @@ def test_planner_takes_a_shortest_plan(tmp_path: Path, name: str, clock: Clock) 
     assert outcome["steps"] <= floor(1.05 * LENGTHS[name])
 
 
-@pytest.mark.parametrize("name", ["synchronous/03", "asynchronous/08", "asynchronous/10"])
+@pytest.mark.parametrize(
+    "name", quick_sample(["synchronous/03", "asynchronous/08", "asynchronous/10"])
+)
 def test_planner_with_peoples_timing(tmp_path: Path, name: str) -> None:
     outcome = run(finish(tmp_path, load_task(name).name, Clock.REALTIME, 1, planner))
     assert outcome["reason"] == "goal", outcome
@@ -108,7 +112,9 @@ def test_there_are_thirty_tasks() -> None:
     assert [sum(t.startswith(d) for t in TASKS) for d in DATASETS] == [10, 10, 10]
 
 
-@pytest.mark.parametrize(("name", "clock"), quick_sample_of_pairs(TASKS, list(Clock), 12))
+@pytest.mark.parametrize(
+    ("name", "clock"), quick_sample_of_pairs(TASKS, list(Clock), 6, nightly=True)
+)
 def test_bots_finish_the_task(tmp_path: Path, name: str, clock: Clock) -> None:
     seats = load_task(name).seats
     world = World(load_task(name, seats=seats))

@@ -46,8 +46,9 @@ async def test_substitute_is_prepared_while_all_are_present(tmp_path: Path) -> N
         assert all(seat.present for seat in room.episode.seats.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "task", ["training/03_multi_agent@2", pytest.param("multi_agent/10", marks=pytest.mark.slow)]
+    "task", ["training/03_multi_agent@2", pytest.param("multi_agent/10", marks=pytest.mark.nightly)]
 )
 @virtual
 async def test_substitute_acts_in_the_next_real_time_step(task: str, tmp_path: Path) -> None:

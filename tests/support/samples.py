@@ -38,19 +38,18 @@ def quick_sample_per_folder(names: Iterable[str]) -> list[Any]:
 
 
 def quick_sample_of_pairs(
-    names: Iterable[str], others: Sequence[Any], quick: int | None = None
+    names: Iterable[str], others: Sequence[Any], quick: int | None = None, *, nightly: bool = False
 ) -> list[Any]:
-    """Return all pairs as two parameters. Each name, or each of the first `quick`, always runs
-    once, with the other values in turn.
+    """Return all pairs as two parameters. Each name runs once with the other values in turn:
+    always, or only the first `quick`. With `nightly`, the other pairs run only at night.
     """
-    return [
-        pytest.param(
-            name,
-            other,
-            marks=[]
-            if turn == i % len(others) and (quick is None or i < quick)
-            else pytest.mark.slow,
-        )
-        for i, name in enumerate(names)
-        for turn, other in enumerate(others)
-    ]
+    rest = [pytest.mark.slow, *([pytest.mark.nightly] if nightly else [])]
+    params = []
+    for i, name in enumerate(names):
+        for turn, other in enumerate(others):
+            if turn != i % len(others):
+                marks = rest
+            else:
+                marks = [] if quick is None or i < quick else [pytest.mark.slow]
+            params.append(pytest.param(name, other, marks=marks))
+    return params
