@@ -10,6 +10,7 @@ from random import Random
 
 import pygame
 import pytest
+from tests.support.samples import quick_sample
 from tests.support.window_play import Script, Timer, headless_window, post
 from tests.support.window_session import SIZE, WindowSession, wait
 
@@ -178,7 +179,7 @@ def key_press(name: str, random: Random) -> list[pygame.Event]:
     return events
 
 
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", quick_sample(STATES, 4))
 def test_random_input_in_every_state_of_a_game(state: str, tmp_path: Path) -> None:
     anybody = RandomUser(list(STATES).index(state), tmp_path)
     for _ in range(3):

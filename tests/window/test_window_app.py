@@ -150,6 +150,7 @@ def test_the_tutorial_is_not_the_first_choice_once_it_is_finished() -> None:
         assert form.focused.answer == answer
 
 
+@pytest.mark.slow
 async def test_a_video_is_saved_or_cancelled(session: WindowSession) -> None:
     pytest.importorskip("av")
 

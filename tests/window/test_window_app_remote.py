@@ -91,6 +91,7 @@ def test_rematch_replay_video_and_quit(session: WindowSession) -> None:
     assert not session.user.ended
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["recordings", "robotouille[video]"])
 def test_failures_are_shown_on_the_card(
     session: WindowSession, monkeypatch: pytest.MonkeyPatch, missing: str
@@ -165,6 +166,7 @@ def test_spectators_can_watch_the_next_game(session: WindowSession) -> None:
     play(session, script, watch=True)
 
 
+@pytest.mark.slow
 def test_a_team_meets_in_the_same_next_kitchen(session: WindowSession) -> None:
     def script(server: Server) -> Iterator[None]:
         asked = asyncio.Event()

@@ -8,6 +8,7 @@ from functools import cache
 
 import pygame
 import pytest
+from tests.support.samples import quick_sample
 from tests.support.window_play import SIZE, Script, Timer, at, headless_window, press
 
 from robotouille import World, load_task
@@ -306,8 +307,8 @@ def screen(size: tuple[int, int]) -> tuple[pygame.Rect, int]:
 
 @pytest.mark.parametrize("place", [panel, screen])
 @pytest.mark.parametrize("size", [(1120, 630), (640, 480), (1280, 720), (3840, 2160)])
-@pytest.mark.parametrize("seats", [2, 4])
-@pytest.mark.parametrize("message", ["", SAVED])
+@pytest.mark.parametrize("seats", quick_sample([4, 2]))
+@pytest.mark.parametrize("message", quick_sample([SAVED, ""]))
 def test_all_buttons_are_visible(place, size, seats: int, message: str) -> None:
     form = card(seats)
     form.message = message

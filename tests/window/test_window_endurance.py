@@ -82,6 +82,7 @@ def test_an_idle_game_creates_only_a_few_texts_per_step(monkeypatch: pytest.Monk
     assert max(busy) <= 8, pictures
 
 
+@pytest.mark.slow
 def test_a_busy_game_creates_nothing_between_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = list(views(course(16), 8))
     window, source = headless_window(SIZE), Led(shown[0])
@@ -109,6 +110,7 @@ SAID = ("W" * 200, "漢字" * 50, "😀" * 80, "a\u0301" * 60, "\u202eabc" * 20)
 SIZES = ((320, 240), (3840, 2160), (1, 1), (160, 120), (200, 1500), (3000, 130), (641, 359))
 
 
+@pytest.mark.slow
 def test_resizing_and_long_names_while_playing() -> None:
     timer = Timer()
     setup = GameSetup("multi_agent/01", clock=Clock.REALTIME, partner=BotKind.RANDOM, countdown=0.0)

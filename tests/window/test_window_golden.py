@@ -10,13 +10,13 @@ from tests.support.golden_pictures import TOLERANCE, distance
 from tests.support.samples import quick_sample
 
 
-@pytest.mark.parametrize("name", quick_sample(list(golden_pictures.PICTURES), 10))
+@pytest.mark.parametrize("name", quick_sample(list(golden_pictures.PICTURES), 6))
 def test_the_picture_is_unchanged(name: str) -> None:
     found = distance(golden_pictures.GOLDEN / f"{name}.jpg", golden_pictures.PICTURES[name]())
     assert found < TOLERANCE, "review it, then run: python -m tests.support.golden_pictures"
 
 
-@pytest.mark.parametrize("name", quick_sample(list(golden_screens.PICTURES), 5))
+@pytest.mark.parametrize("name", quick_sample(list(golden_screens.PICTURES), 2))
 def test_the_screen_is_unchanged(name: str) -> None:
     found = distance(golden_screens.GOLDEN / f"{name}.jpg", golden_screens.PICTURES[name]())
     assert found < TOLERANCE, "review it, then run: python -m tests.support.golden_screens"

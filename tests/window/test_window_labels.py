@@ -8,6 +8,7 @@ import itertools
 import pygame
 import pytest
 from tests.support.golden_pictures import middle
+from tests.support.samples import quick_sample
 from tests.support.window_play import world_of
 
 from robotouille import World, load_task
@@ -49,7 +50,7 @@ def crowded(steps: int) -> View:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("steps", [0, 9, 23])
+@pytest.mark.parametrize("steps", quick_sample([23, 0, 9]))
 def test_labels_do_not_overlap(size: tuple[int, int], steps: int, monkeypatch) -> None:
     drawn: list[tuple[LabelSurroundings, list[pygame.Rect]]] = []
     draw = painting.Labels.draw
@@ -172,7 +173,9 @@ def test_the_station_under_the_mouse_is_marked(station: str) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("task", ["multi_agent/10@4", "training/01", "multi_agent/01"])
+@pytest.mark.parametrize(
+    "task", quick_sample(["multi_agent/10@4", "training/01", "multi_agent/01"])
+)
 @pytest.mark.parametrize("scale", [1.0, 1.6])
 def test_the_list_does_not_cover_the_ticket_the_seats_or_the_local_player(
     size: tuple[int, int], task: str, scale: float
@@ -244,7 +247,7 @@ def test_a_busy_player_gets_a_tip(play) -> None:
     assert not [key for key in painter._labels.places() if key[0] == "busy"]
 
 
-@pytest.mark.parametrize("name", ["multi_agent/01@2", "multi_agent/10@4"])
+@pytest.mark.parametrize("name", quick_sample(["multi_agent/01@2", "multi_agent/10@4"]))
 def test_station_tips_cover_no_other_station(name: str) -> None:
     before, state, step = middle(load_task(name))
     view = View(state.world, state, before, step)

@@ -40,7 +40,9 @@ def crowded(world: World) -> View:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("task", ["multi_agent/10@4", "asynchronous/10", "workshop/02"])
+@pytest.mark.parametrize(
+    "task", quick_sample(["multi_agent/10@4", "asynchronous/10", "workshop/02"])
+)
 def test_the_panel_is_not_cut_off(size: tuple[int, int], task: str) -> None:
     world = world_of(task)
     painter, surface = Painter(), pygame.Surface(size)

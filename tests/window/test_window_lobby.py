@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pygame
 import pytest
+from tests.support.samples import quick_sample
 from tests.support.servers import serving
 from tests.support.virtual_time import opening
 from tests.support.window_play import Script, Timer, headless_window, world_of
@@ -160,7 +161,9 @@ def test_the_card_fits_beside_the_panel(size: tuple[int, int], ready: bool | Non
 
 
 @pytest.mark.parametrize("size", [(640, 360), (800, 600), (1280, 720), LARGE])
-@pytest.mark.parametrize("task", ["multi_agent/10@4", "multi_agent/07", "training/03"])
+@pytest.mark.parametrize(
+    "task", quick_sample(["multi_agent/10@4", "multi_agent/07", "training/03"])
+)
 @pytest.mark.parametrize("ready", [False, True, None])
 def test_the_card_covers_no_player_and_no_object(
     size: tuple[int, int], task: str, ready: bool | None

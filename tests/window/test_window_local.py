@@ -268,6 +268,7 @@ def slow_game(
     return LocalGame(setup, "ada", timer, folder, make), made[0]
 
 
+@pytest.mark.slow
 def test_real_time_continues_while_bots_think() -> None:
     timer = Timer()
     setup = GameSetup("multi_agent/01", seats=2, rate=10.0, countdown=0.0)

@@ -179,6 +179,7 @@ def test_steps_to_go_are_computed_in_the_background(viewer: HistoryViewer) -> No
     assert "every step" in viewer.state.message
 
 
+@pytest.mark.slow
 def test_a_clip_is_saved_while_the_window_goes_on(viewer: HistoryViewer, tmp_path: Path) -> None:
     pytest.importorskip("av")
     viewer.state.first, viewer.state.last = 2, 3
