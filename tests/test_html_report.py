@@ -88,6 +88,7 @@ def test_text_is_escaped_everywhere() -> None:
     assert page.count("</style>") == 1
 
 
+@pytest.mark.slow
 def test_equal_pages_give_equal_text() -> None:
     one = page_of("plain")
     figure.cache_clear()

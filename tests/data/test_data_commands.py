@@ -16,6 +16,7 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 from robotouille_client.cli.main import app
 from robotouille_data.report import page
 from tests.support.random_play import write_recordings
+from tests.support.samples import quick_sample
 
 
 @pytest.fixture
@@ -64,7 +65,7 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_figures")
-@pytest.mark.parametrize("command", ["sql", "report", "export"])
+@pytest.mark.parametrize("command", quick_sample(["sql", "report", "export"]))
 def test_commands_index_new_recordings_first(command: str, folder: Path, tmp_path: Path) -> None:
     def answer(name: str) -> Any:
         if command == "sql":

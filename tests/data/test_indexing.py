@@ -184,6 +184,7 @@ def test_file_name_that_is_not_utf8_is_a_fault(database: str, folder: Path) -> N
     )
 
 
+@pytest.mark.slow
 def test_oversized_file_is_not_read_into_memory(folder: Path, tmp_path: Path) -> None:
     huge = folder / "huge.rbt"
     with huge.open("wb") as file:
@@ -210,6 +211,7 @@ def test_chat_with_control_characters_is_stored(database: str, folder: Path) -> 
     assert said == {"hello", "\x1b[2J", "=1+1", "\ufffd"}
 
 
+@pytest.mark.slow
 def test_full_disk_is_an_error_and_keeps_the_catalogue(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -38,6 +38,7 @@ def test_number_column_gives_lines(tmp_path: Path) -> None:
     assert "steps" in texts
 
 
+@pytest.mark.slow
 def test_equal_answers_give_equal_bytes(tmp_path: Path) -> None:
     rows = [(HOSTILE, 1, True), ("日本語", 2, False)]
     for suffix in ("svg", "png"):

@@ -128,6 +128,7 @@ def test_episode_has_its_times_without_pauses_and_its_rules() -> None:
     assert steps[0] == (200, 50)
 
 
+@pytest.mark.slow
 def test_declared_waits_and_useful_steps_are_counted_for_all_kinds_alike() -> None:
     """A bot waits, a person does nothing: the state decides alike for both."""
     stream = random_stream(1)

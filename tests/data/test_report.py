@@ -114,6 +114,7 @@ def test_facts_equal_those_of_the_recordings(folder: Path) -> None:
         assert found.get("absences", 0) == gone
 
 
+@pytest.mark.slow
 def test_page_shows_success_with_intervals(tmp_path: Path) -> None:
     database = random_catalogue(tmp_path, 20)
     said = text_of(page_of(tmp_path, database))
@@ -172,6 +173,7 @@ def test_page_lists_missing_labels_and_damaged_recordings(folder: Path, tmp_path
     assert "(no condition)" in page
 
 
+@pytest.mark.slow
 def test_links_point_to_the_recordings(folder: Path, page: str) -> None:
     links = [
         str(attributes["href"])
@@ -193,6 +195,7 @@ def test_equal_catalogues_give_equal_bytes(folder: Path, page: str, tmp_path: Pa
     assert page == page_of(folder, str(tmp_path / "other.sqlite"))
 
 
+@pytest.mark.slow
 def test_page_has_no_scripts_and_no_external_resources(page: str) -> None:
     check_harmless(page)
 

@@ -26,6 +26,7 @@ def front_matter(folder: Path) -> dict[str, object]:
     return found
 
 
+@pytest.mark.slow
 def test_card_and_license_file_name_the_licence(write: Write) -> None:
     folder = write(about=About("Pairs", "Who waits?", "CC-BY-4.0", "lab@example.org"))
     assert front_matter(folder)["license"] == "cc-by-4.0"

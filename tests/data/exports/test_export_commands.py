@@ -82,6 +82,7 @@ def test_damaged_recordings_are_reported_and_left_out(folder: Path, tmp_path: Pa
     assert manifest(tmp_path / "out")["episodes"] == 7
 
 
+@pytest.mark.slow
 def test_card_command_prints_and_changes_the_card(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     run("export", out, "--folder", folder, "--format", "csv")

@@ -29,6 +29,7 @@ from robotouille_data.indexing import index
 from robotouille_data.recording_rows import content_digest, episode_id
 from robotouille_data.schema import RECORDINGS
 from tests.support.random_study import Write, manifest, write_random_study
+from tests.support.samples import quick_sample
 
 
 @pytest.fixture(scope="session")
@@ -224,6 +225,7 @@ def test_missing_and_changed_recordings_are_faults(own_study: Path, tmp_path: Pa
     assert manifest(tmp_path / "out")["faults"].keys() == set(map(str, ids))
 
 
+@pytest.mark.slow
 def test_recording_that_simulates_differently_is_a_fault(own_study: Path, tmp_path: Path) -> None:
     path = own_study / "random3.rbt"
     stream, _ = plain(path.read_bytes())
@@ -244,7 +246,7 @@ def test_recording_that_simulates_differently_is_a_fault(own_study: Path, tmp_pa
     ]
 
 
-@pytest.mark.parametrize("elsewhere", ["pipe", "/dev/zero", "other"])
+@pytest.mark.parametrize("elsewhere", quick_sample(["pipe", "/dev/zero", "other"]))
 def test_changed_path_in_the_catalogue_is_a_fault(
     own_study: Path, tmp_path: Path, elsewhere: str
 ) -> None:
@@ -307,6 +309,7 @@ def test_reasoning_precedes_the_action(thoughtful: Path, tmp_path: Path, texts: 
     assert said[1].startswith("Action: ")
 
 
+@pytest.mark.slow
 def test_several_formats_share_a_folder(write: Write) -> None:
     folder = write("csv", "chat", "arrays", "parquet")
     received = manifest(folder)

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 if importlib.util.find_spec("inspect_ai") is None:  # Not imported: that takes seconds.
     pytest.skip("needs inspect_ai", allow_module_level=True)
 
+# The import of Inspect alone takes two seconds in each process.
+pytestmark = pytest.mark.slow
+
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
 KEY = "sk-abcdefghijklmnop"
 
@@ -225,7 +228,6 @@ FAR = "Pick up cheese1 at table1 with robot1"
 """Action of the task that needs the robot elsewhere."""
 
 
-@pytest.mark.slow
 def test_rejected_answers_are_in_the_transcript(tmp_path: Path, evaluate: Evaluate) -> None:
     answer = of_plan()
     first = iter([f"Reasoning: up!\nAction: {FAR}", "no"])
@@ -235,7 +237,6 @@ def test_rejected_answers_are_in_the_transcript(tmp_path: Path, evaluate: Evalua
     assert [data["rejected"] for data in refused] == ["invalid", "no-action"]
 
 
-@pytest.mark.slow
 def test_inspect_limits_end_and_score_an_episode(tmp_path: Path, evaluate: Evaluate) -> None:
     sample = only(evaluate(task(tmp_path), of_plan(), token_limit=40))
     assert sample.limit is not None
@@ -277,7 +278,6 @@ async def test_cancelled_episodes_are_recorded(
     assert state.output.completion == state.messages[-1].text
 
 
-@pytest.mark.slow
 def test_provider_errors_affect_one_sample(tmp_path: Path, evaluate: Evaluate) -> None:
     failing = iter([True])
     answer = of_plan()
@@ -297,7 +297,6 @@ def test_provider_errors_affect_one_sample(tmp_path: Path, evaluate: Evaluate) -
     assert value(played)["success"] == 1
 
 
-@pytest.mark.slow
 def test_too_long_conversations_are_failures(tmp_path: Path, evaluate: Evaluate) -> None:
     from inspect_ai.model import ModelOutput, ModelUsage
 

@@ -47,12 +47,14 @@ def page() -> str:
     return page_of(list(made_up_rows(1)))
 
 
+@pytest.mark.slow
 def test_page_has_no_scripts_and_no_external_resources(page: str) -> None:
     check_harmless(page)
     links = [attributes.get("href") or "#" for _, attributes in Tags(page).found]
     assert all(link.startswith("#") for link in links)
 
 
+@pytest.mark.slow
 def test_ids_are_unique_and_links_have_targets(page: str) -> None:
     tags = Tags(page).found
     ids = [attributes["id"] for _, attributes in tags if "id" in attributes]
@@ -170,6 +172,7 @@ WITHOUT_NAME = {"cost", "is_optimal", "measure", "success_within", "tokens"}
 """Functions that the page describes without their names."""
 
 
+@pytest.mark.slow
 def test_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("episode.rbt").write_bytes(recorded_game("synchronous/01", steps=20))
