@@ -138,6 +138,7 @@ def test_interrupted_run_is_resumed(folder: Path, tmp_path: Path, number: int) -
     assert contents(folder) == contents(whole)
 
 
+@pytest.mark.slow
 def test_matching_certificates_are_kept(folder: Path) -> None:
     def kept(solver: Any, **options: Any) -> list[bool]:
         report = certify_dataset(folder, solver, **{"budget": BUDGET, **options})

@@ -213,6 +213,7 @@ def test_progress_goes_to_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "7 expansions, lower bound 7, plan 8, gap 1" in done.stderr
 
 
+@pytest.mark.slow
 def test_compiling_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
     received = plan("synchronous/01", "--json")

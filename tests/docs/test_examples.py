@@ -44,6 +44,7 @@ def test_recordings_examples() -> None:
     assert names["recording"].outcome["steps"] == 3
 
 
+@pytest.mark.slow
 def test_packs_examples() -> None:
     names = run_blocks("packs.md")
     assert names["world"].task.name == names["instance"].id

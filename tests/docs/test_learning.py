@@ -23,6 +23,7 @@ def example(name: str) -> dict[str, Any]:
     return runpy.run_path(str(ROOT / f"examples/learning/{name}.py"))
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_page() -> None:
     names: dict[str, Any] = {}
     for block in blocks("train.md", "python"):

@@ -123,6 +123,7 @@ def test_any_text_is_accepted_or_refused(text: str) -> None:
     assert plain_svg(kept) == kept
 
 
+@pytest.mark.slow
 def test_shipped_pictures_look_the_same(tmp_path: Path) -> None:
     pygame = pytest.importorskip("pygame")
     copy = tmp_path / "copy.svg"

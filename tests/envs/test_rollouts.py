@@ -75,6 +75,7 @@ def test_created_objects_have_the_worlds_names(
     assert fast.state.digest == slow.state.digest
 
 
+@pytest.mark.slow
 def test_instances_have_equal_sizes(in_the_engine: None) -> None:
     from robotouille import load_task
 
@@ -102,6 +103,7 @@ def test_single_player_needs_no_compiler() -> None:
     subprocess.run([sys.executable, "-c", program], env=environment, check=True)
 
 
+@pytest.mark.slow
 def test_threads_play_in_parallel(in_the_engine: None) -> None:
     def played(seed: int) -> list[bytes]:
         env, rng = parallel_env(TEAM, max_steps=10**6), np.random.default_rng(seed)

@@ -22,6 +22,7 @@ from robotouille.errors import SlotOverflowError
 from robotouille.planning import solve
 from tests.batch.agreement import world_of
 from tests.envs.agreement import alike
+from tests.support.samples import quick_sample
 
 ONE, TEAM = "synchronous/01", "multi_agent/01@2"
 
@@ -64,7 +65,9 @@ def some(envs, info: dict, rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("task", [ONE, "asynchronous/06", "multi_agent/01@3", TEAM])
+@pytest.mark.parametrize(
+    "task", quick_sample([ONE, TEAM, "asynchronous/06", "multi_agent/01@3"], 2)
+)
 def test_engine_matches_copies_played_one_by_one(
     task: str, mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -200,6 +203,7 @@ def test_copies_are_seeded_in_order() -> None:
         assert played(two) == rollouts[0][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_ten_thousand_copies_fit_into_a_process(
     compiled: bool, monkeypatch: pytest.MonkeyPatch

@@ -144,6 +144,7 @@ async def test_spectators_watch_quiet_episodes(tmp_path: Path) -> None:
         assert watched.measured.counts["deltas to spectators"] == pytest.approx(100, abs=25)
 
 
+@pytest.mark.slow
 @virtual
 async def test_bots_open_a_new_episode_when_one_ends(tmp_path: Path) -> None:
     async with playing(tmp_path, 1, rooms=2) as (watched, server):

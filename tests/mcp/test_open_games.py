@@ -83,6 +83,7 @@ async def test_number_of_games_is_limited(server: Server) -> None:
         await ada.call("join", episode=code)
 
 
+@pytest.mark.slow
 @opening(serving)
 async def test_number_of_games_per_token_is_limited(server: Server) -> None:
     async with OpenGames(server.url).running() as games:

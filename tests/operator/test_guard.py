@@ -221,6 +221,7 @@ def test_two_host_headers_are_refused() -> None:
 NOW = 1_800_000_000.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("record_addresses", [False, True])
 @virtual
 async def test_invalid_tokens_are_counted_in_few_audit_lines(

@@ -21,7 +21,7 @@ def last(anytime: AnytimePlanner, state: State, expansions: int) -> SearchResult
     return answer
 
 
-@pytest.mark.parametrize("name", LENGTHS)
+@pytest.mark.parametrize("name", quick_sample(LENGTHS, 8))
 def test_first_plan_is_quick_and_good(name: str) -> None:
     world = World(name)
     answer = AnytimePlanner(world).first(world.initial)
@@ -32,7 +32,7 @@ def test_first_plan_is_quick_and_good(name: str) -> None:
     assert answer.expansions <= 60
 
 
-@pytest.mark.parametrize("name", LENGTHS)
+@pytest.mark.parametrize("name", quick_sample(LENGTHS, 8))
 def test_last_plan_is_shortest(name: str) -> None:
     world = World(name)
     answer = last(AnytimePlanner(world), world.initial, 200)
@@ -99,6 +99,7 @@ def test_rest_of_a_delay_is_kept_in_the_model() -> None:
     assert lengths == [3, 3, 3, 3, 3, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 0]
 
 
+@pytest.mark.slow
 def test_second_plan_of_two_players_is_not_longer() -> None:
     world = World(load_task("multi_agent/01", seats=2))
     first, second = AnytimePlanner(world).search(world.initial, Limits(expansions=500), beam=300)

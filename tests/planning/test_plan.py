@@ -7,6 +7,7 @@ import pytest
 from robotouille import FileError, World, WrongArgumentError
 from robotouille.planning import Limits, Proof, Search, SearchResult, replay, solve
 from robotouille.planning.plan import read_plan
+from tests.support.samples import quick_sample
 
 WORLD = World("synchronous/01")
 FIRST = str(WORLD.initial.actions("robot1")[0])
@@ -40,7 +41,7 @@ ONE, TEAM = World("synchronous/01"), World("multi_agent/01@2")
 
 
 @pytest.mark.parametrize("search", list(Search))
-@pytest.mark.parametrize("world", [ONE, TEAM], ids=["one", "team"])
+@pytest.mark.parametrize("world", quick_sample([ONE, TEAM]), ids=["one", "team"])
 def test_all_searches_return_valid_plans(world: World, search: Search) -> None:
     result = solve(world, search=search, limits=Limits(expansions=300))
     assert isinstance(result, SearchResult)

@@ -121,6 +121,7 @@ def test_shortest_plan_comes_one_nearer_each_step(name: str) -> None:
     assert all(left.exact for left in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("expansions", quick_sample([5, 0, 1, 20]))
 def test_limited_search_leaves_valid_bounds(expansions: int) -> None:
     world = World("asynchronous/08")

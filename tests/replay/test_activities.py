@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -153,6 +154,7 @@ RARE = ("return", "leave", "join", "pause", "resume", "restart")
 EVENTS = st.tuples(st.sampled_from(HAPPENINGS * 2 + RARE), st.integers(0, 1), st.integers(0, 1000))
 
 
+@pytest.mark.slow
 @thorough(60)
 @given(
     st.sampled_from(list(Clock)),

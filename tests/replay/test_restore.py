@@ -122,6 +122,7 @@ def test_restored_episode_equals_the_original(clock: Clock) -> None:
     assert ours.pauses.shown == (PauseReason.RESTART, 1010.0)
 
 
+@pytest.mark.slow
 @thorough(40)
 @given(st.data())
 def test_episode_goes_on_from_a_recording_cut_off_anywhere(data: st.DataObject) -> None:

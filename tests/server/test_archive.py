@@ -258,6 +258,7 @@ async def test_strict_server_does_not_search_for_anonymous_sessions(tmp_path: Pa
         assert (folder.listed, folder.read_files) == ([], [])
 
 
+@pytest.mark.slow
 @virtual
 async def test_too_long_recording_is_read_only_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

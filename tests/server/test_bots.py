@@ -72,6 +72,7 @@ def course(here: Bots, bot: int, steps: int) -> list[Any]:
     return done
 
 
+@pytest.mark.slow
 def test_equal_questions_get_equal_answers() -> None:
     """Even if other bots have planned before, or in another process."""
     fresh, used = Bots(), Bots()

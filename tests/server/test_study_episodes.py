@@ -43,6 +43,7 @@ async def host(connection: Raw, token: str) -> None:
     assert (await hello(connection, token=token))["type"] == "welcome"
 
 
+@pytest.mark.slow
 @virtual
 async def test_reservation_survives_a_restart_and_ends_in_time(tmp_path: Path) -> None:
     wall = Wall()
@@ -151,6 +152,7 @@ async def test_disguised_bot_is_not_revealed(tmp_path: Path) -> None:
     assert recording.participants["robot2"] == ("bea", "bot")
 
 
+@pytest.mark.slow
 @virtual
 async def test_many_creates_are_paced_up_to_the_limit(tmp_path: Path) -> None:
     limits = {"max_reserved_per_owner": 120, "max_episodes_per_owner": 1}

@@ -28,7 +28,7 @@ def failure_text(report: Report) -> str:
     return "\n".join([again, *report.faults])
 
 
-@pytest.mark.parametrize("start", quick_sample(range(0, LAST, BLOCK), 2, nightly=10))
+@pytest.mark.parametrize("start", quick_sample(range(0, LAST, BLOCK), nightly=10))
 def test_episodes_survive_the_faults_of_a_cluster(start: int) -> None:
     reports = [run_cluster_seed(seed) for seed in range(start, start + BLOCK)]
     failed = [failure_text(report) for report in reports if not report.ok]
@@ -40,6 +40,7 @@ def test_episodes_survive_the_faults_of_a_cluster(start: int) -> None:
     assert min(counts["steps"], counts["messages"]) > 10 * BLOCK, "too little was checked"
 
 
+@pytest.mark.slow
 def test_seed_gives_the_same_course_again() -> None:
     """The course must not depend on hashes, addresses or earlier runs."""
     assert run_cluster_seed(7).digest == run_cluster_seed(7).digest
@@ -135,7 +136,7 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize("fault", quick_sample(FAULTS, 2), ids=lambda fault: fault.plant.__name__)
+@pytest.mark.parametrize("fault", quick_sample(FAULTS), ids=lambda fault: fault.plant.__name__)
 def test_fault_of_a_cluster_is_found(fault: Fault, monkeypatch: pytest.MonkeyPatch) -> None:
     fault.plant(monkeypatch)
     found: list[str] = []

@@ -168,7 +168,7 @@ FAULTS = [
 SEEDS = sorted({seed for fault in FAULTS for seed in fault.seeds})
 
 
-@pytest.mark.parametrize("fault", quick_sample(FAULTS, 3), ids=lambda fault: fault.plant.__name__)
+@pytest.mark.parametrize("fault", quick_sample(FAULTS), ids=lambda fault: fault.plant.__name__)
 def test_server_fault_is_found(fault: Fault, monkeypatch: pytest.MonkeyPatch) -> None:
     fault.plant(monkeypatch)
     found: list[str] = []

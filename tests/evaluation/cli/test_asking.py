@@ -27,6 +27,7 @@ from robotouille_evaluation.models import (
 )
 from robotouille_evaluation.models.openai_compatible import KEY_VARIABLES
 from robotouille_evaluation.runs import RunFolder
+from tests.support.samples import quick_sample
 
 RUN = [
     "--tasks", "synchronous/01_cheese_sandwich", "--kinds", "default", "--agents", "react-none",
@@ -96,7 +97,8 @@ def test_costs_and_options_of_a_resumed_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "played"), [(ModelErrorKind.REFUSED, MAX_FATAL), (ModelErrorKind.TIME_OUT, 8)]
+    ("kind", "played"),
+    quick_sample([(ModelErrorKind.REFUSED, MAX_FATAL), (ModelErrorKind.TIME_OUT, 8)]),
 )
 def test_run_stops_after_fatal_errors(tmp_path: Path, kind: ModelErrorKind, played: int) -> None:
     FakeModel.failing, FakeModel.kind = True, kind
@@ -116,6 +118,7 @@ def test_run_without_key_does_not_begin(tmp_path: Path) -> None:
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.slow
 def test_resume_requires_the_base_url_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

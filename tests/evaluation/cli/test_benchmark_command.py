@@ -19,6 +19,7 @@ from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Experiment
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.runs import RunFolder
+from tests.support.samples import quick_sample
 
 SANDWICH = "synchronous/01_cheese_sandwich"
 TEAM = "multi_agent/01_lettuce_burger"
@@ -61,7 +62,7 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
 
 
-@pytest.mark.parametrize("variant", [[], ["--variant", "delay-free"]])
+@pytest.mark.parametrize("variant", quick_sample([["--variant", "delay-free"], []]))
 def test_option_seats(tmp_path: Path, variant: list[str]) -> None:
     words = ["--tasks", TEAM, "--kinds", "default", "--agents", "react-none", "--seats", "3"]
     result = called("run", tmp_path / "run", *words, *variant)
@@ -72,6 +73,7 @@ def test_option_seats(tmp_path: Path, variant: list[str]) -> None:
     assert called("resume", tmp_path / "run").exit_code == 0
 
 
+@pytest.mark.slow
 def test_options_of_real_time(tmp_path: Path) -> None:
     words = ["--clock", "realtime", "--step-rate", "4", "--charge", "declared:500", "--slack", "2"]
     result = called("run", tmp_path / "run", *MODEL, *words, "--late", "drop", "--helper", "script")
@@ -160,6 +162,7 @@ def test_unknown_optima_are_reported(tmp_path: Path) -> None:
     assert f"robotouille pack prove {tmp_path / 'pack'}" in result.output
 
 
+@pytest.mark.slow
 def test_resume_refuses_another_pack(tmp_path: Path) -> None:
     run = tmp_path / "run"
     assert called("run", run, *MODEL).exit_code == 0

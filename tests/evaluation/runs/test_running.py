@@ -42,6 +42,7 @@ from robotouille_evaluation.runs import (
 )
 from robotouille_evaluation.runs import job_agents as policies
 from tests.support.runs import agent, small_pack, started_run
+from tests.support.samples import quick_sample
 
 TASKS = ("synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger")
 
@@ -72,7 +73,7 @@ def job_of(kind: AgentSpec, task: str) -> EpisodeJob:
     return next(job for job in planned(kind) if job.instance.startswith(task))
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", quick_sample(TASKS))
 @pytest.mark.parametrize("kind", ["planner", "random", "scripted"])
 def test_row_and_recording_of_an_episode(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, task: str

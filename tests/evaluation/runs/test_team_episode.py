@@ -168,6 +168,7 @@ def test_team_ends_when_its_model_ends(
     assert (row.outcome.ended_by, row.counts.calls) == ("finish", calls.get(control, 15))
 
 
+@pytest.mark.slow
 def test_resumed_team_run_repeats_no_call(tmp_path: Path) -> None:
     for control in ("turns", "joint"):
         job = team_job(control)

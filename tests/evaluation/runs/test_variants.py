@@ -59,6 +59,7 @@ def undone_in(recording: Recording) -> list[tuple[int, Any]]:
     return [(frame["step"], frame["undone"]) for frame in recording.steps if "undone" in frame]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", quick_sample([ALONE, TEAM]))
 def test_planner_plans_again_after_a_reversal(tmp_path: Path, task: str) -> None:
     seen = 0

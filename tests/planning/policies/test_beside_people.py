@@ -70,6 +70,7 @@ class Odd(Idle):
         return self._random.choice(some) if some else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "seed"),
     quick_sample([("01@2", 1), ("02@3", 2), ("07@4", 3), ("05@2", 4), ("08@3", 5)], nightly=3),
@@ -98,6 +99,7 @@ def test_decision_work_is_bounded_next_to_a_person(
     assert sum(each > 0 for each in spent) <= 2 + len(game.steps) // 5
 
 
+@pytest.mark.slow
 def test_request_is_repeated_while_a_place_stays_blocked() -> None:
     world = World("multi_agent/01@3")
     bot = PlannerPolicy(world, "robot2", start=world.initial)
@@ -130,6 +132,7 @@ class Holder(Idle):
         return walk_to(state, self.player, at)
 
 
+@pytest.mark.slow
 def test_mere_walks_cause_no_search(work: Work) -> None:
     wander = RandomWalker("robot2")
     holder = Holder("lettuce1", wander.act)
@@ -151,6 +154,7 @@ def test_waiting_bot_makes_way() -> None:
     assert all(aside[-20:])
 
 
+@pytest.mark.slow
 def test_mutual_waiting_is_resolved() -> None:
     class Rival(Holder):
         place, waited, arrived = "", 0, False

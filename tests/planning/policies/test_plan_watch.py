@@ -221,6 +221,7 @@ def test_unblocked_plan_is_unchanged() -> None:
     assert defer_blocked(plan, aside, aside, team) is plan
 
 
+@pytest.mark.slow
 def test_bot_works_elsewhere_while_the_stove_is_blocked() -> None:
     game = play_team(
         load_task("multi_agent/02@2", timing="people"),

@@ -121,6 +121,7 @@ HELP = (
 )
 
 
+@pytest.mark.slow
 def test_bot_does_the_rest_while_a_person_helps() -> None:
     helper = Helper("robot2", HELP, 6)
     task = load_task("multi_agent/01@2", timing="people")
@@ -135,6 +136,7 @@ def test_bot_does_the_rest_while_a_person_helps() -> None:
     assert game.outcome.steps <= last + 25
 
 
+@pytest.mark.slow
 def test_holder_of_a_needed_object_is_asked_to_act() -> None:
     holder = Helper("robot2", "move table1 table6; pick-up-item lettuce1 table6", 1)
     game = play_team("multi_agent/01@2", {"robot2": holder}, expansions=QUICK, limit=60)
@@ -175,6 +177,7 @@ def test_wandering_person_does_not_stop_the_bots(seed: int, travel: bool) -> Non
     assert [tally.invalid for tally in game.outcome.seats] == [0, 0, 0]
 
 
+@pytest.mark.slow
 def test_bot_announces_its_destination() -> None:
     game = play_team("multi_agent/01", {"robot2": Idle("robot2")}, expansions=QUICK)
     received = [text for _, player, text in game.said if player == "robot1"]
