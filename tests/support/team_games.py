@@ -22,6 +22,8 @@ from robotouille.planning.beam.planner import EXPANSIONS
 from robotouille.planning.plan import UNLIMITED, Limits, SearchResult
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, TeamPolicy
 from robotouille.planning.policies.policy import Did
+from robotouille.planning.policies.shift_policy import ShiftPolicy
+from robotouille.planning.shift import DishPlanner
 from robotouille.planning.solvers import AnytimePlanner
 
 __all__ = ["Idle", "RandomWalker", "TeamGame", "play_team"]
@@ -110,12 +112,9 @@ def play_team(
     """
     world = World(load_task(task) if isinstance(task, str) else task)
     episode = Episode(world, Rules(clock=clock, max_steps=limit, step_rate=10))
-    anytime = SharedPlanner(World(world.task))
-    options = PlannerOptions(expansions=expansions)
+    bot = _new_bot(world, PlannerOptions(expansions=expansions))
     policies: dict[str, Policy] = {
-        player: PlannerPolicy(world, player, options, start=world.initial, anytime=anytime)
-        for player in world.players
-        if player not in (others or {})
+        player: bot(player) for player in world.players if player not in (others or {})
     } | dict(others or {})
     kinds = {p: getattr(policy, "kind", "bot") for p, policy in policies.items()}
     for player in world.players:
@@ -142,6 +141,17 @@ def play_team(
         _deliver(episode, policies, game, now)
     game.outcome = episode.outcome
     return game
+
+
+def _new_bot(world: World, options: PlannerOptions) -> Callable[[str], Policy]:
+    """Return a function that makes the bot of a seat; all share what they learn of the kitchen."""
+    if world.shift is not None:
+        dishes: dict[str, DishPlanner] = {}
+        return lambda player: ShiftPolicy(world, player, options, dishes=dishes)
+    anytime = SharedPlanner(World(world.task))
+    return lambda player: PlannerPolicy(
+        world, player, options, start=world.initial, anytime=anytime
+    )
 
 
 def _talkers(policies: Mapping[str, Policy]) -> Iterable[TeamPolicy]:

@@ -158,7 +158,10 @@ class LayoutRule(Schema):
 
     predicate: Name
     when: (
-        Literal["shares_tile", "bottom_of_stack", "next_in_stack", "top_of_stack", "faces"] | None
+        Literal[
+            "shares_tile", "bottom_of_stack", "next_in_stack", "top_of_stack", "faces", "reaches"
+        ]
+        | None
     ) = None
     unless: tuple[Name, ...] | None = None
 

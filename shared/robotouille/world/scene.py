@@ -75,7 +75,7 @@ class _Scene:
                     self._below[atom[1]] = atom[2]
                 case _ if len(atom) == 2:
                     self._facts.setdefault(atom[1], set()).add(atom[0])
-                case "bottom_of_stack":
+                case "bottom_of_stack" | "reaches":
                     pass
                 case _:
                     self._related.setdefault(atom[-1], []).append(atom[1])
@@ -129,7 +129,11 @@ class _Scene:
         taken: dict[str, Tile] = {}
         for name in self._world.players:
             thing, station = self._world.thing(name), self._at.get(name)
-            choices = self._world.floor.beside(station) if station else []
+            floor = self._world.floor
+            choices = floor.beside(station) if station else []
+            if thing.tile:
+                # A counter can be used from both sides, but the player is on one.
+                choices = floor.connected(thing.tile, choices) or choices
             # A player that has not moved stays where the problem puts it.
             if thing.tile and (not station or self._world.thing(station).tile == thing.facing):
                 choices = [thing.tile, *choices]

@@ -337,6 +337,18 @@ class World(GroundTask):
         orders = None if self.shift is None else self.shift.initial
         return State(self, self.initial_facts, self.timers.none, orders)
 
+    def reached_by(self, player: str) -> frozenset[str]:
+        """Return the stations to which a player can walk; a counter can divide a kitchen."""
+        domain, static = self.task.domain, self.table.static
+        predicates = [rule.predicate for rule in domain.layout or () if rule.when == "reaches"]
+        stations = (o.name for o in self.placed if o.type in domain.station_types)
+        return frozenset(s for s in stations if all((p, player, s) in static for p in predicates))
+
+    @cached_property
+    def is_undivided(self) -> bool:
+        """True if all players can walk to the same stations."""
+        return len({self.reached_by(player) for player in self.players}) <= 1
+
     @cached_property
     def _goal_sentences(self) -> tuple[str, ...]:
         return goal_sentences(self, self.goal)

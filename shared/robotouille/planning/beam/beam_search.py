@@ -96,7 +96,7 @@ class Relevance:
         return {s for s in self._analysis.stations if self._roles(s)}
 
     def _spare(self, number: int) -> set[str]:
-        """Return empty stations, those near the relevant ones first."""
+        """Return empty stations: those between crews first, then those near the relevant ones."""
         players = set(self._world.players)
         free = [
             s
@@ -105,7 +105,8 @@ class Relevance:
         ]
         floor = self._world.floor
         chosen = sorted(self.stations)
-        free.sort(key=lambda s: sum(floor.distance(s, other) for other in chosen))
+        crews = self._analysis.crews_at
+        free.sort(key=lambda s: (-crews(s), sum(floor.distance(s, other) for other in chosen)))
         return set(free[:number])
 
 

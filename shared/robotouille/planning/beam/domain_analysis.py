@@ -6,16 +6,17 @@ nothing but its player's place. Nothing here is specific to kitchens.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 
 from robotouille.domain.schema import Condition, Creation, EffectDef
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
-from robotouille.world.grounding.atoms import EXISTS, USED
+from robotouille.world.grounding.atoms import EXISTS, USED, bits_of
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import World
 
 SOMEBODY = "@"
-"""Placeholder for any player in the atoms of a projection."""
+"""First letter of the placeholder for any player of a crew in the atoms of a projection."""
 
 
 class DomainAnalysis:
@@ -36,6 +37,15 @@ class DomainAnalysis:
         self.place_predicates = frozenset(p for p in walked if len(self._types[p]) == 2)
         self.classes: dict[str, list[str]] = {}
         self._class: dict[str, str] = {}
+        self.crews: dict[str, list[str]] = {}
+        self._crew: dict[str, str] = {}
+        self._reached: dict[str, frozenset[str]] = {}
+        for player in world.players:
+            reached = world.reached_by(player)
+            known = next((c for c, found in self._reached.items() if found == reached), None)
+            crew = known or f"{SOMEBODY}{len(self.crews)}"
+            self._reached[crew], self._crew[player] = reached, crew
+            self.crews.setdefault(crew, []).append(player)
 
     def _walks(self, schema: ActionSchema) -> bool:
         effects = schema.definition.immediate_fx
@@ -47,6 +57,26 @@ class DomainAnalysis:
             and bool(effects)
             and all(kinds <= allowed for kinds in types)
             and any(kinds & self.player_types and kinds & self.station_types for kinds in types)
+        )
+
+    def crew_of(self, player: str) -> str:
+        """Return the placeholder for a player and all who can walk to the same stations."""
+        return self._crew[player]
+
+    def crews_at(self, station: str) -> int:
+        """Return the number of crews that can walk to a station."""
+        return sum(station in reached for reached in self._reached.values())
+
+    def can_stand(self, conditions: Iterable[Condition], binding: dict[str, str]) -> bool:
+        """Return whether the crews of a binding can walk to where the conditions place them."""
+        return all(
+            binding[station] in self._reached[binding[player]]
+            for c in conditions
+            if c.predicate in self.place_predicates and c.is_true
+            for player in c.params
+            if binding[player] in self._reached
+            for station in c.params
+            if station != player
         )
 
     def is_movable(self, kind: str) -> bool:
@@ -63,6 +93,17 @@ class DomainAnalysis:
     def stations_in(self, atom: Atom) -> list[str]:
         """Return the stations of an atom in order."""
         return [n for n in atom[1:] if self.type_of(n) in self.station_types]
+
+    def above(self, facts: int) -> dict[str, str]:
+        """Return what lies directly on each object."""
+        rules = self.world.task.domain.layout or ()
+        table = self.world.table
+        return {
+            table.atoms[i][2]: table.atoms[i][1]
+            for rule in rules
+            if rule.when == "next_in_stack"
+            for i in bits_of(facts & table.matching((rule.predicate, None, None)))
+        }
 
     # Classes of movables that a projection need not distinguish
 
@@ -111,9 +152,7 @@ class DomainAnalysis:
         )
 
     def _members(self, value: str, parameter: str, condition: Condition) -> list[str]:
-        if value == SOMEBODY:
-            return list(self.world.players)
-        return self.classes.get(value, [value])
+        return self.crews.get(value) or self.classes.get(value, [value])
 
     # Time
 

@@ -3,7 +3,8 @@
 If the top of a sandwich is laid first, it has to come off again. The planner finds such orders
 without knowing sandwiches. For two objects of the goal and one player, it brings the first to its
 goal. Then it tries to bring the second to its goal without disturbing the first. If that fails, the
-second has to come first. Equivalent pairs are tried once.
+second has to come first. What lies on another object of the goal is brought there together with
+it: otherwise it would be laid where nothing can stay. Equivalent pairs are tried once.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ class Ordering:
         self._binding = self._on_free_stations(binding)
         self._lasting = _lasting(context)
         self._terms = self._owned()
-        self._after: dict[Id, State | None] = {}
+        rules = context.world.task.domain.layout or ()
+        self._resting = {rule.predicate for rule in rules if rule.when == "next_in_stack"}
+        self._after: dict[tuple[Id, ...], State | None] = {}
         self._tried: dict[tuple[object, ...], bool] = {}
         self.before: dict[Id, tuple[Id, ...]] = {
             late: tuple(early for early in self._terms if self._must_wait(late, early))
@@ -126,17 +129,29 @@ class Ordering:
 
     def _try(self, first: Id, second: Id) -> bool:
         """Return whether satisfying one variable first makes the other impossible."""
-        if first not in self._after:
-            self._after[first] = self._achieve(self._context.world.initial, first, 0)
-        state = self._after[first]
+        stack = self._stack(first)
+        start = (first,) if second in stack else stack
+        if start not in self._after:
+            self._after[start] = self._achieve(self._context.world.initial, start, 0)
+        state = self._after[start]
         if state is None:
             return False
         kept = self._context.world.table.mask(self._atoms(first, self._binding))
-        return self._achieve(state, second, kept) is None
+        return self._achieve(state, self._stack(second), kept) is None
 
-    def _achieve(self, state: State, variable: Id, kept: int) -> State | None:
-        """Return a state in which a variable's predicates and `kept` are true, or None."""
-        atoms = self._atoms(variable, self._binding)
+    def _stack(self, variable: Id) -> tuple[Id, ...]:
+        """Return a variable and those below it in a stack of the goal."""
+        found = [variable]
+        for each in found:
+            below = (t.ids[1] for t in self._terms[each] if t.predicate in self._resting)
+            found += [other for other in below if other in self._terms and other not in found]
+        return tuple(found)
+
+    def _achieve(self, state: State, variables: tuple[Id, ...], kept: int) -> State | None:
+        """Return a state in which the variables' predicates and `kept` are true, or None."""
+        atoms = [atom for v in variables for atom in self._atoms(v, self._binding)]
+        if self._context.world.table.mask(atoms) & ~state.facts == 0:
+            return state
         heuristic = RemainingWork(self._context, self._binding, state.facts, None, atoms, kept)
         team = self._context.world.players
         relevance = Relevance(self._context, state, heuristic, len(team))

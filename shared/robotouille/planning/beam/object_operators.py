@@ -2,8 +2,8 @@
 
 A projection keeps the atoms about its *focus* (one object, perhaps with its support) and whether
 stations of its goal are free. Every other movable object is replaced by a placeholder for its
-class, and every player by `SOMEBODY`. Delayed and repeated effects count as part of their action,
-at a cost.
+class, and every player by one for its crew. Delayed and repeated effects count as part of their
+action, at a cost.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 from robotouille.domain.schema import Condition, Creation, Deletion, EffectDef
-from robotouille.planning.beam.domain_analysis import SOMEBODY, DomainAnalysis, creates
+from robotouille.planning.beam.domain_analysis import DomainAnalysis, creates
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.objects import Atom
@@ -90,7 +90,7 @@ class Focus:
             return name
         kind = analysis.type_of(name)
         if kind in analysis.player_types:
-            return SOMEBODY
+            return analysis.crew_of(name)
         return analysis.class_of(name) if analysis.is_movable(kind) else name
 
     def tracks(self, atom: Atom) -> bool:
@@ -166,7 +166,8 @@ def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
     pools = []
     for _, kind in schema.parameters:
         if kind in analysis.player_types:
-            pools.append([SOMEBODY])
+            of_kind = analysis.world.table.by_type[kind]
+            pools.append([c for c, crew in analysis.crews.items() if set(of_kind) & set(crew)])
         elif kind in analysis.station_types:
             pools.append([s for s in analysis.stations if analysis.type_of(s) == kind])
         else:
@@ -181,7 +182,10 @@ def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
         near = creating or any(v in focus.names or v in focus.stations for v in values)
         if near and len(set(exact)) == len(exact):
             binding = dict(zip(names, values, strict=True))
-            if all(analysis.static_holds(c, binding) for c in _static(schema, analysis)):
+            possible = analysis.can_stand(schema.definition.precons, binding)
+            if possible and all(
+                analysis.static_holds(c, binding) for c in _static(schema, analysis)
+            ):
                 yield binding
 
 
@@ -226,7 +230,8 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
 def _handles(conditions: tuple[Condition, ...], binding: Binding, focus: Focus) -> bool:
     """Return whether a player handles the focus itself, not an object next to it."""
     atoms = ({binding[name] for name in c.params} for c in conditions)
-    return any(SOMEBODY in names and names & set(focus.names) for names in atoms)
+    crews = focus.analysis.crews.keys()
+    return any(names & crews and names & set(focus.names) for names in atoms)
 
 
 def _vague(atom: Atom) -> bool:
@@ -312,8 +317,8 @@ def _example(schema: ActionSchema, binding: Binding, focus: Focus) -> GroundActi
     arguments = []
     for name, kind in schema.parameters:
         value = binding[name]
-        if value == SOMEBODY:
+        if value in analysis.crews:
             table = analysis.world.table
-            value = next(p for p in analysis.world.players if p in table.by_type[kind])
+            value = next(p for p in analysis.crews[value] if p in table.by_type[kind])
         arguments.append(analysis.classes.get(value, [value])[0])
     return analysis.world.action(schema.name, *arguments)

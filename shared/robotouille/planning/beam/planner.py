@@ -60,6 +60,7 @@ class _Chooser:
         self._facts = (state.facts | forecast.touched) ^ forecast.removed
         self._variables = dict(self._goal.variables)
         self._candidates = {v: self._available(v) for v in self._variables}
+        self._above = context.analysis.above(self._facts)
 
     def _available(self, variable: int | str) -> list[str]:
         """Return the existing candidates, then as many future ones as the goal could need."""
@@ -110,11 +111,19 @@ class _Chooser:
                 total += 0.01
         for part in self._context.parts(atoms, self._facts):
             total += part.distance(self._facts)
+        total += 0.01 * sum(self._burden(name, binding) for name in binding.values())
         if self._ordering is not None:
             for late, early in self._ordering.rules(binding).values():
                 if self._facts & late == late and self._facts & early != early:
                     total += REDOING * self._context.analysis.errand
         return total
+
+    def _burden(self, name: str, binding: GoalBinding) -> int:
+        """Return the number of objects on another one that the goal does not need."""
+        needed, above, count = set(binding.values()), self._above, 0
+        while (name := above.get(name, "")) and count < len(above):
+            count += name not in needed
+        return count
 
     def improve(self, binding: GoalBinding) -> GoalBinding:
         """Return the local optimum near a choice."""

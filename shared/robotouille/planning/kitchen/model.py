@@ -21,7 +21,11 @@ from robotouille.planning.kitchen.compact_state import (
     Kitchen,
 )
 from robotouille.planning.kitchen.kernels import Cube, Table, record
-from robotouille.planning.kitchen.recognition import KitchenRules, Process, recognise
+from robotouille.planning.kitchen.recognition import (
+    KitchenRules,
+    Process,
+    recognise,
+)
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
@@ -61,9 +65,9 @@ _rules: WeakKeyDictionary[World, KitchenRules | None] = WeakKeyDictionary()
 
 
 def rules_of(world: World) -> KitchenRules | None:
-    """Return the rules of a world whose domain is a kitchen, else None. Results are cached."""
+    """Return the rules of a world that is a kitchen, else None. Results are cached."""
     if world not in _rules:
-        _rules[world] = recognise(world.task.domain)
+        _rules[world] = recognise(world.task.domain) if world.is_undivided else None
     return _rules[world]
 
 

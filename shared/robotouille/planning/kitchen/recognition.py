@@ -85,10 +85,11 @@ class KitchenRules:
 
 
 def recognise(domain: DomainFile) -> KitchenRules | None:
-    """Return the rules of a domain if it is a kitchen, else None."""
+    """Return the rules of a domain that is a kitchen while all stations can be reached, or None."""
     rules = KitchenRules()
+    reaches = frozenset(r.predicate for r in domain.layout or () if r.when == "reaches")
     for action in domain.action_defs:
-        meaning = FIXED.get(_sentence(action))
+        meaning = FIXED.get(_sentence(action, reaches))
         if meaning is not None:
             rules.actions.setdefault(meaning, action.name)
             continue
@@ -118,8 +119,9 @@ def _are_simple(processes: list[Process]) -> bool:
     return not chained and not any(p.requires in results for p in processes)
 
 
-def _sentence(action: ActionDef) -> str:
-    text = f"{_conditions(action.precons)} -> {_conditions(action.immediate_fx)}"
+def _sentence(action: ActionDef, without: frozenset[str]) -> str:
+    before = _conditions(c for c in action.precons if c.predicate not in without)
+    text = f"{before} -> {_conditions(action.immediate_fx)}"
     if action.sfx:
         text += "| " + ", ".join(map(_effect, action.sfx))
     return text.strip()

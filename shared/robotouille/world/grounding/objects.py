@@ -103,7 +103,10 @@ def initial_facts(task: Task, objects: Iterable[Object]) -> frozenset[Atom]:
     rules = task.domain.layout or ()
     stations = set(task.domain.station_types)
     for rule in rules:
-        if rule.when is not None:
+        if rule.when == "reaches":
+            floor = Floor(task.problem.width, task.problem.height, objects, stations)
+            facts.update((rule.predicate, *pair) for pair in floor.reaching(objects))
+        elif rule.when is not None:
             facts.update(_implied(rule, types[rule.predicate], objects, stations))
     # `unless` rules come last because they depend on the other facts.
     for rule in rules:
@@ -207,6 +210,18 @@ class Floor:
         around = [(x + dx, y + dy) for dx, dy in _NEIGHBOURS]
         return [tile for tile in around if self.is_free(tile) and tile in self.reachable]
 
+    def connected(self, start: Tile, tiles: Iterable[Tile]) -> list[Tile]:
+        """Return the tiles to which one can walk from a free tile."""
+        return [tile for tile in tiles if tile in self._walk_from(start)]
+
+    def reaching(self, players: Iterable[Object]) -> Iterator[tuple[str, str]]:
+        """Yield each player that has a start, with each station that it can walk to from there."""
+        for player in players:
+            if player.facing is not None and player.tile:
+                for station in self.stations:
+                    if self.connected(player.tile, self.beside(station)):
+                        yield player.name, station
+
     def standing(self, station: str) -> Tile:
         """Return the tile from which a station is used, or its own tile if it is enclosed."""
         beside = self.beside(station)
@@ -224,7 +239,14 @@ class Floor:
 
     def distance(self, here: str, there: str) -> int:
         """Return the length of the walk between the tiles from which two stations are used."""
-        return len(self.path(self.standing(here), self.standing(there))) - 1
+        start, goal = self.standing(here), self.standing(there)
+        if start not in self._walk_from(goal):
+            # A counter divides the floor, and one of the stations can be used from both sides.
+            walks = (
+                (a, b) for a in self.beside(here) for b in self.connected(a, self.beside(there))
+            )
+            start, goal = min(walks, key=lambda ends: len(self.path(*ends)), default=(start, goal))
+        return len(self.path(start, goal)) - 1
 
     def _walk_from(self, goal: Tile) -> dict[Tile, Tile]:
         """Return the next tile on the way to `goal` for each tile from which it can be reached."""
