@@ -124,10 +124,15 @@ class Conversation:
             services.metrics.dropped.labels("flood").inc()
             peer.close("rate/limited", "far too many messages")
         except ProtocolError as error:
+            if not error.code.startswith(("rate/", "server/")):
+                self._budget.charge_mistakes(self._loop.time(), 1)
             self._answer_error(error, ref)
         except Exception:
             self._answer_failure(ref)
         session = self.session
+        if session is not None and session.mistakes:
+            self._budget.charge_mistakes(self._loop.time(), session.mistakes)
+            session.mistakes = 0
         if session is not None and session.room is not None and session.room.writing:
             session.room.hold(peer.socket)
         peer.throttle()

@@ -206,6 +206,7 @@ def test_all_shipped_tasks_for_one_player_are_proven() -> None:
 CASES = [
     (name, seats)
     for name in task_names()
+    if not name.startswith("shifts/")
     for seats in (load_task(name).problem.seats or (load_task(name).seats,))
 ]
 

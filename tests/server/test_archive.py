@@ -190,13 +190,14 @@ async def test_folder_is_listed_rarely_and_in_a_thread(
 ) -> None:
     """Anybody can send resume tokens of unknown episodes, so they must be cheap."""
     folder = CountingFolder(tmp_path)
-    async with serving(tmp_path, storage=folder) as server, raw(server, hello=False) as eve:
+    async with serving(tmp_path, storage=folder) as server:
         folder.listed.clear()
         begin = asyncio.get_running_loop().time()
         for number in range(6):
             for _ in range(20):
                 token = token_for(server, f"{number:016x}")
-                refused = await eve.ask({**HELLO, "resume": token}, "welcome")
+                async with raw(server, hello=False) as eve:
+                    refused = await eve.ask({**HELLO, "resume": token}, "welcome")
                 assert refused["code"] == "auth/expired"
                 await asyncio.sleep(0.05)
         took = asyncio.get_running_loop().time() - begin

@@ -255,3 +255,21 @@ async def test_long_messages_are_accepted_less_often(tmp_path: Path) -> None:
             codes.append((await client.ask(long, "said"))["code"])
         assert codes[0] == "message/invalid-field"
         assert codes.index("rate/limited") <= 7
+
+
+@virtual
+@pytest.mark.parametrize(
+    "action", ["cut the letuce", {"name": "dance", "args": []}], ids=["sentence", "name"]
+)
+async def test_mistakes_count_as_several_messages(tmp_path: Path, action: Any) -> None:
+    async with serving(tmp_path, messages_per_second=RATE) as server, raw(server) as client:
+        create = {"type": "create", "task": "synchronous/01"}
+        code = (await client.ask(create, "created"))["code"]
+        await client.ask({"type": "join", "episode": code}, "joined")
+        await asyncio.sleep(2.0)
+        codes = []
+        for seq in range(1, 4):
+            act = {"type": "act", "seq": seq, "action": action}
+            codes.append((await client.ask(act, "rejected"))["code"])
+        assert codes[0] == "action/unknown"
+        assert codes[-1] == "rate/limited"

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import Server
+from robotouille_server.runtime.budgets import MAX_GREETINGS
 from robotouille_server.transport.connection import (
     FRAMES_BURST,
     MAX_EXCESS,
@@ -236,13 +237,20 @@ async def test_invalid_frames_close_with_the_right_status(tmp_path: Path) -> Non
                 wire.cut()
 
 
+async def welcomed(port: int) -> Wire:
+    """Return a connection that has been welcomed."""
+    wire = await Wire.open(port)
+    await wire.upgrade(text=True)
+    await wire.write(frame(HELLO))
+    assert (await anext(wire.messages()))["type"] == "welcome"
+    return wire
+
+
 @virtual
 async def test_client_with_many_frames_gives_way_to_others(tmp_path: Path) -> None:
     order: list[str] = []
     async with serving(tmp_path) as server:
-        wires = [await Wire.open(server.port) for _ in range(2)]
-        for wire in wires:
-            await wire.upgrade(text=True)
+        wires = [await welcomed(server.port) for _ in range(2)]
         hand_over = Connection._hand_over
 
         def noted(self: Connection, content: bytes, is_text: bool) -> None:
@@ -279,9 +287,7 @@ async def test_endless_request_is_cut_off(tmp_path: Path) -> None:
 @virtual
 async def test_all_clients_share_the_budget_of_a_turn(tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
-        wires = [await Wire.open(server.port) for _ in range(20)]
-        for wire in wires:
-            await wire.upgrade(text=True)
+        wires = [await welcomed(server.port) for _ in range(20)]
         turn, handled = 0, []
         hand_over = Connection._hand_over
 
@@ -314,9 +320,7 @@ async def test_clients_take_turns_though_their_messages_take_long(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with serving(tmp_path) as server:
-        slow, quick = [await Wire.open(server.port) for _ in range(2)]
-        for wire in (slow, quick):
-            await wire.upgrade(text=True)
+        slow, quick = [await welcomed(server.port) for _ in range(2)]
         loop, late, handled = asyncio.get_running_loop(), [0.0], []
         now, hand_over = loop.time, Connection._hand_over
 
@@ -334,3 +338,19 @@ async def test_clients_take_turns_though_their_messages_take_long(
         assert handled.index(len(b"{ }")) <= 2
         for wire in (slow, quick):
             wire.cut()
+
+
+@virtual
+async def test_few_messages_are_read_before_welcome(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        wire = await Wire.open(server.port)
+        await wire.upgrade(text=True)
+        wrong = HELLO.replace(b'"protocol": 1', b'"protocol": 99')
+        await wire.write(frame(wrong) * (MAX_GREETINGS + 1) + frame(HELLO))
+        answers = []
+        with pytest.raises(Closed) as closed:
+            async for answer in wire.messages():
+                answers.append(answer["code"])
+        assert answers == ["protocol/version"] * MAX_GREETINGS + ["rate/limited"]
+        assert closed.value.code == 1008
+        wire.cut()

@@ -46,7 +46,10 @@ def test_conditions_are_sentences_in_the_problems_order() -> None:
     ]
 
 
-@pytest.mark.parametrize("name", quick_sample_per_folder(task_names()))
+WITH_GOAL = [name for name in task_names() if not name.startswith("shifts/")]
+
+
+@pytest.mark.parametrize("name", quick_sample_per_folder(WITH_GOAL))
 def test_all_conditions_hold_exactly_if_the_goal_does(name: str) -> None:
     world = World(load_task(name))
     for state in walk(world, seed=3):

@@ -99,8 +99,12 @@ class ActionRequests:
         except ProtocolError as error:
             self._metrics.errors.labels(error.code).inc()
             self._episode.reject(player, _with_action(request, in_words(request)), error, now)
+            session.mistakes += 1
         else:
             self._episode.submit(player, _with_action(request, action), now)
+            answer = self._episode.seat(player).answer
+            if answer.seq == request.seq and answer.code == "action/unknown":
+                session.mistakes += 1
         # This includes rejected actions, because their reasoning is recorded, too.
         session.recorded_bytes += len((request.reasoning or "").encode())
 

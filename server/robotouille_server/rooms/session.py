@@ -123,6 +123,7 @@ class Session:
         counted_connection: The connection as rate limits count it.
         earlier_bytes: The bytes received over earlier connections.
         recorded_bytes: The bytes of chat and reasoning in the recording.
+        mistakes: The actions of its latest messages that do not exist.
         latency_ms: The latency that others see.
     """
 
@@ -138,6 +139,7 @@ class Session:
         "known",
         "latency_ms",
         "limits",
+        "mistakes",
         "name",
         "participant",
         "peer",
@@ -178,7 +180,7 @@ class Session:
         self.known: set[str] = set()
         self.away_since = 0.0
         self.earlier_bytes = self.recorded_bytes = 0
-        self.latency_ms = 0
+        self.latency_ms = self.mistakes = 0
 
     @property
     def token_id(self) -> str:

@@ -59,6 +59,11 @@ message and are never refused for their number: the server reads those above the
 KIB = 1024
 MAX_HELLO_BYTES = 8 * KIB
 """Maximum size of a message before `welcome`. The longest `hello` is smaller."""
+MISTAKE = 9.0
+"""Additional cost of a message that is answered by an error, or of an action that does not exist.
+Finding the error costs more than most messages: misspelt actions are compared with all others."""
+MAX_GREETINGS = 5
+"""Messages that a connection may send before `welcome`. Each may have a token to check."""
 MAX_REFUSED = 200
 """Refused messages, within about a minute, after which the connection is closed."""
 
@@ -70,12 +75,13 @@ class FloodError(Exception):
 class MessageBudget:
     """Messages and bytes that a connection may send per second, and its refused messages."""
 
-    __slots__ = ("_bucket", "_per_second", "_refusals")
+    __slots__ = ("_bucket", "_greetings", "_per_second", "_refusals")
 
     def __init__(self, per_second: float, now: float) -> None:
         self._per_second = per_second
         self._bucket = TokenBucket(per_second, now)
         self._refusals = TokenBucket(MAX_REFUSED / 60, now, MAX_REFUSED)
+        self._greetings = 0
 
     @property
     def exceeded(self) -> str:
@@ -98,8 +104,13 @@ class MessageBudget:
 
         Raises:
             ProtocolError: The message is not worth parsing.
-            FloodError: Too many messages were refused; the connection must be closed.
+            FloodError: Too many messages were refused, or came before `welcome`; the connection
+                must be closed.
         """
+        if not greeted:
+            self._greetings += 1
+            if self._greetings > MAX_GREETINGS:
+                raise FloodError
         if not greeted and size > MAX_HELLO_BYTES:
             self._refuse(now, size)
             message = f"{size:,} bytes; at most {MAX_HELLO_BYTES:,} are read before hello"
@@ -122,6 +133,10 @@ class MessageBudget:
     def take(self, now: float, extra: float) -> bool:
         """Take what a message costs beyond its size; return False if the budget is too small."""
         return self._bucket.take(now, extra)
+
+    def charge_mistakes(self, now: float, count: int) -> None:
+        """Charge for messages that were answered by an error; this never fails."""
+        self._bucket.owe(now, MISTAKE * count)
 
     def pause(self, now: float) -> float:
         """Return the seconds until the budget has a reserve for other messages."""

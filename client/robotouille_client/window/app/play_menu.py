@@ -27,7 +27,7 @@ from robotouille_client.window.sources.texts import (
     task_title,
 )
 
-FIRST_FAMILIES = ("training", "synchronous", "asynchronous", "multi_agent")
+FIRST_FAMILIES = ("training", "shifts", "synchronous", "asynchronous", "multi_agent")
 """Families from easy to hard; others follow them."""
 
 
