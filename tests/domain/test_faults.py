@@ -3,6 +3,7 @@
 import difflib
 import json
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -231,3 +232,28 @@ def test_thousands_of_unknown_names_get_few_suggestions(
     assert 0 < compared <= 1_000
     assert "unknown" in str(error.value.faults[0])
     assert str(error.value.faults[-1]) == "and 4,000 more faults"
+
+
+def test_small_file_cannot_ask_for_millions_of_initial_facts() -> None:
+    near = {"name": "near", "param_types": ["item", "item"]}
+    rule = {"predicate": "near", "when": "shares_tile"}
+    domain = changed(DOMAIN, "predicate_defs", to=[*DOMAIN["predicate_defs"], near])
+    domain["layout"] = [*domain.get("layout", ()), rule]
+    leeks = [{"name": "leek", "x": 0, "y": 0, "stack-level": n} for n in range(145)]
+    problem = changed(PROBLEM, "objects", "item", to=[{**leeks[0], "id": "first"}, *leeks[1:]])
+    (fault,) = faults_of(domain, problem)
+    assert re.fullmatch(
+        r"too many objects: the domain's layout implies 21,\d+ initial facts; "
+        r"at most 20,000 are allowed",
+        fault,
+    )
+
+
+def test_small_file_cannot_ask_for_millions_of_actions() -> None:
+    cut = DOMAIN["action_defs"][0]
+    many = [{**cut, "name": f"cut{n}"} for n in range(200)]
+    items = [{"name": "leek", "x": 0, "y": 0, "stack-level": n} for n in range(1000)]
+    problem = changed(PROBLEM, "objects", "item", to=[{**items[0], "id": "first"}, *items[1:]])
+    (fault,) = faults_of(changed(DOMAIN, "action_defs", to=many), problem)
+    assert "the actions have" in fault
+    assert fault.endswith("at most 205,000 are allowed")

@@ -23,15 +23,21 @@ from robotouille.domain.schema import (
     CountedEffect,
     DomainFile,
     GoalTerm,
+    LayoutRule,
+    ObjectDef,
     PredicateDef,
     ProblemFile,
 )
 from robotouille.errors import Fault, bounded, did_you_mean
 
-MAX_FACTS, MAX_CHOICES = 20_000, 10_000_000
-"""Limits on a task's fluent facts and on the instances of one action.
+MAX_FACTS = 20_000
+"""Limit on a task's fluent facts, and on the initial facts that its layout rules imply.
 
-They bound the memory that a small file can claim."""
+Small files can otherwise claim gigabytes. Shipped tasks have up to 160 initial facts."""
+MAX_CHOICES = 205_000
+"""Limit on the instances of a task's actions.
+
+Making all of them at the limit takes seconds. Shipped tasks have up to 41,000."""
 
 
 @bounded
@@ -278,13 +284,48 @@ def _check_size(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     if facts > MAX_FACTS:
         message = f"{facts:,} possible facts; at most {MAX_FACTS:,} are allowed"
         faults.append(Fault("", f"too many objects: {message}"))
+    implied = sum(_implied_facts(rule, problem, domain) for rule in domain.layout or ())
+    if implied > MAX_FACTS:
+        message = f"the domain's layout implies {implied:,} initial facts; at most {MAX_FACTS:,}"
+        faults.append(Fault("", f"too many objects: {message} are allowed"))
     predicates = {p.name: p for p in domain.predicate_defs}
-    for action in domain.action_defs:
-        choices = prod(count[kind] for kind in parameter_types(action, predicates).values())
-        if choices > MAX_CHOICES:
-            message = f"{action.name!r} has {choices:,} possible arguments; at most {MAX_CHOICES:,}"
-            faults.append(Fault("", f"too many objects: {message} are allowed"))
+    choices = {
+        action.name: prod(count[kind] for kind in parameter_types(action, predicates).values())
+        for action in domain.action_defs
+    }
+    if sum(choices.values()) > MAX_CHOICES:
+        most = max(choices, key=choices.__getitem__)
+        message = (
+            f"the actions have {sum(choices.values()):,} possible arguments, "
+            f"{most!r} alone {choices[most]:,}; at most {MAX_CHOICES:,} are allowed"
+        )
+        faults.append(Fault("", f"too many objects: {message}"))
     return faults
+
+
+def _implied_facts(rule: LayoutRule, problem: ProblemFile, domain: DomainFile) -> int:
+    """Return the most facts that a rule implies, without making them."""
+    types = next((p.param_types for p in domain.predicate_defs if p.name == rule.predicate), ())
+    lists = [problem.objects.get(kind, ()) for kind in types]
+    if rule.when == "reaches":
+        return prod(map(len, lists))
+    if rule.when is None or not lists:
+        return sum(map(len, lists))
+    if rule.when == "faces":
+        first = Counter(_tile_ahead(o) for o in lists[0])
+    else:
+        first = Counter((o.x, o.y) for o in lists[0])
+    if rule.when in ("faces", "shares_tile"):
+        others: Iterable[ObjectDef] = lists[-1]
+    else:
+        others = (o for kind in domain.station_types for o in problem.objects.get(kind, ()))
+    second = Counter((o.x, o.y) for o in others)
+    return sum(number * second[tile] for tile, number in first.items())
+
+
+def _tile_ahead(thing: ObjectDef) -> tuple[int, int]:
+    dx, dy = thing.direction or (0, 0)
+    return thing.x + dx, thing.y + dy
 
 
 def _list_name(kind: str) -> str:

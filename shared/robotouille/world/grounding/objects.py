@@ -102,9 +102,10 @@ def initial_facts(task: Task, objects: Iterable[Object]) -> frozenset[Atom]:
         facts.update((predicate, thing.name) for predicate in thing.predicates)
     rules = task.domain.layout or ()
     stations = set(task.domain.station_types)
+    # Rules share the floor because it caches walks.
+    floor = Floor(task.problem.width, task.problem.height, objects, stations)
     for rule in rules:
         if rule.when == "reaches":
-            floor = Floor(task.problem.width, task.problem.height, objects, stations)
             facts.update((rule.predicate, *pair) for pair in floor.reaching(objects))
         elif rule.when is not None:
             facts.update(_implied(rule, types[rule.predicate], objects, stations))
