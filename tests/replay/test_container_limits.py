@@ -13,12 +13,16 @@ from robotouille.replay.container import (
     MAGIC,
     MAX_ENTRIES,
     MAX_FRAME,
+    MAX_RATIO,
+    SMALL,
     compress,
     frame_ends,
     frames_with_ends,
     pack_frame,
     plain,
     read_frames,
+    unwrap,
+    zstd,
 )
 from robotouille.replay.recording import Recording, recording_of
 from tests.support.games import recorded_game
@@ -125,6 +129,27 @@ def test_empty_notes_are_refused() -> None:
 def test_decompression_bomb_is_noticed_at_once() -> None:
     with pytest.raises(RecordingError, match="not a recording"):
         plain(compress(bytes(8 * MIB))[:40])
+
+
+def test_small_file_cannot_expand_to_a_large_stream() -> None:
+    noted = {"note": "noted", "t": 0, "player": "robot1", "topic": "x", "text": "x" * 8000}
+    notes = pack_frame({"kind": "notes", "notes": [noted] * 50})
+    stream = BEGINNING + notes * 40 + GAME[len(BEGINNING) :]
+    bomb = zstd.compress(stream)
+    assert len(stream) > 15 * MIB
+    most, end = peak(bomb)
+    assert end == f"damaged: {len(bomb):,} bytes that expand to more than {MAX_RATIO * len(bomb):,}"
+    assert most < 16
+    assert plain(compress(stream)) == (stream, "")
+
+
+def test_recording_that_compresses_best_is_read() -> None:
+    stream = MAGIC + bytes(8 * MIB)
+    written = compress(stream)
+    assert len(stream) > SMALL
+    assert len(stream) <= MAX_RATIO * len(written)
+    with pytest.raises(RecordingError, match="expand"):
+        unwrap(zstd.compress(stream))
 
 
 def test_frames_that_readers_refuse_are_not_written() -> None:

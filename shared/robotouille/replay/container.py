@@ -44,6 +44,14 @@ recording can contain ten million frames, which take minutes to read."""
 MAX_NOTES = 300_000
 """Notes of a recording. The quota of a seat is enough for 115,000 of the shortest ones. A few
 kilobytes of compressed frames can contain millions, which take minutes to read."""
+MAX_RATIO = 1024
+"""Bytes of the stream per byte of a closed file.
+
+`compress` writes a block of 4 KiB in at least 4 bytes, so no written recording exceeds this ratio.
+Recordings of games have ratios of 3 to 100; a file of 8 kB can claim 256 MiB."""
+SMALL = 4 * 1024 * 1024
+"""Bytes of an uncompressed recording that may have any ratio, for example because another program
+has compressed it."""
 BLOCK = 4 * 1024
 """Bytes in a compressed block. A damaged block is lost as a whole, so blocks are small."""
 PIECE, PLAIN_PIECE = 16 * 1024, 1024 * 1024
@@ -255,7 +263,13 @@ def plain(content: bytes, limit: int = MAX_FILE) -> tuple[bytes, str]:
     Raises:
         RecordingError: The content is not a recording.
     """
-    stream, fault = _decompressed(content, limit) if is_closed(content) else (content, "")
+    if is_closed(content):
+        most = max(SMALL, MAX_RATIO * len(content))
+        stream, fault = _decompressed(content, min(limit, most))
+        if most < min(limit, len(stream)):
+            fault = f"damaged: {len(content):,} bytes that expand to more than {most:,}"
+    else:
+        stream, fault = content, ""
     try:
         check_magic(stream)
     except RecordingError as error:
