@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotouille import RecordingError
-from robotouille.replay.container import frame_ends, pack_frame
+from robotouille.replay.container import frame_ends, pack_frame, read_frames
 from robotouille.replay.frame_schema import check_frame
 from robotouille.replay.recording import Recording
 from tests.support.games import recorded_game
@@ -52,3 +52,28 @@ def test_unknown_fields_are_refused(field: dict[str, object]) -> None:
 def test_invalid_field_is_named(frame: dict[str, object], fault: str) -> None:
     with pytest.raises(RecordingError, match=fault):
         check_frame(frame, 7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "path", "value", "field"),
+    [
+        ("step", ("t",), -1, "t"),
+        ("step", ("t",), 2**63 - 1, "t"),
+        ("step", ("late",), 2**63 - 1, "late"),
+        ("footer", ("utc_ms",), 2**63 - 1, "utc_ms"),
+        ("footer", ("clock_ms",), -(2**62), "clock_ms"),
+        ("footer", ("outcome", "seconds"), float("inf"), "outcome.seconds"),
+        ("footer", ("outcome", "seconds"), -1.0, "outcome.seconds"),
+    ],
+)
+def test_impossible_times_are_refused(
+    kind: str, path: tuple[str, ...], value: float, field: str
+) -> None:
+    game = recorded_game("synchronous/01", seed=1, steps=5)
+    frame = next(each for each in read_frames(game) if each["kind"] == kind)
+    place = frame
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    with pytest.raises(RecordingError, match=rf"frame 3: {kind}\.{field}: "):
+        check_frame(frame, 3)

@@ -68,6 +68,14 @@ CODE = r"^(action/(invalid|unknown|stale)|episode/waiting|rate/limited|message/[
 """Codes of rejected requests that are recorded."""
 
 Index = Annotated[int, Field(ge=0)]
+MAX_MS = 10**15
+"""Limit on times in milliseconds: 30,000 years, far beyond any game."""
+Elapsed = Annotated[int, Field(ge=0, le=MAX_MS)]
+"""Milliseconds since the start."""
+Clock = Annotated[int, Field(ge=-MAX_MS, le=MAX_MS)]
+"""Milliseconds on a clock."""
+Utc = Annotated[int, Field(ge=-62_135_596_800_000, le=253_402_300_799_999)]
+"""Milliseconds since 1970, in the years 1 to 9999."""
 Row = Annotated[list[int], Field(min_length=1)]
 ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
 
@@ -149,8 +157,8 @@ class StepFrame(Frame):
     # `default_factory`: pydantic copies a literal empty list with `deepcopy`, for every step.
     kind: Literal["step"]
     step: Annotated[int, Field(ge=1)]
-    t: int
-    late: Index = 0
+    t: Elapsed
+    late: Elapsed = 0
     moves: list[RecordedMove]
     idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = Field(
         default_factory=list
@@ -191,7 +199,7 @@ class RecordedScore(Frame):
 class RecordedOutcome(Frame):
     reason: str
     steps: int
-    seconds: float
+    seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)]
     detail: str
     seats: list[RecordedTally]
     score: RecordedScore | None = None
@@ -200,8 +208,8 @@ class RecordedOutcome(Frame):
 class Footer(Frame):
     kind: Literal["footer"]
     outcome: RecordedOutcome
-    utc_ms: int = 0
-    clock_ms: int = 0
+    utc_ms: Utc = 0
+    clock_ms: Clock = 0
 
 
 # Notes
@@ -220,8 +228,8 @@ class DatedNote(NoteFields):
     Before the start of the game, `t` is 0, so these are the only times of a note.
     """
 
-    utc_ms: int = 0
-    clock_ms: int = 0
+    utc_ms: Utc = 0
+    clock_ms: Clock = 0
 
 
 class RosterNote(DatedNote):
