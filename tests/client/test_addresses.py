@@ -126,6 +126,6 @@ def delays(seed: int, count: int = 12) -> list[float]:
 
 def test_reconnect_delays_of_many_clients_are_spread() -> None:
     for number, drawn in enumerate(zip(*map(delays, range(200)), strict=True)):
-        longest = min(0.2 * 2**number, 5.0)
+        longest = min(0.2 * 1.5**number, 5.0)
         assert min(drawn) < 0.55 * longest
         assert max(drawn) > 0.95 * longest

@@ -199,7 +199,7 @@ def test_reconnect_delays_grow_and_start_over_after_a_welcome(server: ScriptedSe
     for _ in range(4):
         client.connection_failed(ConnectionFailedError("no"), client.connect_at)
         waits.append(client.connect_at - sum(waits))
-    for wait, longest in zip(waits, [0.2, 0.4, 0.8, 1.6, 3.2], strict=True):
+    for wait, longest in zip(waits, [0.2, 0.3, 0.45, 0.675, 1.0125], strict=True):
         assert longest / 2 <= wait <= longest
     client.connection_made(10.0)
     client.receive(server.welcome(resumed=True), 10.0)
