@@ -58,7 +58,13 @@ from robotouille_server.rooms.seat_limits import (
     SPECTATOR_SHARE,
 )
 from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
-from robotouille_server.runtime.budgets import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.runtime.budgets import (
+    COSTS,
+    MAX_GREETINGS,
+    MAX_HELLO_BYTES,
+    MAX_REFUSED,
+    MISTAKE,
+)
 from robotouille_server.runtime.logs import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.process_limits import RESERVED
 from robotouille_server.runtime.settings import ServerSettings
@@ -147,6 +153,11 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "message/malformed"),
         Limit("Messages per second and connection", "{messages_per_second}",
               "The message is dropped. Bursts may be twice as large.", "rate/limited"),
+        Limit("Message that is answered by an error, or action that does not exist",
+              f"counts as {1 + MISTAKE:g} messages",
+              "Further messages are dropped as above.", "rate/limited"),
+        Limit("Messages of a connection before `welcome`", f"{MAX_GREETINGS}",
+              "The server closes the connection.", "rate/limited"),
         Limit("Dropped messages in about a minute", f"{MAX_REFUSED}",
               f"{CUT} Each 8 KiB count as one more message.", "rate/limited"),
         Limit("`create` and `close` per second and connection", "{messages_per_second}",

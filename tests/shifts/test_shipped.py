@@ -8,6 +8,7 @@ import pytest
 
 from robotouille import load_task, task_names
 from robotouille.domain.task import Task
+from tests.support.samples import quick_sample
 from tests.support.team_games import play_team
 
 STEPS = 90
@@ -32,8 +33,11 @@ def begun(name: str, seats: int) -> Task:
     return replace(task, problem=task.problem.model_copy(update={"shift": shift}))
 
 
+# The counter for two players comes first: it needs hand-overs.
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seats"), SHIFTS)
+@pytest.mark.parametrize(
+    ("name", "seats"), quick_sample(sorted(SHIFTS, key=lambda s: "counter" not in s[0]), 0, 2)
+)
 def test_bots_serve_most_orders(name: str, seats: int) -> None:
     outcome = play_team(begun(name, seats), limit=STEPS).outcome
     assert outcome is not None
