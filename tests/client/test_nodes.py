@@ -86,7 +86,7 @@ def test_client_of_a_lost_node_tries_all_nodes_within_a_second(server: ScriptedS
     assert 10.1 <= client.connect_at <= 10.2
     tried = fail_round(client, now := client.connect_at, 9)
     assert (tried[0], sorted(tried)) == (A, [A, B, C])
-    assert 0.2 <= client.connect_at - now <= 0.4
+    assert 0.15 <= client.connect_at - now <= 0.3
 
 
 def test_client_stays_at_the_node_that_welcomes_it(server: ScriptedServer) -> None:
@@ -126,11 +126,12 @@ def test_delays_grow_from_round_to_round(server: ScriptedServer) -> None:
     client = playing(server, B, C)
     client.connection_lost(0.0)
     begins = [0.0, client.connect_at]
-    for _ in range(6):
+    for _ in range(10):
         fail_round(client, client.connect_at, 9)
         begins.append(client.connect_at)
     waits = [after - before for before, after in pairwise(begins)]
-    for wait, longest in zip(waits, [0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0], strict=True):
+    for number, wait in enumerate(waits):
+        longest = min(0.2 * 1.5**number, 5.0)
         assert longest / 2 <= wait <= longest + 1e-9
 
 
@@ -162,7 +163,7 @@ def test_node_that_is_not_ready_sends_the_client_to_the_next(
         assert client.url == url
         client.connection_made(11.0)
         client.receive(answer, 11.0)
-    assert 11.2 <= client.connect_at <= 11.4
+    assert 11.15 <= client.connect_at <= 11.3
     assert greet(client, server, resumed=True, now=12.0).resume == "resume-1"
 
 
@@ -278,7 +279,7 @@ def test_join_waits_until_another_node_has_the_episode_of_a_lost_one(
     there = B if here == A else A
     ref = client.request(messages.Join(episode=CODE), 0.0)
     delays = []
-    for _ in range(8):
+    for _ in range(12):
         now = client.connect_at
         client.receive(server.moved(ref, url=there), now)
         delays.append(client.connect_at - now)
@@ -286,8 +287,8 @@ def test_join_waits_until_another_node_has_the_episode_of_a_lost_one(
         assert client.url == here
         greet(client, server, now=client.connect_at)
     assert client.events() == []
-    assert delays == sorted(delays[:6]) + delays[6:]
-    assert min(delays[6:]) >= 2.5
+    assert max(delays[:4]) < min(delays[8:])
+    assert min(delays[10:]) >= 2.5
     client.receive(server.joined(ref), 60.0)
     client.receive(server.snapshot(), 60.0)
     assert [event.ref for event in client.events()] == [ref]
