@@ -68,7 +68,10 @@ def test_dishes_are_read_from_the_top_down(task: str, columns: list[list[str]]) 
     assert [pictures(dish) for dish in drawn(task)] == columns
 
 
-@pytest.mark.parametrize("name", quick_sample(task_names(), 10))
+WITH_GOAL = [name for name in task_names() if not name.startswith("shifts/")]
+
+
+@pytest.mark.parametrize("name", quick_sample(WITH_GOAL, 10))
 def test_every_term_is_on_the_ticket_once(name: str) -> None:
     numbers = [n for dish in drawn(name) for layer in dish.layers for n in layer.terms]
     assert sorted(numbers) == list(range(len(world_of(name).goal.terms)))
