@@ -89,16 +89,20 @@ class Keeper:
         pass
 
 
+def journal_of(keeper: Keeper) -> ReplicatedJournal:
+    recorder = cast("Recorder", None)
+    return ReplicatedJournal(
+        cast("JournalKeeper", keeper), "episode", "file", recorder, begin=b"step"
+    )
+
+
 @virtual
 @pytest.mark.parametrize(("seconds", "publishes"), [(1.0, True), (SUSPENDED, False)])
 async def test_an_answer_from_before_a_suspension_publishes_nothing(
     seconds: float, publishes: bool
 ) -> None:
     keeper = Keeper()
-    recorder = cast("Recorder", None)
-    journal = ReplicatedJournal(
-        cast("JournalKeeper", keeper), "episode", "file", recorder, begin=b"step"
-    )
+    journal = journal_of(keeper)
     changes: list[bool] = []
     journal.listen(lambda: changes.append(journal.settled))
     journal.write()
@@ -120,9 +124,7 @@ async def test_a_node_that_continues_announces_no_failure_before_it_has_an_answe
     answered: bool,
 ) -> None:
     keeper = Keeper()
-    journal = ReplicatedJournal(
-        cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None), begin=b"step"
-    )
+    journal = journal_of(keeper)
     changes: list[str] = []
     journal.listen(lambda: changes.append(journal.problem))
     journal.write()
@@ -139,9 +141,7 @@ async def test_a_node_that_continues_announces_no_failure_before_it_has_an_answe
 @virtual
 async def test_a_busy_node_does_not_take_its_own_delay_for_a_failure_of_nats() -> None:
     keeper = Keeper()
-    journal = ReplicatedJournal(
-        cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None), begin=b"step"
-    )
+    journal = journal_of(keeper)
     changes: list[str] = []
     journal.listen(lambda: changes.append(journal.problem))
     journal.write()
@@ -155,9 +155,7 @@ async def test_a_busy_node_does_not_take_its_own_delay_for_a_failure_of_nats() -
 @virtual
 async def test_a_renewed_lease_says_nothing_about_episodes_of_the_time_before() -> None:
     keeper, loop = Keeper(), asyncio.get_running_loop()
-    journal = ReplicatedJournal(
-        cast("JournalKeeper", keeper), "episode", "file", cast("Recorder", None), begin=b"step"
-    )
+    journal = journal_of(keeper)
     journal.write()
     keeper.appends[0][1](1)
     assert journal.check_ownership()

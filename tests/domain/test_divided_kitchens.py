@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from robotouille import World, load_task
@@ -23,6 +25,12 @@ def test_players_walk_only_to_the_stations_of_their_side(counter: World) -> None
     walks = {a.destination for a in counter.initial.actions("robot1") if a.destination}
     assert walks <= LEFT | COUNTER
     assert not counter.is_undivided
+
+
+def test_a_kitchen_is_divided_even_if_all_players_are_on_one_side(counter: World) -> None:
+    alone = World(replace(counter.task, seats=1))
+    assert alone.reached_by("robot1") == LEFT | COUNTER
+    assert not alone.is_undivided
 
 
 def test_players_stand_on_their_own_side_of_the_counter(counter: World) -> None:

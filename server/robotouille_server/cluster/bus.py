@@ -16,7 +16,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_server.runtime.logs import get_logger
 
 PATIENCE_SECONDS = 30.0
-"""Seconds for which a node that starts waits for the service: to elect leaders may take ten."""
+"""Seconds for which a node that starts waits for the service. Elections can take ten."""
 PAUSE_SECONDS = 0.5
 
 
@@ -157,12 +157,14 @@ async def until_available(ask: Callable[[], Awaitable[None]]) -> None:
         BusError: The service was unavailable all the time, or it refuses the request.
     """
     loop = asyncio.get_running_loop()
-    end = loop.time() + PATIENCE_SECONDS
+    end, reason = loop.time() + PATIENCE_SECONDS, ""
     while True:
         try:
             return await ask()
         except UnavailableError as error:
             if loop.time() >= end:
                 raise
-            get_logger().warning("waiting for NATS", error=str(error))
+            if str(error) != reason:
+                reason = str(error)
+                get_logger().warning("waiting for NATS", error=reason)
         await asyncio.sleep(PAUSE_SECONDS)

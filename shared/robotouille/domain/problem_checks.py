@@ -34,7 +34,7 @@ MAX_FACTS = 20_000
 """Limit on a task's fluent facts, and on the initial facts that its layout rules imply.
 
 Small files can otherwise claim gigabytes. Shipped tasks have up to 160 initial facts."""
-MAX_CHOICES = 205_000
+MAX_CHOICES = 500_000
 """Limit on the instances of a task's actions.
 
 Making all of them at the limit takes seconds. Shipped tasks have up to 41,000."""

@@ -339,15 +339,16 @@ class World(GroundTask):
 
     def reached_by(self, player: str) -> frozenset[str]:
         """Return the stations to which a player can walk; a counter can divide a kitchen."""
-        domain, static = self.task.domain, self.table.static
-        predicates = [rule.predicate for rule in domain.layout or () if rule.when == "reaches"]
-        stations = (o.name for o in self.placed if o.type in domain.station_types)
-        return frozenset(s for s in stations if all((p, player, s) in static for p in predicates))
+        layout, static = self.task.domain.layout or (), self.table.static
+        predicates = [rule.predicate for rule in layout if rule.when == "reaches"]
+        return frozenset(
+            s for s in self.floor.stations if all((p, player, s) in static for p in predicates)
+        )
 
     @cached_property
     def is_undivided(self) -> bool:
-        """True if all players can walk to the same stations."""
-        return len({self.reached_by(player) for player in self.players}) <= 1
+        """True if all players can walk to all stations."""
+        return all(self.reached_by(p) == self.floor.stations.keys() for p in self.players)
 
     @cached_property
     def _goal_sentences(self) -> tuple[str, ...]:

@@ -70,7 +70,10 @@ class TaskPicker:
 
     def _about(self, name: str) -> str:
         """Return the goal, the steps of three stars and of the known plan, and the best game."""
-        words = [_task(name).goal_description]
+        task = _task(name)
+        words = [task.goal_description]
+        if task.problem.shift is not None:
+            return f"{words[0]}\nOrders keep coming: earn as many points as you can."
         length, best = self._length(name), best_of(self._best, name)
         if length is not None:
             three = limits_of(length, self._rate).three

@@ -2,9 +2,11 @@
 
 If the top of a sandwich is laid first, it has to come off again. The planner finds such orders
 without knowing sandwiches. For two objects of the goal and one player, it brings the first to its
-goal. Then it tries to bring the second to its goal without disturbing the first. If that fails, the
-second has to come first. What lies on another object of the goal is brought there together with
-it: otherwise it would be laid where nothing can stay. Equivalent pairs are tried once.
+goal. Then it tries to bring the second to its goal without disturbing the first. If this fails,
+the second one must come first. Equivalent pairs are tried once.
+
+A slice is brought to its goal together with the stack below it. Alone, the planner could lay it on
+the bread in its crate, where it would be in the way of everything else.
 """
 
 from __future__ import annotations
