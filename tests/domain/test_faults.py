@@ -254,8 +254,8 @@ def test_small_file_cannot_ask_for_millions_of_actions() -> None:
     many = [{**cut, "name": f"cut{n}"} for n in range(200)]
     items = [{"name": "leek", "x": n % 3, "y": n // 3 % 3} for n in range(900)]
     problem = changed(PROBLEM, "objects", "item", to=[{**items[0], "id": "first"}, *items[1:]])
-    problem["objects"]["station"] = [{"name": "table", "x": x, "y": 0} for x in range(2)]
+    problem["objects"]["station"] = [{"name": "table", "x": x, "y": 0} for x in range(3)]
     problem["config"] = {}
     (fault,) = faults_of(changed(DOMAIN, "action_defs", to=many), problem)
     assert "the actions have" in fault
-    assert fault.endswith("at most 205,000 are allowed")
+    assert fault.endswith("at most 500,000 are allowed")

@@ -37,7 +37,8 @@ Small files can otherwise claim gigabytes. Shipped tasks have up to 160 initial 
 MAX_CHOICES = 500_000
 """Limit on the instances of a task's actions.
 
-Making all of them at the limit takes seconds. Shipped tasks have up to 41,000."""
+Making all of them at the limit takes 16 seconds. Shipped tasks have up to 41,000, and a shift with
+fifty ingredients and four seats 400,000."""
 
 
 @bounded
