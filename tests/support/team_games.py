@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.task import Task
@@ -23,6 +24,7 @@ from robotouille.planning.plan import UNLIMITED, Limits, SearchResult
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, TeamPolicy
 from robotouille.planning.policies.policy import Did
 from robotouille.planning.policies.shift_policy import ShiftPolicy
+from robotouille.planning.policies.skill import EXPERT, Skill, SkilledPolicy
 from robotouille.planning.shift import DishPlanner
 from robotouille.planning.solvers import AnytimePlanner
 
@@ -102,6 +104,9 @@ def play_team(
     limit: int = 200,
     alter: Callable[[int, dict[str, Policy]], None] | None = None,
     expansions: int = 2_000,
+    skill: Skill = EXPERT,
+    step_rate: float = 10,
+    seed: int = 0,
 ) -> TeamGame:
     """Play an episode with planner bots, and with other policies in some seats.
 
@@ -111,8 +116,12 @@ def play_team(
             it may change.
     """
     world = World(load_task(task) if isinstance(task, str) else task)
-    episode = Episode(world, Rules(clock=clock, max_steps=limit, step_rate=10))
-    bot = _new_bot(world, PlannerOptions(expansions=expansions))
+    episode = Episode(world, Rules(clock=clock, max_steps=limit, step_rate=step_rate))
+    bot = _new_bot(world, PlannerOptions(seed=seed, expansions=expansions))
+    step_seconds = 1 / step_rate if clock is Clock.REALTIME else 0.0
+    if skill != EXPERT:
+        skilled = partial(SkilledPolicy, skill=skill, step_seconds=step_seconds, seed=seed)
+        plain, bot = bot, lambda player: skilled(plain(player), player)
     policies: dict[str, Policy] = {
         player: bot(player) for player in world.players if player not in (others or {})
     } | dict(others or {})
@@ -127,7 +136,7 @@ def play_team(
     while episode.phase is Phase.RUNNING:
         if alter is not None:
             alter(episode.step, policies)
-        seq, now, state = seq + MAX_TRIES, now + 0.1, episode.state
+        seq, now, state = seq + MAX_TRIES, now + 1 / step_rate, episode.state
         for player in world.players:
             if episode.on_turn not in (None, player) or state.busy_steps(player):
                 continue

@@ -252,7 +252,10 @@ def replay(plan: Plan, world: World, start: State | None = None) -> PlanReport:
 
 
 def eliminate_actions(plan: Plan, start: State) -> Plan:
-    """Return the plan without actions that are not needed to reach the goal in time."""
+    """Return the plan without actions that are not needed to reach the goal in time.
+
+    Walks with nothing between them become one walk.
+    """
     steps = list(plan.steps)
     states = _run(steps, start)
     # The loop starts at the end, so that an action is removed after the later ones that needed it.
@@ -265,7 +268,48 @@ def eliminate_actions(plan: Plan, start: State) -> Plan:
                 continue
             steps[number] = shorter
             states[number + 1 :] = after[1:]
+    _merge_walks(steps, states)
     return Plan(tuple(steps))
+
+
+def _merge_walks(steps: list[Joint], states: list[State]) -> None:
+    """Replace successive walks of a player by one, in place, if the goal is still reached."""
+    pending: dict[str, int] = {}
+    for number in range(len(steps)):
+        for action in steps[number]:
+            player = action.player
+            if player is None:
+                continue
+            first = pending.pop(player, None)
+            if action.destination is None:
+                continue
+            pending[player] = number
+            if first is None:
+                continue
+            # The later time comes first, because the player may make way for others until then.
+            merged = next(_merged(steps, states, (first, number), action), None)
+            if merged is not None:
+                pending[player], steps[first:], states[first:] = merged
+
+
+def _merged(
+    steps: list[Joint], states: list[State], walks: tuple[int, int], action: GroundAction
+) -> Iterator[tuple[int, list[Joint], list[State]]]:
+    """Yield the step of one walk instead of two, and the steps and states from the first one on."""
+    (first, last), player = walks, action.player or ""
+    for at in (last, first):
+        rest = [list(joint) for joint in steps[first:]]
+        for number in (first, last):
+            rest[number - first] = [a for a in steps[number] if a.player != player]
+        before = _run([tuple(joint) for joint in rest[: at - first]], states[first])
+        walk = [a for a in before[-1].actions(player) if a.destination == action.destination]
+        if len(before) <= at - first or not walk:
+            continue
+        rest[at - first].append(walk[0])
+        joints = [tuple(joint) for joint in rest]
+        after = _run(joints, states[first])
+        if len(after) > len(joints) and after[-1].goal_reached:
+            yield at, joints, after
 
 
 def _run(steps: list[Joint], start: State) -> list[State]:

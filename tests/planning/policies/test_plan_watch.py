@@ -21,7 +21,8 @@ from robotouille.planning.policies.plan_watch import (
     facts_about,
 )
 from robotouille.planning.policies.policy import Script
-from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, with_others_aside
+from robotouille.planning.policies.aside import with_others_aside
+from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan
 from robotouille.planning.solvers import AnytimePlanner
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, play_team

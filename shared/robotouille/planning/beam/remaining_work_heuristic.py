@@ -203,11 +203,14 @@ class HeuristicContext:
 
 
 def _share(made: list[list[GoalPart]], facts: int) -> list[GoalPart]:
-    """Return one option of each list, with different supports while there are enough."""
+    """Return one option of each list, with different supports while that is possible."""
     chosen: list[GoalPart] = []
     used: set[str] = set()
     for options in sorted(made, key=lambda options: min(p.distance(facts) for p in options)):
-        free = [p for p in options if p.focus[-1] not in used] or options
+        # Two objects share a support if one of them no longer needs it: soup that is in its bowl
+        # needs no pot.
+        unused = [p for p in options if p.focus[-1] not in used]
+        free = [p for p in unused if p.distance(facts) < DEAD] or options
         best = min(free, key=lambda p: p.distance(facts))
         used.add(best.focus[-1])
         chosen.append(best)

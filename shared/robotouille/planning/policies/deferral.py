@@ -134,6 +134,15 @@ def defer_blocked(plan: Plan, start: State, here: State, team: Sequence[str]) ->
     return Plan(tuple(attempt.steps))
 
 
+def can_begin(plan: Plan, start: State, here: State, team: Sequence[str]) -> bool:
+    """Return whether some work of a plan is possible while the others stand still.
+
+    The arguments are those of `defer_blocked`.
+    """
+    works = _work_pieces(plan, start, team)
+    return len(_Attempt(here).take(works, _traces(plan, start, team))) < len(works)
+
+
 def _work_pieces(plan: Plan, state: State, team: Sequence[str]) -> list[_WorkPiece]:
     """Return the pieces of work of a plan in the order in which they begin."""
     works: list[_WorkPiece] = []

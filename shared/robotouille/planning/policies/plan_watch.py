@@ -44,6 +44,11 @@ PATIENCE = 2
 SLOW = 10
 
 
+LONG = 25
+"""Steps without progress after which a team that waits for a person plans again: five seconds at
+five steps a second."""
+
+
 class Teammates(NamedTuple):
     """The players of the team, and the others in seat order.
 
@@ -122,7 +127,9 @@ class PlanWatch:
         """Process a past step. Called once for each step after the base, in order."""
         team, others = teammates.team, teammates.others
         self._meddled = self._meddled or past.is_meddling(team)
-        self.script.observe(past.did, past.state.world.players if others else ())
+        # In real time, bots walk for reasons that are in no plan.
+        anywhere = others or teammates.hurried
+        self.script.observe(past.did, past.state.world.players if anywhere else ())
         # A member that deviates has another plan, or none. The others stop counting on it.
         astray = self.script.astray & set(team)
         if astray:
@@ -149,11 +156,11 @@ class PlanWatch:
         if not self.is_stuck:
             return KEEP
         # Members whose next action is possible but not taken are late; blocked ones are not to
-        # blame.
-        late = {p for p, a in due.items() if a and p not in blocked} - {script.player}
+        # blame. A bot that takes its time knows that it follows the plan.
+        late = {p for p, a in due.items() if a and p not in blocked}
         if not late:
             return DROP
-        if teammates.hurried and self._stuck <= SLOW * self._patience:
+        if script.player in late or (teammates.hurried and self._stuck <= SLOW * self._patience):
             return KEEP
         return PlanVerdict(keep=False, without=frozenset(late))
 
@@ -161,11 +168,12 @@ class PlanWatch:
         """Check a plan that relies on other players, who may have opened a way."""
         state = past.state
         self._count_standstill(past, teammates.team)
-        # Two teams of bots that each wait for the other would wait forever. So a stuck team also
-        # tries the other assumption.
-        untried = teammates.among_bots and self._in_vain.get(state, 0) < len(WAYS)
+        # Two teams of bots that each wait for the other would wait forever, and a person may never
+        # help. So a stuck team also tries the other assumption.
+        untried = self._in_vain.get(state, 0) < len(WAYS)
+        tried = self._patience if teammates.among_bots else LONG
         due = past.step - self._base.step >= self._retry
-        if (due and self._may_see_a_way(state, teammates)) or (untried and self.is_stuck):
+        if (due and self._may_see_a_way(state, teammates)) or (untried and self._stuck > tried):
             return DROP
         # Meddling may have changed what the plan needs, so a free way is not enough.
         if self.assumption is not Assumption.OTHERS_ASIDE or self._meddled:
@@ -199,6 +207,8 @@ class PlanWatch:
             return self._station_in_the_way(state, teammates) not in {None, *before}
         if facts_about(teammates.others, state) == self._base.others:
             return False
+        if self.assumption is Assumption.NOTHING and not self._made.cut_off:
+            return True
         opened = self._made.cut_off and not self._is_cut_off(state, teammates.team)
         return opened or self._made.aside_untried
 

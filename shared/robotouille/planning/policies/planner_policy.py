@@ -74,7 +74,7 @@ MAX_CATCHING_UP = 3
 
 # A search that found no plan is repeated after this many steps, if others have acted. Each failure
 # doubles the number up to the maximum, since the same obstacle usually persists.
-RETRY, MAX_RETRY = 5, 40
+RETRY, MAX_RETRY = 5, 25
 
 POLITE = 3
 """Steps for which a seat waits for participants outside the team before it makes way for them."""

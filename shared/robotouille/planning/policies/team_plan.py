@@ -16,9 +16,10 @@ from enum import Enum, auto
 
 from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
 from robotouille.planning.plan import Limits, Plan, Proof, SearchResult
-from robotouille.planning.policies.deferral import defer_blocked
+from robotouille.planning.policies.aside import after, put_down, with_others_aside
+from robotouille.planning.policies.deferral import can_begin, defer_blocked
 from robotouille.planning.policies.policy import Script
-from robotouille.planning.policies.standing import leads_to, standing_at, walks_aside
+from robotouille.planning.policies.standing import leads_to, standing_at
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.work import Occupancy
@@ -162,16 +163,6 @@ def _is_shorter(one: SearchResult, other: SearchResult) -> bool:
     return len(one.plan) < len(other.plan)
 
 
-def with_others_aside(state: State, others: Iterable[str]) -> State:
-    """Return a state of the model as if some players had stepped aside."""
-    for player in others:
-        for walk in walks_aside(state, player)[:1]:
-            # Only facts change: walks that take several steps would start timers.
-            facts = (state.facts | walk.touched) ^ walk.removed
-            state = State(state.world, facts, state.timers)
-    return state
-
-
 def station_in_the_way(
     coming: Iterable[GroundAction], state: State, others: Collection[str]
 ) -> str | None:
@@ -313,12 +304,9 @@ class _Decision:
         # mistake.
         for number in range(tried, tried + len(WAYS)):
             if WAYS[number % len(WAYS)] is Assumption.OTHERS_ASIDE:
-                start = self._others_aside()
-                found = NOT_FOUND if start is None else self._find(start, self._team)
-                if start is not None and found.plan is not None:
-                    here = self._anytime.in_model(base)
-                    plan = defer_blocked(found.plan, start, here, self._team)
-                    return TeamPlan(plan, start, Assumption.OTHERS_ASIDE, cut_off=cut_off)
+                made = self._with_others_aside()
+                if made is not None:
+                    return made
             elif self._team != self._players:
                 found = self._find(base, self._players)
                 if found.plan is not None:
@@ -345,11 +333,37 @@ class _Decision:
             plan = self._search.towards(base, team, self._effort)
         return TeamPlan(plan, base, Assumption.NOTHING, cut_off=self._cut_off)
 
-    def _others_aside(self) -> State | None:
-        """Return the state in which the others have stepped aside, or None if it does not help."""
+    def _with_others_aside(self) -> TeamPlan | None:
+        """Return a plan that assumes that the others step aside, or None."""
         here = self._anytime.in_model(self._base)
-        aside = with_others_aside(here, [p for p in self._players if p not in self._team])
-        return None if aside == here or self._anytime.is_cut_off(aside, self._team) else aside
+        start = with_others_aside(here, [p for p in self._players if p not in self._team])
+        if start == here or self._anytime.is_cut_off(start, self._team):
+            return None
+        plan = self._deferred(start, here)
+        if plan is not None and not can_begin(plan, start, here, self._team):
+            plan = self._relieved(start, here) or plan
+        if plan is None:
+            return None
+        return TeamPlan(plan, start, Assumption.OTHERS_ASIDE, cut_off=self._cut_off)
+
+    def _deferred(self, start: State, here: State) -> Plan | None:
+        """Return a plan from a state with all work first that is possible in another one."""
+        found = self._find(start, self._team)
+        return found.plan and defer_blocked(found.plan, start, here, self._team)
+
+    def _relieved(self, start: State, here: State) -> Plan | None:
+        """Return a plan whose players first put down what keeps them from other work, or None."""
+        steps: list[tuple[GroundAction, ...]] = []
+        for player in self._team:
+            for action in put_down(start, player):
+                if not here.world.applicable(here, action):
+                    return None
+                steps.append((action,))
+                start, here = after(start, action), after(here, action)
+        plan = self._deferred(start, here) if steps else None
+        if plan is None or not can_begin(plan, start, here, self._team):
+            return None
+        return Plan((*steps, *plan))
 
     def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """Return a search result for some players, within the limit of the decision."""
