@@ -13,30 +13,35 @@ import argparse
 import itertools
 import random
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 
 from robotouille import GroundAction, State, World, load_task
+from robotouille.domain.rendering import language_of
 from robotouille.episode import Clock
 from robotouille.planning.plan import Plan
-from robotouille.planning.policies import PlannerPolicy
-from robotouille.planning.policies.aside import put_down, with_others_aside
+from robotouille.planning.policies.aside import holds, put_down, with_others_aside
 from robotouille.planning.policies.deferral import can_begin
-from robotouille.planning.policies.policy import Did, Policy
+from robotouille.planning.policies.policy import Did, Policy, Script, does_something
 from robotouille.planning.policies.skill import SKILLS, Skill, SkilledPolicy
 from robotouille.planning.policies.standing import (
     seat_out_of_the_way,
     standing_at,
     walks_out_of_the_way,
 )
+from robotouille.planning.policies.team_plan import BRIEF, HURRIED
+from robotouille.planning.policies.team_talk import requested
 from robotouille.planning.solvers import AnytimePlanner
+from robotouille.world.presentation.wording import Wording
 from tests.support.team_games import Idle, TeamGame, play_team
 
 RATE = 5.0
 """Steps per second."""
 STANDSTILL = int(10 * RATE)
 LIMIT = 1_500
+OBVIOUS = 6
+"""Steps of a plan that people see at once."""
 TASKS = [f"{number:02}" for number in range(1, 11)]
 
 
@@ -96,42 +101,104 @@ class Blocker(Idle):
         return wanted[0] if wanted else None
 
 
-class Newcomer:
-    """Does the own part of a plan for everybody, with a newcomer's pauses.
+class Cook:
+    """Does one piece of work after the other, as someone would who sees only the kitchen.
 
-    Someone who could do nothing for ten seconds makes way and thinks again.
+    The piece is the own part of a plan for everybody. After three seconds without a chance to go
+    on, it is a piece that is possible while the others stand still, or a step out of the way.
     """
 
+    def __init__(self, world: World, player: str) -> None:
+        self._player = player
+        self._anytime = AnytimePlanner(World(world.task))
+        self._script: Script | None = None
+        self._hands_full = False
+        self._idle = self._planned = 0
+
+    def observe(self, did: Did) -> None:
+        self._idle += 1
+        if self._script is not None:
+            self._script.observe(did, self._anytime.model.players)
+        if any(p == self._player and ok and does_something(action) for p, action, ok in did):
+            self._idle = self._planned = 0
+
+    def act(self, state: State) -> GroundAction | None:
+        full = holds(state, self._player)
+        done = self._hands_full and not full
+        self._hands_full = full
+        if self._idle > STANDSTILL:
+            self._script = None
+            away = [*put_down(state, self._player), *walks_out_of_the_way(state, self._player)]
+            return away[0] if away else None
+        stuck = self._idle - self._planned > 3 * RATE
+        script = self._script
+        if script is None or script.finished or script.astray or done or stuck:
+            script = self._script = self._plan(state, alone=stuck)
+            self._planned = self._idle
+        return script.act(state)
+
+    def is_at_work(self, state: State) -> bool:
+        """Return whether the next action is possible where the cook stands."""
+        action = None if self._script is None else self._script.act(state)
+        return action is not None and action.destination is None
+
+    def _plan(self, state: State, *, alone: bool) -> Script:
+        here = self._anytime.in_model(state)
+        aside = with_others_aside(here, [p for p in here.world.players if p != self._player])
+        plan, start = self._search(aside, (self._player,)), aside
+        # Everybody sees that a dish is nearly ready.
+        if not alone and len(plan) not in range(1, OBVIOUS + 1):
+            plan, start = self._search(here, tuple(here.world.players)), here
+        return Script(self._player, plan, start, direct=True)
+
+    def _search(self, start: State, team: tuple[str, ...]) -> Plan:
+        search = self._anytime.search(start, HURRIED, team=team, beam=BRIEF, choices=6)
+        return next(search).plan or Plan(())
+
+
+class Newcomer:
+    """Cooks with a newcomer's pauses, and makes way two seconds after a request."""
+
     kind = "human"
+    anticipating = False
 
     def __init__(self, world: World, player: str, seed: int) -> None:
-        self._world, self._player, self._seed = world, player, seed
-        self._random = random.Random(f"{seed}:{player}")
-        self._pause = self._idle = 0
-        self._policy = self._new_policy()
-
-    def _new_policy(self) -> SkilledPolicy:
-        cook = PlannerPolicy(World(self._world.task), self._player)
         skill = Skill(reaction=0.4, pace=0.6, slips=0.03)
-        return SkilledPolicy(cook, self._player, skill, step_seconds=1 / RATE, seed=self._seed)
+        self._player = player
+        self._cook = Cook(world, player)
+        self._policy = SkilledPolicy(self._cook, player, skill, step_seconds=1 / RATE, seed=seed)
+        self._random = random.Random(f"{seed}:{player}")
+        self._wording = Wording(world, language_of(world.task))
+        self._state = world.initial
+        self._pause = 0
+        self._asked = -1
+
+    def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        pass
+
+    def speak(self) -> list[str]:
+        return []
+
+    def hear(self, player: str, text: str) -> None:
+        here = standing_at(self._state, self._player)
+        if here is not None and requested(text, here, self._state, self._wording):
+            self._asked = int(2 * RATE)
 
     def observe(self, did: Did) -> None:
         self._policy.observe(did)
-        self._idle += 1
-        if any(player == self._player and ok for player, _, ok in did):
-            self._idle = 0
 
     def act(self, state: State) -> GroundAction | None:
+        self._state = state
+        self._asked -= 1
+        if self._asked == 0 and not self._cook.is_at_work(state):
+            away = walks_out_of_the_way(state, self._player)
+            return away[0] if away else None
         self._pause -= 1
         if self._pause > 0:
             return None
         if self._random.random() < 0.05:
             self._pause = self._random.randint(5, 20)
             return None
-        if self._idle > STANDSTILL:
-            self._policy = self._new_policy()
-            away = [*put_down(state, self._player), *walks_out_of_the_way(state, self._player)]
-            return away[0] if away else None
         return self._policy.act(state)
 
 
@@ -180,8 +247,13 @@ def play(setting: Setting) -> Report:
         seat = seat_out_of_the_way(world.initial)
         people[seat] = person(setting.person, world, seat, setting.seed)
     game = play_team(
-        task, people, clock=Clock.REALTIME, limit=LIMIT, skill=SKILLS[setting.skill],
-        step_rate=RATE, seed=setting.seed,
+        task,
+        people,
+        clock=Clock.REALTIME,
+        limit=LIMIT,
+        skill=SKILLS[setting.skill],
+        step_rate=RATE,
+        seed=setting.seed,
     )
     assert game.outcome is not None
     won = game.outcome.reason.value == "goal"
@@ -201,7 +273,7 @@ def standstills(
     anytime = AnytimePlanner(World(world.task))
     state, still, found = world.initial, 0, []
     for number, did in enumerate(game.steps):
-        acted = any(p in bots and ok and (a.touched or a.effects) for p, a, ok in did)
+        acted = any(p in bots and ok and does_something(a) for p, a, ok in did)
         running = any(row.timed and row.running for row in state.progress())
         busy = any(state.busy_steps(p) for p in bots)
         still = 0 if acted or running or busy else still + 1
@@ -254,12 +326,12 @@ def main() -> int:
     faults = 0
     with ProcessPoolExecutor(options.jobs) as pool:
         for report in pool.map(play, settings(options)):
-            where = report.setting
+            where, result = report.setting, "won" if report.won else "lost"
             bad = [each for each in report.stood if each[2]]
             faults += bool(bad) or (not report.won and report.could_win)
             print(
                 f"{where.task}@{where.seats} {where.person:10} {where.seed} "
-                f"{report.steps:5} {'won' if report.won else 'LOST' if report.could_win else 'lost'}"
+                f"{report.steps:5} {result if report.won or not report.could_win else 'LOST'}"
                 + "".join(f"  still {a}+{n} {work or '-'}" for a, n, work in report.stood),
                 flush=True,
             )

@@ -31,7 +31,7 @@ from robotouille.planning.policies.plan_watch import (
     Teammates,
     facts_about,
 )
-from robotouille.planning.policies.policy import Did, Script
+from robotouille.planning.policies.policy import Did, Script, does_something
 from robotouille.planning.policies.standing import (
     leads_to,
     standing_at,
@@ -196,6 +196,8 @@ class PlannerPolicy:
         """Process all actions of a step. Called once for each step, before `act`."""
         self._step += 1
         own = [(player, self._own(action), applied) for player, action, applied in did]
+        if any(ok and p not in self._team and does_something(action) for p, action, ok in own):
+            self._talk.allow_repetition()
         if self._state is not None:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
             self._unprocessed.append(PastStep(self._step, self._state, own))

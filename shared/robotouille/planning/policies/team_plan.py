@@ -16,7 +16,7 @@ from enum import Enum, auto
 
 from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
 from robotouille.planning.plan import Limits, Plan, Proof, SearchResult
-from robotouille.planning.policies.aside import after, put_down, with_others_aside
+from robotouille.planning.policies.aside import after, holds, put_down, with_others_aside
 from robotouille.planning.policies.deferral import can_begin, defer_blocked
 from robotouille.planning.policies.policy import Script
 from robotouille.planning.policies.standing import leads_to, standing_at
@@ -285,6 +285,7 @@ class _Decision:
         self._tried = tried
         self._cut_off = not alone and anytime.is_cut_off(base, team)
         self._spent = 0
+        self._aside_untried = True
 
     def plan(self) -> TeamPlan:
         """Return a plan of the team's own, or a replacement."""
@@ -299,26 +300,30 @@ class _Decision:
 
     def _way(self) -> TeamPlan | None:
         """Return a plan that assumes that others step aside or help, or None."""
-        base, tried, cut_off = self._base, self._tried, self._cut_off
+        ways = [self._with_others_aside, self._with_everybody]
+        # Someone who holds an object probably means to use it.
+        if any(holds(self._base, p) for p in self._players if p not in self._team):
+            ways.reverse()
         # After a failed plan the other assumption comes first, so that no team repeats the same
         # mistake.
-        for number in range(tried, tried + len(WAYS)):
-            if WAYS[number % len(WAYS)] is Assumption.OTHERS_ASIDE:
-                made = self._with_others_aside()
-                if made is not None:
-                    return made
-            elif self._team != self._players:
-                found = self._find(base, self._players)
-                if found.plan is not None:
-                    untried = number == tried and number % len(WAYS) > 0
-                    return TeamPlan(
-                        found.plan,
-                        base,
-                        Assumption.EVERYBODY,
-                        cut_off=cut_off,
-                        aside_untried=untried,
-                    )
-        return None
+        if self._tried % len(ways):
+            ways.reverse()
+        return ways[0]() or ways[1]()
+
+    def _with_everybody(self) -> TeamPlan | None:
+        """Return a plan in which everybody plays a part, or None."""
+        if self._team == self._players:
+            return None
+        plan = self._find(self._base, self._players).plan
+        if plan is None:
+            return None
+        return TeamPlan(
+            plan,
+            self._base,
+            Assumption.EVERYBODY,
+            cut_off=self._cut_off,
+            aside_untried=self._aside_untried,
+        )
 
     def _nearer(self) -> TeamPlan:
         """Return a plan of a wider search if there is time, else one that leads nearer the goal."""
@@ -335,6 +340,7 @@ class _Decision:
 
     def _with_others_aside(self) -> TeamPlan | None:
         """Return a plan that assumes that the others step aside, or None."""
+        self._aside_untried = False
         here = self._anytime.in_model(self._base)
         start = with_others_aside(here, [p for p in self._players if p not in self._team])
         if start == here or self._anytime.is_cut_off(start, self._team):

@@ -163,6 +163,10 @@ class Talk:
             self._asked, self._last_asked = step, text
             self._said.append(text)
 
+    def allow_repetition(self) -> None:
+        """Allow the last request again, because other participants have done something."""
+        self._last_asked = ""
+
     def clear_requests(self) -> None:
         """Forget the last request, because nothing is in the way any more."""
         self._last_asked = ""
