@@ -229,6 +229,7 @@ class Client:
         role: Literal["player", "spectator"] = "player",
         view: messages.View = "state",
         ready: bool = True,
+        agent: str = "",
     ) -> Game:
         """Join an episode by code, and return once its state or text has arrived.
 
@@ -239,6 +240,8 @@ class Client:
             view: Data to receive: the `state`, `text` for language models, or `both`.
             ready: False to delay the start until you call `Game.ready`. Servers without this
                 feature start anyway.
+            agent: What plays: a program with its version and settings, at most 200 characters. It
+                is recorded and not shown to others.
 
         Raises:
             UntrustedRedirectError: The episode is on another host.
@@ -247,7 +250,13 @@ class Client:
         """
         wanted: Any = seats if isinstance(seats, str) else list(seats)
         request = messages.Join(
-            episode=episode, seat=seat, seats=wanted, role=role, view=view, ready=ready
+            episode=episode,
+            seat=seat,
+            seats=wanted,
+            role=role,
+            view=view,
+            ready=ready,
+            agent=agent,
         )
         await self._ask(request, messages.Joined)
         if self.game is None:

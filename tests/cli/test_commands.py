@@ -110,7 +110,7 @@ def test_invalid_arguments_are_explained(recording: Path, words: list[str], reas
     ("words", "reason"),
     [
         (["--mode", "turns"], "unknown value 'turns'; did you mean 'turn'? (possible: turn, lock"),
-        (["--partner", "plan"], "unknown value 'plan'; did you mean 'planner'? (possible: random"),
+        (["--partner", "plan"], "unknown value 'plan' (possible: partner, learner"),
     ],
 )
 def test_unknown_values_suggest_the_nearest(words: list[str], reason: str) -> None:

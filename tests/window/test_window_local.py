@@ -19,7 +19,7 @@ from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.file_names import CLOSED
 from robotouille.replay.recording import read_recording
 from robotouille.world.presentation.wording import Wording
-from robotouille_client.bots.kinds import BotKind
+from robotouille_client.bots.kinds import BotSetup
 from robotouille_client.bots.partners import (
     GONE,
     RESTARTED,
@@ -260,9 +260,9 @@ def slow_game(
     made: list[SlowPartners] = []
 
     def make(
-        start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language
+        start: State, setup: BotSetup, players: Sequence[str], step_seconds: float
     ) -> SlowPartners:
-        made.append(SlowPartners(prompt_partners(start, kind, seed, players, words)._policies))
+        made.append(SlowPartners(prompt_partners(start, setup, players, step_seconds)._policies))
         return made[0]
 
     return LocalGame(setup, "ada", timer, folder, make), made[0]
@@ -347,8 +347,8 @@ def test_bots_in_a_process_decide_the_same(tmp_path: Path) -> None:
     world = World("multi_agent/02@3")
     state, players = world.initial, world.players[1:]
     words = Language.model_validate({"kinds": {"table": "Tisch", "board": "Brett"}})
-    here = prompt_partners(state, BotKind.PLANNER, 0, players, words)
-    there = PartnerProcess(state, BotKind.PLANNER, 0, players, words)
+    here = prompt_partners(state, BotSetup(words=words), players)
+    there = PartnerProcess(state, BotSetup(words=words), players)
     courses: list[list[object]] = []
     try:
         for partners in (here, there):
@@ -381,7 +381,7 @@ def test_bots_in_a_process_decide_the_same(tmp_path: Path) -> None:
 @pytest.mark.process
 def test_a_thinking_process_is_stopped_at_once() -> None:
     world = World("multi_agent/10@4")
-    partners = PartnerProcess(world.initial, BotKind.PLANNER, 0, world.players[1:])
+    partners = PartnerProcess(world.initial, BotSetup(), world.players[1:])
     partners.ask(world.players[1], world.initial)
     partners.close()
     assert not partners.answers(), "nobody waited for what it thought"
@@ -394,9 +394,9 @@ def test_a_crashed_process_restarts_once() -> None:
     timer, made = Timer(), []
 
     def make(
-        start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language
+        start: State, setup: BotSetup, players: Sequence[str], step_seconds: float
     ) -> PartnerProcess:
-        made.append(PartnerProcess(start, kind, seed, players, words))
+        made.append(PartnerProcess(start, setup, players, step_seconds))
         return made[0]
 
     setup = GameSetup("multi_agent/01", seats=2, clock=Clock.LOCKSTEP)

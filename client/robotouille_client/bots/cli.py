@@ -14,7 +14,7 @@ import typer
 
 from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.terminal import options_from, printable, tell
-from robotouille_client.bots.kinds import BotKind, given_names, policy_maker
+from robotouille_client.bots.kinds import BotKind, BotSetup, bot_maker, given_names
 from robotouille_client.bots.llm_options import LlmBotOptions
 from robotouille_client.console import (
     ServerOptions,
@@ -51,6 +51,13 @@ class BotOptions(LlmBotOptions, ServerOptions):
         ),
     ] = None
     plan: Annotated[Path | None, typer.Option(help="Plan file for a scripted bot.")] = None
+    skill: Annotated[
+        str,
+        typer.Option(
+            help="Skill of a planner: learner, partner or expert. Default: partner in real-time "
+            "games with people, else expert."
+        ),
+    ] = ""
     seed: Annotated[int, typer.Option(help="Seed of random decisions.")] = 0
     json_output: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False
     version: VersionOption = False
@@ -74,7 +81,9 @@ def _requested_seats(kind: str, options: BotOptions) -> Seats:
     return "all" if seats == "all" else tuple(each.strip() for each in seats.split(","))
 
 
-def _policy_maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
+def _bot(kind: str, options: BotOptions) -> BotSetup | MakePolicy:
+    if options.skill and kind != BotKind.PLANNER:
+        raise RobotouilleError("only a planner has a --skill")
     if ":" in kind:
         from robotouille_client.bots.own_policy import own_policy_maker
 
@@ -85,7 +94,9 @@ def _policy_maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
             f"unknown bot {kind!r}{did_you_mean(kind, known)} "
             f"(possible: {', '.join(known)}, or MODULE:NAME)"
         )
-    return policy_maker(BotKind(kind), seed, plan)
+    setup = BotSetup(BotKind(kind), options.seed, options.skill, options.plan)
+    bot_maker(setup)  # Report a wrong option before a seat is taken.
+    return setup
 
 
 def _language_model(options: BotOptions, *, several: bool) -> TextBot:
@@ -131,11 +142,11 @@ def command(
 
     seats = _requested_seats(kind, options)
     with _traceback_first():
-        bot: MakePolicy | TextBot
+        bot: BotSetup | MakePolicy | TextBot
         if kind == LLM:
             bot = _language_model(options, several=bool(seats))
         else:
-            bot = _policy_maker(kind, options.seed, options.plan)
+            bot = _bot(kind, options)
         own_name = [f"{kind.rpartition(':')[2]}-bot"]
         default = own_name if ":" in kind else given_names(options.seed, options.seat)
         request = SeatRequest(

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.errors import Fault, FileError, RobotouilleError
 
 if TYPE_CHECKING:
+    from robotouille.domain.task import Task
     from robotouille.planning.policies.policy import Policy
     from robotouille.world.world import State
     from robotouille_client.bots.seat_policy import MakePolicy
@@ -36,29 +39,112 @@ class BotKind(StrEnum):
     PLANNER = "planner"
 
 
+class Partner(StrEnum):
+    """The bots offered to people: planners with a skill, or random bots."""
+
+    PARTNER = "partner"
+    LEARNER = "learner"
+    EXPERT = "expert"
+    RANDOM = "random"
+
+
+@dataclass(frozen=True, slots=True)
+class BotSetup:
+    """The kind of some bots, their seed, and the skill of planners.
+
+    Attributes:
+        skill: Name of a skill, or empty for the one that fits the company: see `SkilledPolicy`.
+        plan: Plan file of a scripted bot.
+        words: Words that replace those of the domain in chat messages of planners.
+    """
+
+    kind: BotKind = BotKind.PLANNER
+    seed: int = 0
+    skill: str = ""
+    plan: Path | None = None
+    words: Language = NO_WORDS
+
+    @classmethod
+    def named(cls, name: str, seed: int = 0, words: Language = NO_WORDS) -> BotSetup:
+        """Return the setup of a kind, or of a planner with a skill."""
+        if name in list(BotKind):
+            return cls(BotKind(name), seed, words=words)
+        return cls(seed=seed, skill=name, words=words)
+
+    @property
+    def agent(self) -> str:
+        """The setup in words, for recordings."""
+        if self.kind is not BotKind.PLANNER:
+            return f"{self.kind} seed={self.seed}"
+        from robotouille.planning.policies.skill import skill_named
+
+        skill = f"{self.skill} {skill_named(self.skill)}" if self.skill else "by company"
+        return f"{self.kind} skill={skill.strip()} seed={self.seed}"
+
+
+def bot_maker(setup: BotSetup, *, step_seconds: float = 0.0) -> MakePolicy:
+    """Return a function that makes the policy of a seat. Planners share their analysis of the task.
+
+    Args:
+        step_seconds: Duration of a step in a real-time game; 0 in games that wait for players.
+
+    Raises:
+        RobotouilleError: A scripted bot has no plan file, or the skill is unknown.
+    """
+    if setup.kind is not BotKind.PLANNER:
+        return policy_maker(setup.kind, setup.seed, setup.plan)
+    from robotouille.planning.policies.skill import SkilledPolicy, skill_named
+
+    skill = skill_named(setup.skill) if setup.skill else None
+    plan = _planner_maker(setup.seed, setup.words)
+
+    def make(state: State, player: str) -> Policy:
+        policy, seed = plan(state, player), setup.seed
+        return SkilledPolicy(policy, player, skill, step_seconds=step_seconds, seed=seed)
+
+    return make
+
+
 def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> MakePolicy:
-    """Return a function that makes the policy of a seat.
+    """Return a function that makes the policy of a seat, with all the skill that it has.
 
     Raises:
         RobotouilleError: A scripted bot has no plan file.
     """
     if kind is BotKind.SCRIPTED and (plan is None or not plan.is_file()):
         raise RobotouilleError(f"a scripted bot needs a plan file: --plan FILE, found {plan}")
+    if kind is BotKind.PLANNER:
+        return _planner_maker(seed)
 
     def make(state: State, player: str) -> Policy:
-        if kind is BotKind.RANDOM:
-            from robotouille.planning.policies.policy import RandomPolicy
-
-            return RandomPolicy(player, seed)
         if kind is BotKind.SCRIPTED:
             return _scripted(state, player, plan)
-        from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
+        from robotouille.planning.policies.policy import RandomPolicy
 
-        if state.world.shift is not None:
-            from robotouille.planning.policies.shift_policy import ShiftPolicy
+        return RandomPolicy(player, seed)
 
-            return ShiftPolicy(state.world, player, PlannerOptions(seed=seed))
-        return PlannerPolicy(state.world, player, PlannerOptions(seed=seed), start=state)
+    return make
+
+
+def _planner_maker(seed: int, words: Language = NO_WORDS) -> MakePolicy:
+    """Return a function that makes planners, which share what they learn of a kitchen."""
+    from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
+    from robotouille.planning.policies.shift_policy import ShiftPolicy
+    from robotouille.planning.shift import DishPlanner
+    from robotouille.planning.solvers import AnytimePlanner
+    from robotouille.world.world import World
+
+    options = PlannerOptions(seed=seed, words=words)
+    dishes: dict[str, DishPlanner] = {}
+    known: dict[Task, AnytimePlanner] = {}
+
+    def make(state: State, player: str) -> Policy:
+        world = state.world
+        if world.shift is not None:
+            return ShiftPolicy(world, player, options, dishes=dishes)
+        if world.task not in known:
+            known[world.task] = AnytimePlanner(World(world.task))
+        return PlannerPolicy(world, player, options, start=state, anytime=known[world.task])
 
     return make
 

@@ -5,7 +5,7 @@ a process, which answers requests:
 
 | request | reply |
 | --- | --- |
-| `["begin", task as JSON, kind, seed, players, words as JSON]` | none |
+| `["begin", task as JSON, [kind, seed, skill, words as JSON], players, step seconds]` | none |
 | `["meet", kinds, clock]`, `["hear", player, text]`, `["observe", moves]` | `say` |
 | `["ask", player, state]` | `say`; `["act", player, [name, …arguments], waits]` |
 
@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from threading import Thread
 from typing import Any, NamedTuple, Protocol
 
-from robotouille.domain.rendering import NO_WORDS, Language
+from robotouille.domain.rendering import Language
 from robotouille.domain.task import Task
 from robotouille.planning.bot_process import (
     CHUNK,
@@ -39,7 +39,7 @@ from robotouille.planning.bot_process import (
 from robotouille.planning.policies.policy import Did, Policy, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
-from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.kinds import BotKind, BotSetup, bot_maker
 
 
 class Decision(NamedTuple):
@@ -84,9 +84,8 @@ class Partners(Protocol):
         """Stop the bots."""
 
 
-MakePartners = Callable[[State, BotKind, int, Sequence[str], Language], Partners]
-"""Makes bots from the initial state, their kind, the seed, their players and the language of
-their chat messages."""
+MakePartners = Callable[[State, BotSetup, Sequence[str], float], Partners]
+"""Makes bots from the initial state, their setup, their players and the seconds of a step."""
 
 
 class PromptPartners:
@@ -130,23 +129,11 @@ class PromptPartners:
 
 
 def prompt_partners(
-    start: State, kind: BotKind, seed: int, players: Sequence[str], words: Language = NO_WORDS
+    start: State, setup: BotSetup, players: Sequence[str], step_seconds: float = 0.0
 ) -> PromptPartners:
-    """Make bots that decide in the calling thread. Planners share one search of the task."""
-    if kind is not BotKind.PLANNER:
-        make = policy_maker(kind, seed)
-        return PromptPartners({player: make(start, player) for player in players})
-    from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
-    from robotouille.planning.solvers import AnytimePlanner
-
-    known = AnytimePlanner(World(start.world.task))
-    options = PlannerOptions(seed=seed, words=words)
-    return PromptPartners(
-        {
-            player: PlannerPolicy(start.world, player, options, start=start, anytime=known)
-            for player in players
-        }
-    )
+    """Make bots that decide in the calling thread."""
+    make = bot_maker(setup, step_seconds=step_seconds)
+    return PromptPartners({player: make(start, player) for player in players})
 
 
 COMMAND = (sys.executable, "-P", "-m", "robotouille_client.bots.partners")
@@ -168,17 +155,13 @@ class PartnerProcess:
     """
 
     def __init__(
-        self,
-        start: State,
-        kind: BotKind,
-        seed: int,
-        players: Sequence[str],
-        words: Language = NO_WORDS,
+        self, start: State, setup: BotSetup, players: Sequence[str], step_seconds: float = 0.0
     ) -> None:
         self._world: World = start.world
         self._task = json.dumps(start.world.task.to_json())
-        words_json = words.model_dump_json(exclude_unset=True)
-        self._begin = kind.value, seed, list(players), words_json
+        words = setup.words.model_dump_json(exclude_unset=True)
+        chosen = setup.kind.value, setup.seed, setup.skill, words
+        self._begin = chosen, list(players), step_seconds
         self._met: tuple[dict[str, str], str] | None = None
         self._asked: dict[str, tuple[Any, ...]] = {}
         self._replies: deque[Any] = deque()
@@ -307,10 +290,11 @@ def replies(
         is_last: Returns True if no other request waits. Chat messages are held back until then,
             so that they match the state that the player sees.
     """
-    _, task, kind, seed, players, words = next(requests)
+    _, task, (kind, seed, skill, words), players, step_seconds = next(requests)
     world = World(Task.from_json(json.loads(task)))
     language = Language.model_validate_json(words)
-    partners = prompt_partners(world.initial, BotKind(kind), seed, players, language)
+    setup = BotSetup(BotKind(kind), seed, skill, words=language)
+    partners = prompt_partners(world.initial, setup, players, step_seconds)
     for what, *about in requests:
         _apply(partners, world, what, *about)
         if is_last():

@@ -21,6 +21,11 @@ MakePolicy = Callable[[State, str], Policy]
 """Makes the policy of a seat from the initial state and the player."""
 
 
+def step_seconds(clock: Mapping[str, Any]) -> float:
+    """Return the seconds of a step by a game's `clock`; 0 in games that wait for players."""
+    return 1 / float(clock["step_rate"]) if clock.get("clock") == "realtime" else 0.0
+
+
 class SeatPolicy:
     """The policy of a seat, with its own copy of the world.
 

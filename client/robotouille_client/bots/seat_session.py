@@ -12,8 +12,9 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.messages import Kind, View
 from robotouille.terminal import printable, tell
+from robotouille_client.bots.kinds import BotSetup, bot_maker
 from robotouille_client.bots.own_policy import OwnPolicyError
-from robotouille_client.bots.seat_policy import MakePolicy, play
+from robotouille_client.bots.seat_policy import MakePolicy, play, step_seconds
 from robotouille_client.client import Client, connect
 from robotouille_client.console.kept_seat import (
     KeptSeat,
@@ -34,10 +35,14 @@ REPORT_SECONDS = 0.5
 
 @runtime_checkable
 class TextBot(Protocol):
-    """A bot that plays a game joined in a view with text."""
+    """A bot that plays a game joined in a view with text.
+
+    `agent` describes it for recordings, in at most 200 characters.
+    """
 
     kind: Kind
     view: View
+    agent: str
 
     def opened(self) -> AbstractAsyncContextManager[Player]:
         """Return a context with the player.
@@ -68,22 +73,42 @@ class SeatRequest:
     seats: Seats = ()
 
 
-async def play_seat(request: SeatRequest, bot: MakePolicy | TextBot) -> Mapping[str, Any]:
+async def play_seat(
+    request: SeatRequest, bot: BotSetup | MakePolicy | TextBot
+) -> Mapping[str, Any]:
     """Join an episode, play it to its end and return the outcome.
+
+    Args:
+        bot: A shipped bot, a function that makes the policy of a seat, or a language model.
 
     Raises:
         RobotouilleError: The seat cannot be taken, or the connection was lost for good.
     """
     if isinstance(bot, TextBot):
         async with bot.opened() as player:
-            return await _take_seat(request, player, bot.view, bot.kind)
+            return await _take_seat(request, player, _Joining(bot.view, bot.kind, bot.agent))
+    if isinstance(bot, BotSetup):
+        setup = bot
+
+        def play_shipped(game: Game) -> Awaitable[Mapping[str, Any]]:
+            return play(game, bot_maker(setup, step_seconds=step_seconds(game.clock)))
+
+        return await _take_seat(request, play_shipped, _Joining(agent=setup.agent))
     make_policy = bot
-    return await _take_seat(request, lambda game: play(game, make_policy), "state", "bot")
+    return await _take_seat(request, lambda game: play(game, make_policy), _Joining())
 
 
-async def _take_seat(
-    request: SeatRequest, player: Player, view: View, kind: Kind
-) -> Mapping[str, Any]:
+@dataclass(frozen=True, slots=True)
+class _Joining:
+    """How a bot joins: its view, its kind and its description."""
+
+    view: View = "state"
+    kind: Kind = "bot"
+    agent: str = ""
+
+
+async def _take_seat(request: SeatRequest, player: Player, joining: _Joining) -> Mapping[str, Any]:
+    kind = joining.kind
     code = request.episode or await _waiting_code(request, kind)
     with kept_seat_of(state_folder(), request.url, code, request.names) as (name, kept):
         asked = (request.seat,) if request.seat is not None else request.seats
@@ -91,7 +116,7 @@ async def _take_seat(
         async with connect(
             request.url, name=name, kind=kind, token=request.token, resume=resume
         ) as client:
-            game = await _join(client, code, request, view, kept)
+            game = await _join(client, code, request, joining, kept)
             if back := came_back(client, game, kept):
                 tell(printable(f"returned to {back}"), err=True)
             own = ", ".join(game.own_seats)
@@ -114,13 +139,15 @@ async def _waiting_code(request: SeatRequest, kind: Kind) -> str:
 
 
 async def _join(
-    client: Client, code: str, request: SeatRequest, view: View, kept: KeptSeat | None
+    client: Client, code: str, request: SeatRequest, joining: _Joining, kept: KeptSeat | None
 ) -> Game:
     seats = request.seats
     if seats:
         await _require_waiting_world(client, code)
     try:
-        game = await client.join(code, seat=request.seat, seats=seats, view=view)
+        game = await client.join(
+            code, seat=request.seat, seats=seats, view=joining.view, agent=joining.agent
+        )
     except ProtocolError as error:
         raise _with_advice(error, seats) from None
     if seats and game.clock.get("clock") == "realtime":

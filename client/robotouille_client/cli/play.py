@@ -13,7 +13,7 @@ from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.terminal import one_of, options_from
 from robotouille.world.lint import sound_task
-from robotouille_client.bots.kinds import BotKind
+from robotouille_client.bots.kinds import Partner
 from robotouille_client.console import (
     LenientOption,
     RenderingOption,
@@ -35,8 +35,13 @@ class PlayOptions:
     )
     seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None
     partner: Annotated[
-        BotKind, typer.Option(parser=one_of(BotKind), help="Bot that plays the other seats.")
-    ] = BotKind.PLANNER
+        Partner,
+        typer.Option(
+            parser=one_of(Partner),
+            help="Bots that play the other seats: planners with the skill of a learner, partner or "
+            "expert, or random ones.",
+        ),
+    ] = Partner.PARTNER
     step_rate: Annotated[float, typer.Option(help="Steps per second in real time.")] = 5.0
     timing: Annotated[
         str | None,
@@ -84,8 +89,6 @@ def play(
     from robotouille_client.window import require_pygame
 
     require_pygame()
-    if options.partner is BotKind.SCRIPTED:
-        raise RobotouilleError("--partner must be random or planner")
     from robotouille_client.window.app.local_game import GameSetup
 
     rendering, size, tasks = options.rendering, options.size, options.tasks

@@ -70,6 +70,13 @@ class LanguageModelBot:
         choice = ModelChoice.of_options(options)
         return cls(choice, options.strategy, options.transcript, seed, real_time, control)
 
+    @property
+    def agent(self) -> str:
+        """The model, its parameters and the strategy, for recordings."""
+        settings = {**self.model.parameters, "strategy": self.strategy, "seed": self.seed}
+        words = (f"{name}={value}" for name, value in settings.items())
+        return " ".join((self.model.name, *words))[:200]
+
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[Callable[[Game], Awaitable[Mapping[str, Any]]]]:
         """Open model and transcript, and yield a function that plays a game to its end.

@@ -83,7 +83,7 @@ class Membership:
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were removed from this episode", "episode")
         if own := self._own_seats(session, request):
-            self._take_over(session, own, request.ready, now)
+            self._take_over(session, own, request, now)
             name = session.name
         elif request.role == "player":
             players = self._turnover.choose(
@@ -98,6 +98,7 @@ class Membership:
                 session=session.id,
                 participant=session.participant,
                 ready=request.ready,
+                agent=request.agent,
             )
             # Both ids are kept: a participant with a token has the same pseudonym in a new session,
             # but one without a token has only the session's id (see `FinishedGame.check`).
@@ -136,16 +137,16 @@ class Membership:
         return ()
 
     def _take_over(
-        self, session: Session, players: tuple[str, ...], ready: bool, now: float
+        self, session: Session, players: tuple[str, ...], request: messages.Join, now: float
     ) -> None:
         """Give a participant's seats to its new session, and close the older connection."""
         self._turnover.charge(players, now, "has lost and regained its connection")
-        self._episode.take_over(players, session.kind, now, session=session.id)
+        self._episode.take_over(players, session.kind, now, session=session.id, agent=request.agent)
         old = self._broadcaster.holder(players[0])
         if old is not None:
             self._remove(old)
             self._supersede(old)
-        self._episode.set_ready(players, ready, now)
+        self._episode.set_ready(players, request.ready, now)
         session.players, session.name = players, self._episode.seats[players[0]].name
         self.ever_seated.add(session.id)
 

@@ -188,6 +188,7 @@ class Episode:
         session: str = "",
         participant: str = "",
         ready: bool = True,
+        agent: str = "",
     ) -> str:
         """Give a seat to a participant. The game starts when all seats are taken and ready.
 
@@ -198,6 +199,7 @@ class Episode:
             session: Pseudonym of the session that holds the seat.
             participant: Pseudonym that stays the same in later sessions.
             ready: False if the start must wait for `set_ready`.
+            agent: The program that plays, in its own words.
 
         Returns:
             The player whose seat it is.
@@ -208,7 +210,14 @@ class Episode:
         # Choose the first free seat, so that the same joins always fill the same seats.
         players = (player,) if player is not None else self.record.free_seats()[:1]
         (taken,) = self.join_several(
-            players, name, kind, now, session=session, participant=participant, ready=ready
+            players,
+            name,
+            kind,
+            now,
+            session=session,
+            participant=participant,
+            ready=ready,
+            agent=agent,
         )
         return taken
 
@@ -222,6 +231,7 @@ class Episode:
         session: str = "",
         participant: str = "",
         ready: bool = True,
+        agent: str = "",
     ) -> tuple[str, ...]:
         """Give several seats to one participant: all of them, or none. See `join`.
 
@@ -237,6 +247,7 @@ class Episode:
         seats = record.check_free(players)
         for seat in seats:
             seat.take(name, kind, session, participant, record.ran(now))
+            seat.agent = agent
         # `used` separates the outcomes `everybody left` and `nobody came`, and lets a participant
         # return after `open_for` has passed.
         record.used = True
@@ -324,7 +335,13 @@ class Episode:
         self._update_presence(now)
 
     def take_over(
-        self, players: str | Collection[str], kind: str, now: float, *, session: str
+        self,
+        players: str | Collection[str],
+        kind: str,
+        now: float,
+        *,
+        session: str,
+        agent: str = "",
     ) -> None:
         """Let the participant of some seats go on in a new session.
 
@@ -339,6 +356,7 @@ class Episode:
         for seat in seats:
             seat.set_present(True, now, record.ran(now))
             seat.change_session(session, kind)
+            seat.agent = agent
         for seat in seats:
             record.emit_roster(seat, now)
         self._update_presence(now)

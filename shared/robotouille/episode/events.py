@@ -140,6 +140,7 @@ class SeatChanged:
     """A participant took or lost a seat, or lost or regained the connection.
 
     `session` and `participant` are pseudonyms, and `generation` is that of the resume token in use.
+    `agent` is the program that plays, in its own words.
     `why` is set if the participant has just lost the seat.
     """
 
@@ -154,6 +155,7 @@ class SeatChanged:
     participant: str = ""
     generation: int = 0
     why: Departure | None = None
+    agent: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,6 +79,7 @@ class Seat:
     """A player of the world and the participant who plays it.
 
     Attributes:
+        agent: The program that plays, in its own words.
         session: Pseudonym of the session that holds the seat.
         participant: Pseudonym of the participant, the same in later sessions.
         generation: Generation of the last resume token used.
@@ -95,6 +96,7 @@ class Seat:
     player: str
     name: str = ""
     kind: str = ""
+    agent: str = ""
     session: str = ""
     participant: str = ""
     generation: int = 0
@@ -212,7 +214,7 @@ class Seat:
             self.left_at = ran
         self.state = next_seat_state(self.state, SeatEvent.VACATE)
         self.refused, self.ready = False, True
-        self.name = self.kind = self.session = self.participant = ""
+        self.name = self.kind = self.session = self.participant = self.agent = ""
         self.generation = 0
         self.pending = None
 
@@ -235,6 +237,7 @@ class Seat:
             participant=self.participant,
             generation=self.generation,
             why=why,
+            agent=self.agent,
         )
 
     def thought(self, ran: float) -> float:

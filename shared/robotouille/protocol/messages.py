@@ -300,6 +300,11 @@ class Join(Message):
         description="False: the episode does not start before the client sends `ready`. Only valid "
         "if `welcome` has `readiness`.",
     )
+    agent: Annotated[str, Field(max_length=200)] = Field(
+        default="",
+        description="What plays the seat: a program with its version and settings. It is recorded "
+        "and not shown to others.",
+    )
 
     @field_validator("seats", mode="wrap")
     @classmethod

@@ -244,6 +244,7 @@ class RosterNote(DatedNote):
     participant: str
     generation: int
     why: str = ""
+    agent: Annotated[str, Field(max_length=200)] = ""
 
 
 class ReadyNote(DatedNote):

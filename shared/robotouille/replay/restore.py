@@ -257,7 +257,7 @@ def _sit(seat: Seat, note: dict[str, Any], ran: float) -> None:
             seat.change_session(note["session"], note["kind"])
         else:
             seat.take(note["name"], note["kind"], note["session"], note["participant"], ran)
-        seat.generation = note["generation"]
+        seat.generation, seat.agent = note["generation"], note.get("agent", "")
         if note["present"]:
             seat.come_back(ran)
         elif seat.present:

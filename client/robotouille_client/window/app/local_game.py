@@ -22,7 +22,7 @@ from robotouille.replay.file_names import CLOSED, file_name
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.lint import sound_task
 from robotouille.world.world import World
-from robotouille_client.bots.kinds import BotKind, given_names
+from robotouille_client.bots.kinds import BotSetup, given_names
 from robotouille_client.bots.partners import MakePartners, PartnerProcess, Partners, PromptPartners
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 
@@ -36,6 +36,7 @@ class GameSetup:
     """Options of a local game.
 
     Attributes:
+        partner: Kind of the bots, or a skill of planners.
         timing: Timing profile; None for `people` in real time and else `benchmark`.
         max_steps: Step limit; None for six times the shortest plan, but at least three minutes.
         countdown: Seconds before a real-time game starts.
@@ -45,7 +46,7 @@ class GameSetup:
     seats: int | None = None
     clock: Clock = Clock.REALTIME
     rate: float = 5.0
-    partner: BotKind = BotKind.PLANNER
+    partner: str = "partner"
     timing: str | None = None
     max_steps: int | None = None
     seed: int = 0
@@ -91,12 +92,12 @@ class LocalGame:
         others = [player for player in self.world.players if player != me]
         # Equal names could not be distinguished in the chat.
         names = [n for n in given_names(setup.seed) if n.casefold() != name.casefold()]
+        bots = BotSetup.named(setup.partner, setup.seed, words)
         self._partners: Partners = PromptPartners({})
         # `PartnerProcess` starts a process, which a game for one player does not need.
         if others:
-            self._partners = make_partners(
-                self.world.initial, setup.partner, setup.seed, others, words
-            )
+            step_seconds = 1 / setup.rate if setup.clock is Clock.REALTIME else 0.0
+            self._partners = make_partners(self.world.initial, bots, others, step_seconds)
         self.path: Path | None = None
         self._recorder = Recorder(self.world)
         if folder is not None:
@@ -104,7 +105,7 @@ class LocalGame:
         episode = Episode(self.world, rules, now())
         self.source = LocalSource(
             episode,
-            LocalSeats(me, dict(zip(others, names, strict=False)), name),
+            LocalSeats(me, dict(zip(others, names, strict=False)), name, bots.agent),
             self._partners,
             now,
             record=self._record,

@@ -13,7 +13,6 @@ from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.task import Task, Timing
 from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.world.world import State
-from robotouille_client.bots.kinds import BotKind
 from robotouille_client.window.app.local_game import GameSetup
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.app.thumbnails import Thumbnails
@@ -143,7 +142,12 @@ def _task(name: str) -> Task:
 Ask = Callable[[Form], Awaitable[object]]
 """Function that shows a form until it has a result."""
 
-PARTNERS = (("plan ahead", BotKind.PLANNER), ("act at random", BotKind.RANDOM))
+PARTNERS = (
+    ("partners: human pace", "partner"),
+    ("learners: slow and unsure", "learner"),
+    ("experts: never rest", "expert"),
+    ("random: do anything", "random"),
+)
 
 
 def pace_words(rate: float) -> str:
@@ -249,7 +253,7 @@ class PlayMenu:
         return GameSetup(
             task=self._task.task,
             seats=self._task.seats,
-            partner=BotKind(str(self._partner.value)),
+            partner=str(self._partner.value),
             rate=self._rate.value,
         )
 

@@ -45,7 +45,7 @@ class Settings(BaseModel):
     preferences: Preferences = Preferences()
     task: Annotated[str, Field(max_length=200)] = "synchronous/01"
     seats: Annotated[int, Field(ge=1, le=8)] = 1
-    partner: Word = "planner"
+    partner: Word = "partner"
     rate: Annotated[float, Field(ge=1, le=20)] = 5.0
     code: Word = ""
     learned: bool = False

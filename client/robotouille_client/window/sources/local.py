@@ -45,11 +45,13 @@ class LocalSeats:
         me: Player of the person at the window.
         bots: Names of the bots by player.
         name: Name of the person.
+        agent: What the bots are, for the recording.
     """
 
     me: str
     bots: Mapping[str, str]
     name: str = "you"
+    agent: str = ""
 
 
 class LocalSource(GameSource):
@@ -97,7 +99,7 @@ class LocalSource(GameSource):
         self._answers: dict[str, Decision] = {}
         episode.join(me, name, "human", now())
         for player, bot in bots.items():
-            episode.join(player, bot, "bot", now())
+            episode.join(player, bot, "bot", now(), agent=seats.agent)
         kinds = {seat.player: seat.controller.value for seat in episode.seats.values()}
         # Planners plan differently with people and in real time, so they must know both first.
         partners.meet(kinds, episode.rules.clock.value)

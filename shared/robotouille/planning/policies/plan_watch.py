@@ -169,8 +169,9 @@ class PlanWatch:
         state = past.state
         self._count_standstill(past, teammates.team)
         # Two teams of bots that each wait for the other would wait forever, and a person may never
-        # help. So a stuck team also tries the other assumption.
-        untried = self._in_vain.get(state, 0) < len(WAYS)
+        # help. So a stuck team also tries the other assumption, and returns to the first one, whose
+        # requests are the more likely ones.
+        untried = self._in_vain.get(state, 0) <= len(WAYS)
         tried = self._patience if teammates.among_bots else LONG
         due = past.step - self._base.step >= self._retry
         if (due and self._may_see_a_way(state, teammates)) or (untried and self._stuck > tried):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.planning.policies.policy import Did, Policy, TeamPolicy, running_effects, waits
@@ -35,6 +35,15 @@ class Skill:
     rest: float = 0.0
     slips: float = 0.0
     looks_ahead: bool = True
+
+    def __str__(self) -> str:
+        """The parameters that differ from the defaults, such as `reaction=0.4 pace=0.8`."""
+        changed = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return " ".join(f"{name}={value}" for name, value in changed if value != _default(name))
+
+
+def _default(name: str) -> object:
+    return next(f.default for f in fields(Skill) if f.name == name)
 
 
 EXPERT = Skill()
@@ -69,15 +78,23 @@ class SkilledPolicy:
     Equal seeds and events give equal actions.
 
     Args:
+        skill: None for a partner in real-time games with people, and an expert in all others.
         step_seconds: Duration of a step in a real-time game; 0 in games that wait for players.
     """
 
     def __init__(
-        self, policy: Policy, player: str, skill: Skill, *, step_seconds: float, seed: int = 0
+        self,
+        policy: Policy,
+        player: str,
+        skill: Skill | None,
+        *,
+        step_seconds: float,
+        seed: int = 0,
     ) -> None:
         self._policy = policy
         self._player = player
-        self._skill = skill
+        self._skill = skill or EXPERT
+        self._fits_company = skill is None
         self._second = 1 / step_seconds if step_seconds else 0.0
         self._random = random.Random(f"{seed}:{player}:skill")
         self._step = 0
@@ -158,6 +175,8 @@ class SkilledPolicy:
             self._worked = 0.0
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        if self._fits_company:
+            self._skill = SKILLS["partner"] if "human" in kinds.values() else EXPERT
         if isinstance(self._policy, TeamPolicy):
             self._policy.meet(kinds, clock)
 
