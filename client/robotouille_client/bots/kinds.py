@@ -8,11 +8,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.errors import Fault, FileError, RobotouilleError
 
 if TYPE_CHECKING:
-    from robotouille.domain.task import Task
+    from robotouille.domain.rendering import Language
     from robotouille.planning.policies.policy import Policy
     from robotouille.world.world import State
     from robotouille_client.bots.seat_policy import MakePolicy
@@ -62,10 +61,10 @@ class BotSetup:
     seed: int = 0
     skill: str = ""
     plan: Path | None = None
-    words: Language = NO_WORDS
+    words: Language | None = None
 
     @classmethod
-    def named(cls, name: str, seed: int = 0, words: Language = NO_WORDS) -> BotSetup:
+    def named(cls, name: str, seed: int = 0, words: Language | None = None) -> BotSetup:
         """Return the setup of a kind, or of a planner with a skill."""
         if name in list(BotKind):
             return cls(BotKind(name), seed, words=words)
@@ -126,25 +125,26 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
     return make
 
 
-def _planner_maker(seed: int, words: Language = NO_WORDS) -> MakePolicy:
+def _planner_maker(seed: int, words: Language | None = None) -> MakePolicy:
     """Return a function that makes planners, which share what they learn of a kitchen."""
+    from robotouille.domain.rendering import NO_WORDS
     from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
     from robotouille.planning.policies.shift_policy import ShiftPolicy
     from robotouille.planning.shift import DishPlanner
     from robotouille.planning.solvers import AnytimePlanner
     from robotouille.world.world import World
 
-    options = PlannerOptions(seed=seed, words=words)
+    options = PlannerOptions(seed=seed, words=NO_WORDS if words is None else words)
     dishes: dict[str, DishPlanner] = {}
-    known: dict[Task, AnytimePlanner] = {}
+    known: dict[World, AnytimePlanner] = {}
 
     def make(state: State, player: str) -> Policy:
         world = state.world
         if world.shift is not None:
             return ShiftPolicy(world, player, options, dishes=dishes)
-        if world.task not in known:
-            known[world.task] = AnytimePlanner(World(world.task))
-        return PlannerPolicy(world, player, options, start=state, anytime=known[world.task])
+        if world not in known:
+            known[world] = AnytimePlanner(World(world.task))
+        return PlannerPolicy(world, player, options, start=state, anytime=known[world])
 
     return make
 

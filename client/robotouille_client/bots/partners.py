@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from threading import Thread
 from typing import Any, NamedTuple, Protocol
 
-from robotouille.domain.rendering import Language
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Task
 from robotouille.planning.bot_process import (
     CHUNK,
@@ -159,7 +159,7 @@ class PartnerProcess:
     ) -> None:
         self._world: World = start.world
         self._task = json.dumps(start.world.task.to_json())
-        words = setup.words.model_dump_json(exclude_unset=True)
+        words = (setup.words or NO_WORDS).model_dump_json(exclude_unset=True)
         chosen = setup.kind.value, setup.seed, setup.skill, words
         self._begin = chosen, list(players), step_seconds
         self._met: tuple[dict[str, str], str] | None = None

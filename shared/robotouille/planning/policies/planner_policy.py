@@ -228,7 +228,9 @@ class PlannerPolicy:
             wish = self._wish()
             if wish:
                 self._talk.ask(wish, self._step)
-        return self._talk.speak()
+        others = (p for p in self._world.players if p != self.player)
+        among_bots = any(self._known.get(player, "bot") == "bot" for player in others)
+        return self._talk.speak(among_bots=among_bots)
 
     def _wish(self) -> str:
         """Return this seat's request on behalf of the team, or an empty text."""

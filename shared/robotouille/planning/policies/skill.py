@@ -37,7 +37,7 @@ class Skill:
     looks_ahead: bool = True
 
     def __str__(self) -> str:
-        """The parameters that differ from the defaults, such as `reaction=0.4 pace=0.8`."""
+        """Return the parameters that differ from the defaults, such as `reaction=0.4 pace=0.8`."""
         changed = ((f.name, getattr(self, f.name)) for f in fields(self))
         return " ".join(f"{name}={value}" for name, value in changed if value != _default(name))
 

@@ -127,20 +127,28 @@ class Talk:
 
     def __init__(self, *, silent: bool) -> None:
         self._silent = silent
-        self._said = [] if silent else [announcement()]
+        self._said: list[str] = []
+        self._announces = not silent
         self._asked = self._told = -INSIST
         self._last_asked = self._last_told = ""
         self._helpless = False
 
-    def speak(self) -> list[str]:
-        """Return the new messages since the last call."""
+    def speak(self, *, among_bots: bool) -> list[str]:
+        """Return the new messages since the last call.
+
+        Args:
+            among_bots: True if another bot hears them. The announcement is for bots alone, and
+                would give away a bot that a study presents as a person.
+        """
         said, self._said = self._said, []
+        if self._announces and among_bots:
+            self._announces = False
+            return [announcement(), *said]
         return said
 
     def announce(self) -> None:
         """Announce the seat's version to other planner bots."""
-        if not self._silent and announcement() not in self._said:
-            self._said.append(announcement())
+        self._announces = not self._silent
 
     def may_announce_actions(self, step: int, *, hurried: bool) -> bool:
         """Return whether the last announcement of actions was long enough ago."""
