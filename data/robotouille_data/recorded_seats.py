@@ -115,6 +115,7 @@ class RecordedSeat:
     player: str
     name: str = ""
     kind: str = ""
+    agent: str = ""
     participant: str = ""
     controller: Controller = Controller.FREE
     refused: bool = False
@@ -163,7 +164,7 @@ class RecordedSeat:
         """Update the participant and controller from a roster note."""
         if note["name"]:
             self.name, self.kind = note["name"], note["kind"]
-            self.participant = note.get("participant", "")
+            self.participant, self.agent = note.get("participant", ""), note.get("agent", "")
         # A new participant is not responsible for requests of the previous one.
         if not note.get("taken", True):
             self.refused = False

@@ -259,6 +259,7 @@ class RowBuilder:
                 seat.work / work if work else 0.0,
                 _clean(treated.get("shown_as") or ""),
                 _bounded(treated.get("delay_ms", 0), INT32),
+                _clean(seat.agent),
             )
             for seat in self._seats.values()
             for treated in [treatments.get(seat.player, {})]

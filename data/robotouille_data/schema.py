@@ -99,6 +99,8 @@ SEATS = Table(
            doc="kind [shown to all](run_a_study.md#disguise-or-delay-a-partner); may be empty"),
     Column("delay_ms", Integer, nullable=False, server_default="0",
            doc="ms added to each action; included in `steps.ms`"),
+    Column("agent", Text, nullable=False, server_default="",
+           doc="what played, in its own words: program, settings, skill; empty for people"),
     Index("seats_participant", "participant"),
 )  # fmt: skip
 
@@ -189,7 +191,7 @@ EPISODE_SEATS = Table(
     *_same(SEATS, "seat", "player", "name", "kind", "participant", "acted", "busy", "waiting",
            "idle", "away", "substituted", "waits", "unused", "hindered", "lost", "invalid",
            "malformed", "rejected", "said", "thinking_ms", "staleness", "contribution",
-           "shown_as", "delay_ms"),
+           "shown_as", "delay_ms", "agent"),
     Column("decision_ms", Double, doc="mean `steps.ms` of the steps in which it acted"),
 )  # fmt: skip
 

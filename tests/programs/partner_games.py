@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import language_of
@@ -225,6 +226,14 @@ class Setting:
     seed: int
 
 
+class Standstill(NamedTuple):
+    """Steps in which no bot did anything: the first one, their number, and the possible work."""
+
+    start: int
+    steps: int
+    work: str
+
+
 @dataclass
 class Report:
     """How a game went: steps, whether the goal was reached, and standstills of all bots."""
@@ -233,7 +242,7 @@ class Report:
     steps: int
     won: bool
     could_win: bool = True
-    stood: list[tuple[int, int, str]] = field(default_factory=list)
+    stood: list[Standstill] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
 
 
@@ -268,20 +277,20 @@ def play(setting: Setting) -> Report:
 
 def standstills(
     world: World, game: TeamGame, bots: Sequence[str]
-) -> tuple[list[tuple[int, int, str]], State]:
-    """Return first step, length and possible work of all standstills, and the last state."""
+) -> tuple[list[Standstill], State]:
+    """Return all standstills, and the last state."""
     anytime = AnytimePlanner(World(world.task))
-    state, still, found = world.initial, 0, []
+    state, still = world.initial, 0
+    found: list[Standstill] = []
     for number, did in enumerate(game.steps):
         acted = any(p in bots and ok and does_something(a) for p, a, ok in did)
         running = any(row.timed and row.running for row in state.progress())
         busy = any(state.busy_steps(p) for p in bots)
         still = 0 if acted or running or busy else still + 1
         if still == STANDSTILL:
-            found.append((number - still, still, _plan_for(anytime, state, bots)))
+            found.append(Standstill(number - still, still, _plan_for(anytime, state, bots)))
         elif still > STANDSTILL:
-            start, _, work = found[-1]
-            found[-1] = start, still, work
+            found[-1] = found[-1]._replace(steps=still)
         state = state.step([a for _, a, ok in did if ok]).state
     return found, state
 
@@ -327,7 +336,7 @@ def main() -> int:
     with ProcessPoolExecutor(options.jobs) as pool:
         for report in pool.map(play, settings(options)):
             where, result = report.setting, "won" if report.won else "lost"
-            bad = [each for each in report.stood if each[2]]
+            bad = [each for each in report.stood if each.work]
             faults += bool(bad) or (not report.won and report.could_win)
             print(
                 f"{where.task}@{where.seats} {where.person:10} {where.seed} "

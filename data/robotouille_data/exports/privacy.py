@@ -37,7 +37,11 @@ COLUMNS: Mapping[str, Mapping[str, Content]] = {
         "owner": Content.NAMES,
     },
     # `Privacy.change` replaces names, pseudonyms and details, so their columns remain.
-    "seats": dict.fromkeys(("player", "name", "kind", "participant", "shown_as"), Content.NOTHING),
+    "seats": {
+        **dict.fromkeys(("player", "name", "kind", "participant", "shown_as"), Content.NOTHING),
+        # A client writes it, so it may say anything.
+        "agent": Content.BOTH,
+    },
     "steps": dict.fromkeys(("activity", "controller", "action", "arguments"), Content.NOTHING),
     "events": {
         **dict.fromkeys(("kind", "name", "details"), Content.NOTHING),

@@ -16,7 +16,7 @@ SELECT e.id AS episode_id, e.episode, e.state, e.created, e.started, e.ended, e.
        s.seat, s.player, s.name, s.kind, s.participant,
        s.acted, s.busy, s.waiting, s.idle, s.away, s.substituted, s.waits, s.unused, s.hindered,
        s.lost, s.invalid, s.malformed, s.rejected, s.said, s.thinking_ms, s.staleness,
-       s.contribution, s.shown_as, s.delay_ms,
+       s.contribution, s.shown_as, s.delay_ms, s.agent,
        (SELECT CAST(avg(t.ms) AS DOUBLE PRECISION) FROM steps t
         WHERE t.episode_id = s.episode_id AND t.seat = s.seat AND t.activity = 'acted'
        ) AS decision_ms
@@ -129,6 +129,7 @@ def upgrade() -> None:
         sa.Column("contribution", sa.Double(), nullable=False),
         sa.Column("shown_as", sa.Text(), nullable=False, server_default=""),
         sa.Column("delay_ms", sa.Integer(), nullable=False, server_default="0"),
+        sa.Column("agent", sa.Text(), nullable=False, server_default=""),
     )
     op.create_index("seats_participant", "seats", ["participant"])
     op.create_table(

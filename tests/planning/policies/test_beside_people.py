@@ -197,7 +197,7 @@ def test_requests_fit_the_current_state() -> None:
             bot.observe([(a.action.player or "", a.action, a.applied) for a in step.attempts])
             state = step.state
         bot.speak()
-        for _ in range(20):
+        for _ in range(12):
             bot.observe([])
         walk = next(a for a in state.actions("robot2") if a.arguments[-1] == "table7")
         for action in (walk, world.action("place-item", "robot2", "bottombun1", "table7")):

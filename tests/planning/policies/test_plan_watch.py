@@ -128,12 +128,19 @@ def test_plan_that_relies_on_the_team(
 @pytest.mark.parametrize(
     ("expected", "last"),
     [
-        ([""] * 20, KEEP),
+        ([""] * 15, KEEP),
+        ([""] * 16, DROP),
         (["", "", TAKES], DROP),
         ([TAKES], KEEP),
         ([OTHER_AWAY], PlanVerdict(way_is_free=True)),
     ],
-    ids=["they stand there", "they did something", "they did something just now", "they walk away"],
+    ids=[
+        "they stand there",
+        "they stand there for long",
+        "they did something",
+        "they did something just now",
+        "they walk away",
+    ],
 )
 def test_plan_that_relies_on_others_stepping_aside(expected: list[str], last: PlanVerdict) -> None:
     watched = Watched([TO_LETTUCE], ONE, Assumption.OTHERS_ASIDE, before=OTHER_TO_LETTUCE)

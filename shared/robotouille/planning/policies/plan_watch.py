@@ -44,8 +44,8 @@ PATIENCE = 2
 SLOW = 10
 
 
-LONG = 25
-"""Steps without progress after which a team that waits for a person plans again: five seconds at
+LONG = 15
+"""Steps without progress after which a team that waits for a person plans again: three seconds at
 five steps a second."""
 
 

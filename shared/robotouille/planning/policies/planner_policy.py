@@ -76,6 +76,12 @@ MAX_CATCHING_UP = 3
 # doubles the number up to the maximum, since the same obstacle usually persists.
 RETRY, MAX_RETRY = 5, 25
 
+RECENT = 25
+"""Steps for which participants who did something other than walk are expected to do more."""
+
+MAX_WORKED = 64
+"""Number of actions of other participants that are remembered."""
+
 POLITE = 3
 """Steps for which a seat waits for participants outside the team before it makes way for them."""
 
@@ -149,6 +155,7 @@ class PlannerPolicy:
         self._in_vain: dict[State, int] = {}
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
+        self._worked: deque[tuple[int, str]] = deque(maxlen=MAX_WORKED)
         self._step = self._waited = self._yielding_until = 0
         self._drop_plan()
 
@@ -196,8 +203,11 @@ class PlannerPolicy:
         """Process all actions of a step. Called once for each step, before `act`."""
         self._step += 1
         own = [(player, self._own(action), applied) for player, action, applied in did]
-        if any(ok and p not in self._team and does_something(action) for p, action, ok in own):
-            self._talk.allow_repetition()
+        for each, action, applied in own:
+            if applied and each not in self._team and does_something(action):
+                self._talk.allow_repetition()
+                if action.destination is None:
+                    self._worked.append((self._step, each))
         if self._state is not None:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
             self._unprocessed.append(PastStep(self._step, self._state, own))
@@ -354,7 +364,10 @@ class PlannerPolicy:
     def _make_plan(self, base: PlanBase) -> None:
         """Make a plan from the state in which it became necessary, and follow it."""
         tried = self._in_vain.get(base.state, 0)
-        made = self._planner.make(base.state, self._team, hurried=self._hurried, tried=tried)
+        working = {p for step, p in self._worked if base.step - RECENT < step <= base.step}
+        made = self._planner.make(
+            base.state, self._team, hurried=self._hurried, tried=tried, working=working
+        )
         self._may_improve = False
         if made.assumption is Assumption.TEAM:
             self._talk.clear_requests()

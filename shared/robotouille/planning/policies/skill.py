@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from robotouille.errors import RobotouilleError, did_you_mean
-from robotouille.planning.policies.policy import Did, Policy, TeamPolicy, running_effects, waits
+from robotouille.planning.policies.policy import Did, Policy, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
@@ -101,7 +101,7 @@ class SkilledPolicy:
         self._ready = 0
         self._worked = 0.0
         self._hesitated = True
-        self._watched: frozenset[str] = frozenset()
+        self._watched: GroundAction | None = None
         self._resting = False
 
     @property
@@ -130,7 +130,13 @@ class SkilledPolicy:
 
     def _stands_by(self, state: State) -> bool:
         """Return whether the seat watches an effect that it has started."""
-        return bool(self._watched & running_effects(state))
+        if self._watched is None:
+            return False
+        name, things = self._watched.name, {*self._watched.arguments}
+        return any(
+            row.timed and row.running and row.action == name and things.issuperset(row.arguments)
+            for row in state.progress()
+        )
 
     def _slip(self, state: State, action: GroundAction) -> GroundAction:
         """Return an action, or sometimes a walk to a wrong place instead of a right one."""
@@ -161,7 +167,7 @@ class SkilledPolicy:
         skill = self._skill
         self._hesitated = True
         if not skill.looks_ahead:
-            self._watched = frozenset(str(effect) for effect in action.effects)
+            self._watched = action
         if not self._second:
             return
         step = 1 / self._second

@@ -241,18 +241,26 @@ class TeamPlanner:
         self._players = tuple(sorted(anytime.model.players))
 
     def make(
-        self, base: State, team: Collection[str], *, hurried: bool, tried: int = 0
+        self,
+        base: State,
+        team: Collection[str],
+        *,
+        hurried: bool,
+        tried: int = 0,
+        working: Collection[str] = (),
     ) -> TeamPlan:
         """Return a plan from a state.
 
         Args:
             hurried: True if the game continues during planning.
             tried: Number of earlier plans from this state that failed.
+            working: Other participants who have done something lately.
         """
         seats, effort = tuple(sorted(team)), self.effort(team, hurried=hurried)
         decision = _Decision(
             self._anytime, self._search, base, seats, effort, tried=tried, alone=self._alone
         )
+        decision.expects_help = any(holds(base, player) for player in working)
         return decision.plan()
 
     def effort(self, team: Collection[str], *, hurried: bool = False) -> Effort:
@@ -286,6 +294,8 @@ class _Decision:
         self._cut_off = not alone and anytime.is_cut_off(base, team)
         self._spent = 0
         self._aside_untried = True
+        # Someone who works and holds an object probably means to use it.
+        self.expects_help = False
 
     def plan(self) -> TeamPlan:
         """Return a plan of the team's own, or a replacement."""
@@ -301,8 +311,7 @@ class _Decision:
     def _way(self) -> TeamPlan | None:
         """Return a plan that assumes that others step aside or help, or None."""
         ways = [self._with_others_aside, self._with_everybody]
-        # Someone who holds an object probably means to use it.
-        if any(holds(self._base, p) for p in self._players if p not in self._team):
+        if self.expects_help:
             ways.reverse()
         # After a failed plan the other assumption comes first, so that no team repeats the same
         # mistake.

@@ -1,0 +1,86 @@
+"""Skills of bots: slower games, equal seeds, and help that pays."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import load_task
+from robotouille.episode import Clock
+from robotouille.errors import RobotouilleError
+from robotouille.planning.policies.skill import EXPERT, SKILLS, Skill, skill_named
+from tests.programs.partner_games import Setting, play
+from tests.support.samples import quick_sample
+from tests.support.team_games import TeamGame, play_team
+
+
+def cooked(skill: Skill, clock: Clock = Clock.REALTIME, seed: int = 0) -> TeamGame:
+    task = load_task("multi_agent/01@2", timing="people")
+    return play_team(task, clock=clock, limit=900, skill=skill, step_rate=5, seed=seed)
+
+
+def steps(game: TeamGame) -> int:
+    assert game.outcome is not None and game.outcome.success
+    return game.outcome.steps
+
+
+def test_skills_differ_in_real_time_only() -> None:
+    learner, partner, expert = (steps(cooked(SKILLS[name])) for name in SKILLS)
+    assert learner > partner > expert
+    patient = Skill(reaction=1.0, pace=1.0, rest=0.5)
+    assert steps(cooked(patient, Clock.LOCKSTEP)) == steps(cooked(EXPERT, Clock.LOCKSTEP))
+
+
+def test_equal_seeds_give_equal_games() -> None:
+    clumsy = Skill(pace=0.4, slips=0.3)
+    first, again, other = (cooked(clumsy, seed=seed) for seed in (1, 1, 2))
+    assert str(first.steps) == str(again.steps)
+    assert str(first.steps) != str(other.steps)
+
+
+def test_someone_who_does_not_look_ahead_waits_for_the_stove() -> None:
+    game = cooked(Skill(looks_ahead=False))
+    cooking = next(
+        (number, player)
+        for number, did in enumerate(game.steps)
+        for player, action, applied in did
+        if applied and action.name == "cook"
+    )
+    begun, cook = cooking
+    acted = [
+        number
+        for number, did in enumerate(game.steps)
+        for player, action, applied in did
+        if number > begun and player == cook and applied and action.touched
+    ]
+    # Cooking takes three steps, and five times as many at the pace of people.
+    assert acted[0] - begun >= 15
+
+
+def test_unknown_skill_is_named() -> None:
+    with pytest.raises(RobotouilleError, match="did you mean 'expert'"):
+        skill_named("expart")
+    assert str(SKILLS["partner"]) == "reaction=0.4 pace=0.8 rest=0.3 slips=0.02"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "task", quick_sample(["01", "02", "03", "04", "05", "06", "07", "08", "09", "10"], 4)
+)
+def test_help_shortens_a_game_with_a_partner(task: str) -> None:
+    idle = play(Setting(task, 2, "idle", "partner", 0))
+    helped = play(Setting(task, 2, "helpful", "partner", 0))
+    assert helped.won
+    assert helped.steps < idle.steps
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("task", "person"),
+    quick_sample(
+        [(task, who) for task in ("01", "03", "07", "09") for who in ("wandering", "hoarding")], 4
+    ),
+)
+def test_partners_never_stand_still_while_work_is_possible(task: str, person: str) -> None:
+    report = play(Setting(task, 3, person, "partner", 0))
+    assert report.won
+    assert not [each for each in report.stood if each.work]
