@@ -240,8 +240,8 @@ class Client:
             view: Data to receive: the `state`, `text` for language models, or `both`.
             ready: False to delay the start until you call `Game.ready`. Servers without this
                 feature start anyway.
-            agent: What plays: a program with its version and settings, at most 200 characters. It
-                is recorded and not shown to others.
+            agent: Description of the program that plays, with its version and settings, in at most
+                200 characters. It is recorded and not shown to others.
 
         Raises:
             UntrustedRedirectError: The episode is on another host.

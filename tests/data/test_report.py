@@ -260,7 +260,7 @@ def random_catalogue(
             acted = rng.randrange(10, 40)
             rows[SEATS].append((
                 number, seat, f"robot{seat}", text, text or "human", "", acted, 0, 0, steps - acted,
-                0, 0, 0, None, None, 0, 0, 0, 0, 1, 0, None, 0.5, "", delay,
+                0, 0, 0, None, None, 0, 0, 0, 0, 1, 0, None, 0.5, "", delay, "",
             ))  # fmt: skip
         rows[EVENTS].append((number, 0, 1, 5, "said", 0, text, text, "{}"))
         rows[LABELS].append((number, text or "condition", text or f"c{number % groups}"))

@@ -236,7 +236,7 @@ class Standstill(NamedTuple):
 
 @dataclass
 class Report:
-    """How a game went: steps, whether the goal was reached, and standstills of all bots."""
+    """Result of a game: its steps, whether the goal was reached, and standstills of all bots."""
 
     setting: Setting
     steps: int

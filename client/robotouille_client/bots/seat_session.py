@@ -100,7 +100,7 @@ async def play_seat(
 
 @dataclass(frozen=True, slots=True)
 class _Joining:
-    """How a bot joins: its view, its kind and its description."""
+    """The view, the kind and the description with which a bot joins."""
 
     view: View = "state"
     kind: Kind = "bot"

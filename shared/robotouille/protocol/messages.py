@@ -302,8 +302,8 @@ class Join(Message):
     )
     agent: Annotated[str, Field(max_length=200)] = Field(
         default="",
-        description="What plays the seat: a program with its version and settings. It is recorded "
-        "and not shown to others.",
+        description="A description of the program that plays, with its version and settings. It is "
+        "recorded and not shown to others.",
     )
 
     @field_validator("seats", mode="wrap")

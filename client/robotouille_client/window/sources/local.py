@@ -45,7 +45,7 @@ class LocalSeats:
         me: Player of the person at the window.
         bots: Names of the bots by player.
         name: Name of the person.
-        agent: What the bots are, for the recording.
+        agent: Description of the bots for the recording.
     """
 
     me: str

@@ -111,7 +111,7 @@ class SkilledPolicy:
 
     @property
     def waiting(self) -> bool:
-        """True if the seat waits for a place or a participant. A rest is no wait."""
+        """True if the seat waits for a place or a participant, not if it rests."""
         return not self._resting and waits(self._policy)
 
     def act(self, state: State) -> GroundAction | None:
