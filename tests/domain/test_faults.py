@@ -259,3 +259,21 @@ def test_small_file_cannot_ask_for_millions_of_actions() -> None:
     (fault,) = faults_of(changed(DOMAIN, "action_defs", to=many), problem)
     assert "the actions have" in fault
     assert fault.endswith("at most 500,000 are allowed")
+
+
+def test_conditions_of_actions_are_limited() -> None:
+    cut = {**DOMAIN["action_defs"][0], "sfx": []}
+    long = {**cut, "precons": cut["precons"] * 65}
+    (fault,) = faults_of(changed(DOMAIN, "action_defs", to=[long]), PROBLEM)
+    assert "precons" in fault
+    assert "at most 64 items" in fault
+    conditions = len(cut["precons"]) + len(cut["immediate_fx"])
+    often = {**cut, "precons": cut["precons"] * (64 // len(cut["precons"]))}
+    items = [{"name": "leek", "x": n % 3, "y": n // 3 % 3} for n in range(900)]
+    problem = changed(PROBLEM, "objects", "item", to=[{**items[0], "id": "first"}, *items[1:]])
+    problem["objects"]["station"] = [{"name": "table", "x": x, "y": 0} for x in range(3)]
+    problem["config"] = {}
+    many = [{**often, "name": f"cut{n}"} for n in range(100)]
+    assert conditions > 0
+    (fault,) = faults_of(changed(DOMAIN, "action_defs", to=many), problem)
+    assert re.search(r"the actions have [\d,]+ conditions; at most 6,000,000 are allowed", fault)

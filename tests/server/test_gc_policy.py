@@ -116,3 +116,12 @@ async def test_flood_of_unreadable_messages_closes_the_connection(tmp_path: Path
         bye = await ada.expect("bye")
         assert bye["code"] == "rate/limited"
         assert server.metrics.dropped.labels("flood")._value.get() == 1
+
+
+@virtual
+async def test_no_collection_looks_at_many_objects() -> None:
+    """Half a second passed when a million new objects were collected at once."""
+    async with rare_collections(lambda: 0, lambda: 0):
+        await asyncio.sleep(0.1)
+        young, middle, _ = gc.get_threshold()
+        assert young * middle <= 100_000

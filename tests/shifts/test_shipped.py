@@ -6,8 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from robotouille import load_task, task_names
+from robotouille import World, load_task, task_names
+from robotouille.certification.stars import score_limits
+from robotouille.domain.schema import Arrivals
 from robotouille.domain.task import Task
+from robotouille.planning.policies.shift_policy import play_shift
+from robotouille.planning.policies.standing import standing_at
 from tests.support.samples import quick_sample
 from tests.support.team_games import play_team
 
@@ -23,6 +27,12 @@ SHIFTS = [
 def test_there_are_six_for_one_to_four_seats() -> None:
     assert len({name for name, _ in SHIFTS}) == 6
     assert {seats for _, seats in SHIFTS} == {1, 2, 3, 4}
+
+
+@pytest.mark.parametrize(("name", "seats"), SHIFTS)
+def test_every_player_can_begin(name: str, seats: int) -> None:
+    state = World(load_task(name, seats=seats)).initial
+    assert all(standing_at(state, player) for player in state.world.players)
 
 
 def begun(name: str, seats: int) -> Task:
@@ -44,3 +54,40 @@ def test_bots_serve_most_orders(name: str, seats: int) -> None:
     assert outcome.score is not None
     assert outcome.score.served >= 3
     assert outcome.score.expired <= 1
+
+
+def test_plan_of_a_shift_repeats_its_score() -> None:
+    world = World(begun("shifts/01_sandwich_bar", 1))
+    plan, last = play_shift(world)
+    state = world.initial
+    for joint in plan:
+        step = state.step(joint)
+        assert all(attempt.applied for attempt in step.attempts)
+        state = step.state
+    assert state == last
+    assert world.shift is not None and last.orders is not None
+    assert 0 < last.orders.score <= world.shift.bound
+
+
+@pytest.mark.parametrize("name", sorted({name for name, _ in SHIFTS}))
+def test_bound_of_a_shift_counts_every_order_with_nearly_the_whole_tip(name: str) -> None:
+    world = World(load_task(name, timing="people", seed=5))
+    shift = world.task.problem.shift
+    assert shift is not None and world.shift is not None
+    assert not isinstance(shift.arrivals, Arrivals)
+    expected = 0
+    for arrival in shift.arrivals:
+        if arrival.at < shift.steps:
+            dish = shift.menu[arrival.dish]
+            steps = 5 * dish.patience
+            expected += dish.points + dish.tip * (steps - 1) // steps
+    assert world.shift.bound == expected
+
+
+@pytest.mark.parametrize(("name", "seats"), SHIFTS)
+def test_every_team_can_earn_stars(name: str, seats: int) -> None:
+    task = load_task(name, seats=seats)
+    world = World(task)
+    limits = score_limits(task.problem, seats)
+    assert limits is not None and world.shift is not None
+    assert 0 < limits.one < limits.two < limits.three < world.shift.bound

@@ -334,6 +334,18 @@ def test_a_task_from_a_server_has_its_plan_length(
     assert words == best_words(task)
 
 
+@pytest.mark.parametrize(("points", "stars"), [(86, 0), (87, 1), (264, 3)])
+def test_stars_of_a_shift_depend_on_points(points: int, stars: int) -> None:
+    world = World(load_task("shifts/01_sandwich_bar", seats=1, timing="people"))
+    view = View(
+        world, world.initial, me="robot1", seats=(SeatView("robot1", "ada", "human", True),)
+    )
+    score = {"points": points, "served": 3, "expired": 0}
+    form = end_card(view, {"reason": "shift_over", "steps": 900, "score": score}, BUTTONS)
+    (row,) = [row for row in form.rows if isinstance(row, StarsRow)]
+    assert (row.stars, row.label) == (stars, "Three stars take 264 points.")
+
+
 @pytest.mark.parametrize(("steps", "stars"), [(72, 3), (73, 2), (89, 2), (90, 1), (500, 1)])
 def test_stars_follow_from_the_known_plan(steps: int, stars: int) -> None:
     world = World(load_task("synchronous/01", timing="people"))

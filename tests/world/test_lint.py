@@ -1,13 +1,17 @@
 """Lint findings, each in the smallest file that has it."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from robotouille import GroundAction, World
+from robotouille.domain.files import read_json
 from robotouille.domain.schema import DomainFile
 from robotouille.errors import Fault
-from robotouille.world.lint import MAX_CHECKED, lint_domain, lint_task
+from robotouille.installation import data_folder
+from robotouille.world.lint import MAX_CHECKED, lint_domain, lint_problem_file, lint_task
 from tests.support.broken_files import DOMAIN, PROBLEM, build, changed
 from tests.world.kitchens import kitchen
 
@@ -35,6 +39,16 @@ def robot(x: int, y: int, direction: list[int] | None = None) -> dict[str, Any]:
 CLEAR = [term("clear", ("bread", 1))]
 BREAD = [item("bread", 1)]
 SOUND: dict[str, Any] = {"items": BREAD, "goal": CLEAR}
+
+
+def test_players_of_larger_teams_are_checked(tmp_path: Path) -> None:
+    problem = read_json(data_folder("problems") / "shifts/05_clean_plates.json")
+    problem["objects"]["player"][2]["x"] = 3
+    path = tmp_path / "kitchen.json"
+    path.write_text(json.dumps(problem), encoding="utf-8")
+    (fault,) = lint_problem_file(path)
+    assert "faces (3, 6), where there is no station" in fault.message
+    assert fault.message.endswith("(3 seats)")
 
 
 def test_valid_problem_has_no_findings() -> None:
@@ -201,3 +215,59 @@ def test_action_that_is_never_valid() -> None:
         "action_defs[0].precons[2]: 'cut' can never apply: nothing makes 'near' true"
     )
     assert fault in lint_task(build(domain, PROBLEM))
+
+
+def test_goal_with_endless_choices_is_refused() -> None:
+    """A goal can ask for a closed walk through a grid, for which no fast method is known."""
+    domain: dict[str, Any] = {
+        "name": "walks",
+        "object_types": ["station", "arc", "player"],
+        "player_types": ["player"],
+        "station_types": ["station"],
+        "predicate_defs": [
+            {"name": "begins", "param_types": ["arc", "station"]},
+            {"name": "ends", "param_types": ["arc", "station"]},
+            {"name": "loc", "param_types": ["player", "station"]},
+        ],
+        "layout": [
+            {"predicate": "begins", "when": "shares_tile"},
+            {"predicate": "ends", "when": "faces"},
+            {"predicate": "loc", "when": "faces"},
+        ],
+        "action_defs": [
+            {
+                "name": "move",
+                "precons": [{"predicate": "loc", "params": ["p", "a"]}],
+                "immediate_fx": [{"predicate": "loc", "params": ["p", "b"]}],
+                "language_description": "Move {p} from {a} to {b}",
+            }
+        ],
+    }
+    tiles = [(x, y) for x in range(1, 8) for y in range(1, 8) if (x + 2 * y) % 5]
+    steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
+    arcs = [
+        {"name": "arc", "x": x, "y": y, "direction": [dx, dy], "stack-level": level}
+        for x, y in tiles
+        for level, (dx, dy) in enumerate(steps)
+        if (x + dx, y + dy) in tiles
+    ]
+    length = 38
+    goal = [
+        term(name, ("arc", 1000 + number), ("tile", (number + shift) % length))
+        for number in range(length)
+        for name, shift in (("begins", 0), ("ends", 1))
+    ]
+    problem = {
+        "version": "2.0",
+        "width": 9,
+        "height": 9,
+        "objects": {
+            "station": [{"name": "tile", "x": x, "y": y} for x, y in tiles],
+            "arc": arcs,
+            "player": [{"name": "robot", "x": 0, "y": tiles[0][1], "direction": [1, 0]}],
+        },
+        "goal_description": "Close the walk.",
+        "goal": goal,
+    }
+    found = [str(f) for f in lint_task(build(domain, problem)) if f.path == "goal"]
+    assert [words.partition(":")[2][:28] for words in found] == [" the goal is too hard to che"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import signal
@@ -88,6 +89,9 @@ def plan(
     try:
         found, start = _beginning(task, options)
         place = _checked_output(task, found, start, options)
+        if found.problem.shift is not None:
+            _plan_shift(found, start, options)
+            return
         answer = _search(found, start, options.expansions, Deadline(options.timeout or math.inf))
         world = World(found) if start is None else start.world
         notes = [] if options.recording is None else [f"from: {options.recording}"]
@@ -210,12 +214,15 @@ class _Progress:
         self._status: Status | None = None
 
     def __call__(self, expansions: int, bound: int, length: int | None) -> None:
+        best = "no plan yet" if length is None else f"plan {length}, gap {max(0, length - bound)}"
+        words = f"{expansions:,} expansions, lower bound {bound}, {best}"
+        self._show(f"{words} (Ctrl-C takes the best plan so far)")
+
+    def _show(self, words: str) -> None:
         seconds = time.monotonic() - self._began
         if seconds < (PATIENCE if self._console.is_terminal else self._next_line):
             return
-        best = "no plan yet" if length is None else f"plan {length}, gap {max(0, length - bound)}"
-        words = f"{seconds:.0f} s, {expansions:,} expansions, lower bound {bound}, {best}"
-        words += " (Ctrl-C takes the best plan so far)"
+        words = f"{seconds:.0f} s, {words}"
         if not self._console.is_terminal:
             tell(words, err=True)
             self._next_line *= 2
@@ -232,6 +239,19 @@ class _Progress:
         finally:
             if self._status is not None:
                 self._status.stop()
+
+
+class _ShiftProgress(_Progress):
+    """Progress of the bots that play a shift."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__()
+        self._steps = steps
+
+    def show(self, state: State) -> None:
+        if state.orders is not None:
+            time, score = state.orders.time, state.orders.score
+            self._show(f"step {time} of {self._steps}, {score} points")
 
 
 # Results
@@ -298,6 +318,38 @@ def _certificate_path(name: str | None, task: Task, out: Path | None) -> Path:
     raise RobotouilleError(
         "--certificate needs a problem file or --out FILE, next to which it is written"
     )
+
+
+# Shifts
+
+
+def _plan_shift(task: Task, start: State | None, options: PlanOptions) -> None:
+    """Play a shift with planner bots, and publish their plan, score and upper bound."""
+    from robotouille.planning.policies.shift_policy import play_shift
+
+    for given, name in ((start is not None, "--from"), (options.certificate, "--certificate")):
+        if given:
+            raise RobotouilleError(f"{name} needs a goal, and {task.name} is a shift")
+    world = World(task)
+    if world.shift is None:
+        raise AssertionError("a task with a shift has its rules")
+    steps, bound, progress = world.shift.steps, world.shift.bound, _ShiftProgress(world.shift.steps)
+    with progress.shown():
+        plan, last = play_shift(world, watch=progress.show)
+    orders = last.orders
+    if orders is None:
+        raise AssertionError("a shift has orders")
+    results = {"score": orders.score, "bound": bound, "served": orders.served,
+               "expired": orders.expired, "steps": steps}  # fmt: skip
+    text = write_plan(plan, world, [f"{name}: {value}" for name, value in results.items()])
+    if options.out is not None:
+        write_whole(options.out, text)
+    if options.json_output:
+        typer.echo(json.dumps({"task": task.name, "seats": task.seats, **results}))
+    elif options.out is not None:
+        tell(f"{options.out}: {orders.score} points, upper bound {bound}")
+    else:
+        tell(text, nl=False)
 
 
 # Export

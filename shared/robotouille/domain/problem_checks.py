@@ -34,6 +34,9 @@ MAX_FACTS = 20_000
 """Limit on a task's fluent facts, and on the initial facts that its layout rules imply.
 
 Small files can otherwise claim gigabytes. Shipped tasks have up to 160 initial facts."""
+MAX_CONDITIONS = 6_000_000
+"""Limit on the preconditions and effects of all instances of actions; shipped tasks have up to
+420,000."""
 MAX_CHOICES = 500_000
 """Limit on the instances of a task's actions.
 
@@ -294,6 +297,13 @@ def _check_size(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         action.name: prod(count[kind] for kind in parameter_types(action, predicates).values())
         for action in domain.action_defs
     }
+    conditions = sum(
+        choices[action.name] * (len(action.precons) + len(action.immediate_fx))
+        for action in domain.action_defs
+    )
+    if conditions > MAX_CONDITIONS:
+        message = f"the actions have {conditions:,} conditions; at most {MAX_CONDITIONS:,}"
+        faults.append(Fault("", f"too many objects: {message} are allowed"))
     if sum(choices.values()) > MAX_CHOICES:
         most = max(choices, key=choices.__getitem__)
         message = (
@@ -309,7 +319,8 @@ def _implied_facts(rule: LayoutRule, problem: ProblemFile, domain: DomainFile) -
     types = next((p.param_types for p in domain.predicate_defs if p.name == rule.predicate), ())
     lists = [problem.objects.get(kind, ()) for kind in types]
     if rule.when == "reaches":
-        return prod(map(len, lists))
+        stations = sum(len(problem.objects.get(kind, ())) for kind in domain.station_types)
+        return len(lists[0]) * stations if lists else 0
     if rule.when is None or not lists:
         return sum(map(len, lists))
     if rule.when == "faces":

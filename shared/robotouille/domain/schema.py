@@ -138,13 +138,17 @@ EFFECT_KINDS = frozenset(
 """Values of `type` in the files."""
 
 
+MAX_CONDITIONS = 64
+"""Maximum length of the lists of an action. Shipped actions have up to 11 preconditions."""
+
+
 class ActionDef(Schema):
     """An action schema over parameters whose types follow from the predicates they occur in."""
 
     name: Name
-    precons: tuple[Condition, ...] = ()
-    immediate_fx: tuple[Condition, ...] = ()
-    sfx: tuple[EffectDef, ...] = ()
+    precons: Annotated[tuple[Condition, ...], Field(max_length=MAX_CONDITIONS)] = ()
+    immediate_fx: Annotated[tuple[Condition, ...], Field(max_length=MAX_CONDITIONS)] = ()
+    sfx: Annotated[tuple[EffectDef, ...], Field(max_length=MAX_CONDITIONS)] = ()
     language_description: Words
     travel: tuple[Name, Name] | None = None
 
@@ -330,6 +334,7 @@ class Shift(Schema):
         most_open: Number of open orders above which further ones wait.
         serve: Where a dish counts.
         discard: Kind of the stations where things are thrown away.
+        stars: Points for one, two and three stars in a window, by the number of seats.
     """
 
     steps: Annotated[int, Field(ge=1, le=10_000)]
@@ -338,6 +343,14 @@ class Shift(Schema):
     most_open: Annotated[int, Field(ge=1, le=16)] = 3
     serve: Serving
     discard: Name | None = None
+    stars: dict[Annotated[int, Field(ge=1, le=16)], tuple[Points, Points, Points]] = {}
+
+    @model_validator(mode="after")
+    def _stars_ascend(self) -> Shift:
+        for seats, (one, two, three) in self.stars.items():
+            if not one <= two <= three:
+                raise ValueError(f"the points for stars with {seats} seats must not decrease")
+        return self
 
 
 _PUBLISHED_LISTS = {

@@ -300,7 +300,7 @@ class Join(Message):
         description="False: the episode does not start before the client sends `ready`. Only valid "
         "if `welcome` has `readiness`.",
     )
-    agent: Annotated[str, Field(max_length=200)] = Field(
+    agent: Annotated[str, Field(max_length=200), Line] = Field(
         default="",
         description="A description of the program that plays, with its version and settings. It is "
         "recorded and not shown to others.",

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Set
+from dataclasses import replace
 from itertools import islice, product
 from pathlib import Path
 
@@ -42,7 +43,7 @@ from robotouille.domain.task import (
     read_domain,
     resolve_wildcards,
 )
-from robotouille.errors import Fault, FileError
+from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.installation import data_folder
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
@@ -138,7 +139,8 @@ def lint_problem_file(path: Path, domain: str | None = None) -> list[Fault]:
     """
     raw = read_json(path)
     try:
-        return lint_task(load_task(str(path), domain=domain))
+        task = load_task(str(path), domain=domain)
+        return [*lint_task(task), *_placement_of_more(path, task, domain)]
     except FileError as error:
         faults = faults_for(path, error)
     named = domain or (raw.get("domain") if isinstance(raw, dict) else None)
@@ -155,6 +157,17 @@ def lint_problem_file(path: Path, domain: str | None = None) -> list[Fault]:
             kinds = [thing.name for things in problem.objects.values() for thing in things]
         faults += [*lint_domain(used), *lint_companions(used, path.parent, kinds)]
     return list(dict.fromkeys(faults))
+
+
+def _placement_of_more(path: Path, task: Task, domain: str | None) -> Iterator[Fault]:
+    """Report players in wrong places whom the task has only with more seats than by default."""
+    # Players are numbered by their places, so their names depend on the seats.
+    known = {fault.message for fault in _placement(World(task))}
+    for seats in task.problem.seats or ():
+        for fault in _placement(World(load_task(str(path), seats=seats, domain=domain))):
+            if fault.message not in known:
+                known.add(fault.message)
+                yield replace(fault, message=f"{fault.message} ({seats} seats)")
 
 
 def faults_for(path: Path, error: FileError) -> list[Fault]:
@@ -322,8 +335,11 @@ def _goal(world: World) -> Iterator[Fault]:
         if not facts & goal.possible_mask(term):
             said = f"{term.predicate}({', '.join(term.args)})"
             yield Fault(f"goal[{i}]", f"{said} can never become true in this problem")
-    if next(goal.assignments(facts), None) is None:
-        yield Fault("goal", "no choice of objects can meet all its predicates")
+    try:
+        if next(goal.assignments(facts), None) is None:
+            yield Fault("goal", "no choice of objects can meet all its predicates")
+    except RobotouilleError as error:
+        yield Fault("goal", str(error))
 
 
 MAX_CHECKED = 100_000

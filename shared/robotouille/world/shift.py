@@ -8,6 +8,7 @@ seed are the same whatever the players do.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cached_property
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -142,6 +143,13 @@ class ShiftRules:
         """Return the points for an open order whose dish is served at a time."""
         dish, left = self.dish(order.number), max(0, order.due - time)
         return dish.points + dish.tip * left // self.patience(order.number)
+
+    @cached_property
+    def bound(self) -> int:
+        """Points that nobody can exceed: every order is served in the step after its arrival."""
+        names = (each.dish for each in self._arrivals if each.at * self._factor < self.steps)
+        served = (OpenOrder(n, self.patience_for(name)) for n, name in enumerate(names))
+        return sum(self.worth(order, 1) for order in served)
 
     def over(self, orders: Orders) -> bool:
         """Return whether the shift has ended."""

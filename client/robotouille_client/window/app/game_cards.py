@@ -10,7 +10,7 @@ from typing import Any
 import pygame
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.certification.stars import StarLimits, star_limits
+from robotouille.certification.stars import StarLimits, score_limits, star_limits
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
@@ -20,7 +20,7 @@ from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Button, DrawContext, Row, Words
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, TEXT, TRACK, Colour
-from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.sources.texts import outcome_words, points_of
 from robotouille_client.window.view import View
 
 _KINDS: tuple[tuple[str, str, Colour], ...] = (
@@ -131,8 +131,11 @@ def end_card(
     rows: list[Row] = []
     if outcome is not None:
         rows.append(Words(f"{outcome_words(outcome)}."))
-        limits = _limits(view)
-        if view.won and limits is not None:
+        limits, scores = _limits(view), score_limits(view.world.task.problem, len(view.seats))
+        if scores is not None:
+            points = points_of(outcome) or 0
+            rows.append(StarsRow(scores.stars(points), f"Three stars take {scores.three} points."))
+        elif view.won and limits is not None:
             three = f"Three stars take at most {limits.three} steps."
             rows.append(StarsRow(limits.stars(int(outcome.get("steps", 0))), three))
         if words := best_words(view.world.task):

@@ -28,7 +28,7 @@ from robotouille_client.window.app.replays import Replays
 from robotouille_client.window.app.user_interface import UserInterface
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.input.commands import Command, KeyMap
-from robotouille_client.window.sources.texts import task_title, won
+from robotouille_client.window.sources.texts import points_of, task_title, won
 from robotouille_client.window.view import GameSource, View
 
 TUTORIAL = GameSetup("training/01", clock=Clock.TURN, max_steps=500)
@@ -292,15 +292,18 @@ class LocalGames:
         return lost and fast and not self._ui.settings.best
 
     def _note_best(self, game: LocalGame) -> None:
-        """Save the number of steps if it is the player's best in the `people` timing."""
+        """Save the steps, or the points of a shift, if they are the player's best."""
         task, outcome = game.world.task, game.source.outcome
-        if outcome is None or outcome["reason"] != "goal" or task.timing is not Timing.PEOPLE:
+        # The menus show results of shipped tasks in the timing of people only. Other files may
+        # share a name.
+        if outcome is None or task.timing is not Timing.PEOPLE or task.name not in task_names():
             return
-        best, name = self._ui.settings.best, f"{task.name}@{task.seats}"
-        # The menus show results of shipped tasks only. Other files may share a name.
-        if task.name in task_names():
+        best, name, points = self._ui.settings.best, f"{task.name}@{task.seats}", points_of(outcome)
+        if points is not None:
+            best[name] = max(best.get(name, 0), points)
+        elif outcome["reason"] == "goal":
             best[name] = min(best.get(name, outcome["steps"]), outcome["steps"])
-            self._ui.remember()
+        self._ui.remember()
 
 
 def _following(task: str) -> str:

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 
 from pygame import Surface
 
-from robotouille.certification.stars import limits_of
+from robotouille.certification.stars import limits_of, score_limits
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.task import Task, Timing
@@ -58,11 +58,16 @@ class TaskPicker:
 
     def _detail(self, name: str) -> str:
         """Return the line below a task: its players, the steps of three stars, the best game."""
-        words = [players_words(_task(name))]
-        length = self._length(name)
+        task = _task(name)
+        words = [players_words(task)]
+        shift = task.problem.shift is not None
+        scores = score_limits(task.problem, task.seats)
+        length = None if shift else self._length(name)
+        if scores is not None:
+            words.append(f"3 stars: {scores.three} points")
         if length is not None:
             words.append(f"3 stars: {limits_of(length, self._rate).three} steps")
-        best = best_of(self._best, name)
+        best = best_of(self._best, name, most=shift)
         if best is not None:
             words.append(f"your best {best}")
         return " · ".join(words)
@@ -72,7 +77,15 @@ class TaskPicker:
         task = _task(name)
         words = [task.goal_description]
         if task.problem.shift is not None:
-            return f"{words[0]}\nOrders keep coming: earn as many points as you can."
+            words.append("Orders keep coming: earn as many points as you can.")
+            for seats in task.problem.seats or (task.seats,):
+                scores = score_limits(task.problem, seats)
+                if scores is not None:
+                    who = "1 player" if seats == 1 else f"{seats} players"
+                    words.append(f"Stars with {who}: {scores.one}, {scores.two}, {scores.three}.")
+            best = best_of(self._best, name, most=True)
+            words.append("Not played yet." if best is None else f"Your best: {best} points.")
+            return "\n".join(words)
         length, best = self._length(name), best_of(self._best, name)
         if length is not None:
             three = limits_of(length, self._rate).three
@@ -112,10 +125,10 @@ def listed_tasks() -> list[str]:
     return sorted(task_names(), key=lambda name: (rank(name), name))
 
 
-def best_of(best: Mapping[str, int], name: str) -> int | None:
-    """Return the player's fewest steps for a task with any number of players."""
-    found = [steps for task, steps in best.items() if task.partition("@")[0] == name]
-    return min(found, default=None)
+def best_of(best: Mapping[str, int], name: str, *, most: bool = False) -> int | None:
+    """Return the player's fewest steps for a task with any number of players, or most points."""
+    found = [result for task, result in best.items() if task.partition("@")[0] == name]
+    return max(found, default=None) if most else min(found, default=None)
 
 
 def players_words(task: Task) -> str:

@@ -36,7 +36,7 @@ class Settings(BaseModel):
         rate: Steps per second of the last game.
         code: Code of the last kitchen that was joined.
         learned: True if the player has finished the tutorial.
-        best: Fewest steps by `NAME@PLAYERS` of each task.
+        best: Fewest steps, or most points of a shift, by `NAME@PLAYERS` of each task.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)

@@ -126,13 +126,19 @@ def outcome_words(outcome: Mapping[str, object]) -> str:
     return f"{reason} {link} {outcome.get('steps', 0)} steps{detail}"
 
 
+def points_of(outcome: Mapping[str, object] | None) -> int | None:
+    """Return the points of a shift that is over; None for other games."""
+    score = None if outcome is None else outcome.get("score")
+    if outcome is None or outcome.get("reason") != Reason.SHIFT_OVER:
+        return None
+    return int(score.get("points", 0)) if isinstance(score, Mapping) else None
+
+
 def won(outcome: Mapping[str, object] | None) -> bool:
     """Return whether the game ended with its goal reached, or as a shift with points."""
-    if outcome is None:
-        return False
-    score = outcome.get("score")
-    if outcome.get("reason") == Reason.SHIFT_OVER and isinstance(score, Mapping):
-        return int(score.get("points", 0)) > 0
+    points = points_of(outcome)
+    if outcome is None or points is not None:
+        return (points or 0) > 0
     return outcome.get("reason") == Reason.GOAL
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
+from robotouille.planning.plan import Plan
 from robotouille.planning.policies.planner_policy import (
     DEFAULT_OPTIONS,
     PlannerOptions,
@@ -109,3 +110,40 @@ class ShiftPolicy:
         new = [text for text in said if text not in self._spoken]
         self._spoken.update(new)
         return new
+
+
+def play_shift(
+    world: World, seed: int = 0, *, watch: Callable[[State], None] = lambda state: None
+) -> tuple[Plan, State]:
+    """Return the actions of planner bots in all seats of a shift in lockstep, and the last state.
+
+    Args:
+        watch: Function that is called with the state after each step.
+    """
+    rules, dishes = rules_of(world), dict[str, DishPlanner]()
+    bots = {
+        player: ShiftPolicy(world, player, PlannerOptions(seed=seed), dishes=dishes)
+        for player in world.players
+    }
+    for bot in bots.values():
+        bot.meet(dict.fromkeys(bots, "bot"), "lockstep")
+    state, steps = world.initial, list[tuple[GroundAction, ...]]()
+    while state.orders is not None and not rules.over(state.orders):
+        decided = [
+            (bot.anticipating, action)
+            for player, bot in bots.items()
+            if not state.busy_steps(player) and (action := bot.act(state)) is not None
+        ]
+        # An action that relies on another one of the same step comes after it.
+        step = state.step([action for _, action in sorted(decided, key=lambda pair: pair[0])])
+        steps.append(tuple(each.action for each in step.attempts if each.applied))
+        did = [(each.action.player or "", each.action, each.applied) for each in step.attempts]
+        for bot in bots.values():
+            bot.observe(did)
+        for player, bot in bots.items():
+            for text in bot.speak():
+                for other in bots.values():
+                    other.hear(player, text)
+        state = step.state
+        watch(state)
+    return Plan(tuple(steps)), state

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from robotouille.domain.schema import GoalTerm
 from robotouille.domain.task import Task
+from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.atoms import EXISTS, AtomTable, bits_of
 from robotouille.world.grounding.objects import Atom, Object
 
@@ -24,6 +25,11 @@ Rows = list[tuple[GoalTerm, list[tuple[str, ...]]]]
 
 MAX_KEPT = 20_000
 """Largest number of cached results. A full cache is cleared."""
+
+
+MAX_WORK = 1_000_000
+"""Rows of `Rows` that a search looks at before its next answer: one or two seconds. Shipped tasks
+need 20,000 at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,22 +247,37 @@ class Goal:
                 return False
         return True
 
-    def _search(self, domains: Domains, rows: Rows) -> Iterator[Binding]:
-        """Narrow the choices, then branch on the variable with the fewest choices left."""
-        narrowed = self._narrow(domains, rows)
+    def _search(
+        self, domains: Domains, rows: Rows, work: Counter[str] | None = None
+    ) -> Iterator[Binding]:
+        """Narrow the choices, then branch on the variable with the fewest choices left.
+
+        Raises:
+            RobotouilleError: The search takes more than MAX_WORK.
+        """
+        work = Counter() if work is None else work
+        if work["rows"] > MAX_WORK:
+            raise RobotouilleError(
+                "the goal is too hard to check: it has too many choices of objects that meet some "
+                "of its predicates"
+            )
+        narrowed = self._narrow(domains, rows, work)
         if narrowed is None:
             return
         domains, rows = narrowed
         undecided = [identifier for identifier, names in domains.items() if len(names) > 1]
         if not undecided:
+            work.clear()
             yield {identifier: name for identifier, (name,) in domains.items()}
             return
         chosen = min(undecided, key=lambda identifier: len(domains[identifier]))
         for name in self._candidates[chosen]:
             if name in domains[chosen]:
-                yield from self._search({**domains, chosen: frozenset((name,))}, rows)
+                yield from self._search({**domains, chosen: frozenset((name,))}, rows, work)
 
-    def _narrow(self, domains: Domains, rows: Rows) -> tuple[Domains, Rows] | None:
+    def _narrow(
+        self, domains: Domains, rows: Rows, work: Counter[str]
+    ) -> tuple[Domains, Rows] | None:
         """Remove choices that contradict another predicate; return None if none is left.
 
         Together with the test that there are enough objects of each kind, this keeps the search
@@ -267,6 +288,7 @@ class Goal:
         while before != domains:
             before = dict(domains)
             for position, (term, choices) in enumerate(rows):
+                work["rows"] += len(choices)
                 pools = [domains[identifier] for identifier in term.ids]
                 kept = [
                     names

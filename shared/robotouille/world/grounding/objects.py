@@ -106,7 +106,8 @@ def initial_facts(task: Task, objects: Iterable[Object]) -> frozenset[Atom]:
     floor = Floor(task.problem.width, task.problem.height, objects, stations)
     for rule in rules:
         if rule.when == "reaches":
-            facts.update((rule.predicate, *pair) for pair in floor.reaching(objects))
+            players = (o for o in objects if o.type == types[rule.predicate][0])
+            facts.update((rule.predicate, *pair) for pair in floor.reaching(players))
         elif rule.when is not None:
             facts.update(_implied(rule, types[rule.predicate], objects, stations))
     # `unless` rules come last because they depend on the other facts.
