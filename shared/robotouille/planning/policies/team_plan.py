@@ -91,14 +91,16 @@ class TeamSearch:
         self._brief = min(expansions, BRIEF)
         self._one_seat = len(anytime.model.players) == 1
 
-    def best(self, state: State, team: tuple[str, ...], effort: Effort) -> SearchResult:
+    def best(
+        self, state: State, team: tuple[str, ...], effort: Effort, *, after: int = 0
+    ) -> SearchResult:
         """Return the shortest of several plans for a team; in a hurry, the first one."""
-        best = self.once(state, team, effort)
+        best = self.once(state, team, effort, after=after)
         if self._one_seat and best.plan is None and not best.unsolvable:
             return self._anytime.first(state, STUBBORN, seed=self._seed)
         # One player's plan is improved step by step during play, so one attempt is enough.
         attempts = 1 if len(team) == 1 or effort.hurried else ATTEMPTS
-        for number in range(1, attempts):
+        for number in range(after + 1, after + attempts):
             if best.unsolvable or (best.plan is not None and len(best.plan) <= NEAR * best.bound):
                 break
             found = self.once(state, team, effort, after=number)
@@ -118,7 +120,13 @@ class TeamSearch:
         return found
 
     def brief(
-        self, state: State, team: tuple[str, ...], effort: Effort, *, spent: int
+        self,
+        state: State,
+        team: tuple[str, ...],
+        effort: Effort,
+        *,
+        spent: int,
+        after: int = 0,
     ) -> SearchResult:
         """Return a plan found with the expansions that a decision has left."""
         # A failed beam search is repeated with UNSOLVED_FACTOR times as many expansions.
@@ -130,7 +138,7 @@ class TeamSearch:
                 state,
                 HURRIED,
                 team=team,
-                seed=self._seed,
+                seed=self._seed + after,
                 beam=beam,
                 choices=effort.choices,
                 brief=True,
@@ -306,7 +314,21 @@ class _Decision:
             return TeamPlan(found.plan, self._base, Assumption.TEAM, found)
         if found.unsolvable:
             return TeamPlan(Plan(()), self._base, Assumption.NOTHING, found)
-        return self._way() or self._nearer()
+        return self._with_fewer() or self._way() or self._nearer()
+
+    def _with_fewer(self) -> TeamPlan | None:
+        """Return a plan in which one of the team does nothing, or None.
+
+        A search for many players looks at many joint actions, so it may find no plan where one for
+        fewer players does.
+        """
+        if len(self._team) == 1 or self._effort.brief or self._cut_off:
+            return None
+        for player in self._team:
+            found = self._find(self._base, tuple(p for p in self._team if p != player))
+            if found.plan is not None:
+                return TeamPlan(found.plan, self._base, Assumption.TEAM, found)
+        return None
 
     def _way(self) -> TeamPlan | None:
         """Return a plan that assumes that others step aside or help, or None."""
@@ -382,8 +404,10 @@ class _Decision:
 
     def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """Return a search result for some players, within the limit of the decision."""
+        # Another attempt from the same state must not repeat the same search.
+        after = ATTEMPTS * self._tried
         if not self._effort.brief:
-            return self._search.best(state, team, self._effort)
-        found = self._search.brief(state, team, self._effort, spent=self._spent)
+            return self._search.best(state, team, self._effort, after=after)
+        found = self._search.brief(state, team, self._effort, spent=self._spent, after=after)
         self._spent += found.expansions
         return found
