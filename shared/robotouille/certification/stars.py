@@ -45,7 +45,7 @@ class ScoreLimits(NamedTuple):
 
 
 def score_limits(problem: ProblemFile, seats: int) -> ScoreLimits | None:
-    """Return the limits of a shift with a number of seats, or None if its file has none."""
+    """Return the limits of a shift for a number of seats; None if its file has no stars."""
     found = None if problem.shift is None else problem.shift.stars.get(seats)
     return None if found is None else ScoreLimits(*found)
 
