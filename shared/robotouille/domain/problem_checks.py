@@ -34,7 +34,7 @@ MAX_FACTS = 20_000
 """Limit on a task's fluent facts, and on the initial facts that its layout rules imply.
 
 Small files can otherwise claim gigabytes. Shipped tasks have up to 160 initial facts."""
-MAX_CONDITIONS = 6_000_000
+MAX_GROUND_CONDITIONS = 6_000_000
 """Limit on the preconditions and effects of all instances of actions; shipped tasks have up to
 420,000."""
 MAX_CHOICES = 500_000
@@ -301,8 +301,8 @@ def _check_size(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         choices[action.name] * (len(action.precons) + len(action.immediate_fx))
         for action in domain.action_defs
     )
-    if conditions > MAX_CONDITIONS:
-        message = f"the actions have {conditions:,} conditions; at most {MAX_CONDITIONS:,}"
+    if conditions > MAX_GROUND_CONDITIONS:
+        message = f"the actions have {conditions:,} conditions; at most {MAX_GROUND_CONDITIONS:,}"
         faults.append(Fault("", f"too many objects: {message} are allowed"))
     if sum(choices.values()) > MAX_CHOICES:
         most = max(choices, key=choices.__getitem__)

@@ -139,7 +139,7 @@ EFFECT_KINDS = frozenset(
 
 
 MAX_CONDITIONS = 64
-"""Maximum length of the lists of an action. Shipped actions have up to 11 preconditions."""
+"""Maximum length of the lists of an action. Shipped actions have up to seven preconditions."""
 
 
 class ActionDef(Schema):

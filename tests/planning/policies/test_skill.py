@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille import load_task
+from robotouille import World, load_task
 from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
-from robotouille.planning.policies.skill import EXPERT, SKILLS, Skill, skill_named
+from robotouille.planning.policies import PlannerPolicy
+from robotouille.planning.policies.skill import (
+    EXPERT,
+    SKILLS,
+    Skill,
+    SkilledPolicy,
+    skill_named,
+)
 from tests.programs.partner_games import Setting, play
 from tests.support.samples import quick_sample
 from tests.support.team_games import TeamGame, play_team
@@ -54,6 +61,22 @@ def test_someone_who_does_not_look_ahead_waits_for_the_stove() -> None:
     ]
     # Cooking takes three steps, and five times as many at the pace of people.
     assert acted[0] - begun >= 15
+
+
+@pytest.mark.parametrize(
+    ("clock", "kind", "partner"),
+    [("realtime", "human", True), ("realtime", "bot", False), ("lockstep", "human", False)],
+)
+def test_the_default_skill_fits_the_company(clock: str, kind: str, partner: bool) -> None:
+    world = World("multi_agent/01@2")
+    plain = PlannerPolicy(world, "robot1", start=world.initial)
+    bot = SkilledPolicy(plain, "robot1", None, step_seconds=0.2)
+    bot.meet({"robot1": "bot", "robot2": kind}, clock)
+    action = bot.act(world.initial)
+    assert action is not None
+    bot.observe([("robot1", action, True)])
+    state = world.initial.step([action]).state
+    assert (bot.act(state) is None) == partner, "a partner takes its time"
 
 
 def test_unknown_skill_is_named() -> None:

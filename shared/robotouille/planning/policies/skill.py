@@ -95,12 +95,13 @@ class SkilledPolicy:
         self._player = player
         self._skill = skill or EXPERT
         self._fits_company = skill is None
-        self._second = 1 / step_seconds if step_seconds else 0.0
+        self._rate = 1 / step_seconds if step_seconds else 0.0
         self._random = random.Random(f"{seed}:{player}:skill")
         self._step = 0
         self._ready = 0
         self._worked = 0.0
-        self._hesitated = True
+        # Someone who had nothing to do reacts late; someone at work has seen the next action coming.
+        self._alert = True
         self._watched: GroundAction | None = None
         self._resting = False
 
@@ -121,10 +122,10 @@ class SkilledPolicy:
         action = self._policy.act(state)
         self._resting = False
         if action is None:
-            self._hesitated = False
+            self._alert = False
             return None
-        if not self._hesitated and self._pause(self._skill.reaction):
-            self._resting = self._hesitated = True
+        if not self._alert and self._pause(self._skill.reaction):
+            self._resting = self._alert = True
             return None
         return self._slip(state, action)
 
@@ -149,7 +150,7 @@ class SkilledPolicy:
 
     def _pause(self, seconds: float) -> bool:
         """Do nothing for some time from the current step; return whether that is any time."""
-        steps = round(seconds * self._second)
+        steps = round(seconds * self._rate)
         self._ready = max(self._ready, self._step + steps)
         return steps > 0
 
@@ -165,24 +166,25 @@ class SkilledPolicy:
     def _note(self, action: GroundAction) -> None:
         """Plan the pauses after an action of this seat."""
         skill = self._skill
-        self._hesitated = True
+        self._alert = True
         if not skill.looks_ahead:
             self._watched = action
-        if not self._second:
+        if not self._rate:
             return
-        step = 1 / self._second
+        step = 1 / self._rate
         taken = max(action.duration * step, skill.pace)
         # One step has passed since the action began, and the player is busy for its duration.
         self._pause(taken - step)
         self._worked += taken
         if action.destination is None and skill.rest:
             rest = min(self._worked * skill.rest / (1 - skill.rest), MAX_REST)
-            self._ready += round(rest * self._second)
+            self._ready += round(rest * self._rate)
             self._worked = 0.0
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         if self._fits_company:
-            self._skill = SKILLS["partner"] if "human" in kinds.values() else EXPERT
+            with_people = clock == "realtime" and "human" in kinds.values()
+            self._skill = SKILLS["partner"] if with_people else EXPERT
         if isinstance(self._policy, TeamPolicy):
             self._policy.meet(kinds, clock)
 

@@ -264,11 +264,17 @@ class TeamPlanner:
             tried: Number of earlier plans from this state that failed.
             working: Other participants who have done something lately.
         """
-        seats, effort = tuple(sorted(team)), self.effort(team, hurried=hurried)
         decision = _Decision(
-            self._anytime, self._search, base, seats, effort, tried=tried, alone=self._alone
+            self._anytime,
+            self._search,
+            base,
+            tuple(sorted(team)),
+            self.effort(team, hurried=hurried),
+            tried=tried,
+            alone=self._alone,
+            # Someone who works and holds an object probably means to use it.
+            expects_help=any(holds(base, player) for player in working),
         )
-        decision.expects_help = any(holds(base, player) for player in working)
         return decision.plan()
 
     def effort(self, team: Collection[str], *, hurried: bool = False) -> Effort:
@@ -290,6 +296,7 @@ class _Decision:
         *,
         tried: int,
         alone: bool,
+        expects_help: bool,
     ) -> None:
         self._anytime = anytime
         self._search = search
@@ -302,8 +309,7 @@ class _Decision:
         self._cut_off = not alone and anytime.is_cut_off(base, team)
         self._spent = 0
         self._aside_untried = True
-        # Someone who works and holds an object probably means to use it.
-        self.expects_help = False
+        self._expects_help = expects_help
 
     def plan(self) -> TeamPlan:
         """Return a plan of the team's own, or a replacement."""
@@ -333,7 +339,7 @@ class _Decision:
     def _way(self) -> TeamPlan | None:
         """Return a plan that assumes that others step aside or help, or None."""
         ways = [self._with_others_aside, self._with_everybody]
-        if self.expects_help:
+        if self._expects_help:
             ways.reverse()
         # After a failed plan the other assumption comes first, so that no team repeats the same
         # mistake.
@@ -405,9 +411,9 @@ class _Decision:
     def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """Return a search result for some players, within the limit of the decision."""
         # Another attempt from the same state must not repeat the same search.
-        after = ATTEMPTS * self._tried
+        number = ATTEMPTS * self._tried
         if not self._effort.brief:
-            return self._search.best(state, team, self._effort, after=after)
-        found = self._search.brief(state, team, self._effort, spent=self._spent, after=after)
+            return self._search.best(state, team, self._effort, after=number)
+        found = self._search.brief(state, team, self._effort, spent=self._spent, after=number)
         self._spent += found.expansions
         return found

@@ -29,7 +29,7 @@ MAX_KEPT = 20_000
 
 MAX_WORK = 1_000_000
 """Rows of `Rows` that a search looks at before its next answer: one or two seconds. Shipped tasks
-need 20,000 at most."""
+need 3,000 at most."""
 
 
 @dataclass(frozen=True, slots=True)
