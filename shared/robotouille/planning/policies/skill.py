@@ -100,7 +100,7 @@ class SkilledPolicy:
         self._step = 0
         self._ready = 0
         self._worked = 0.0
-        # Someone who had nothing to do reacts late; someone at work has seen the next action coming.
+        # Someone who had nothing to do reacts late. Someone at work knows what comes next.
         self._alert = True
         self._watched: GroundAction | None = None
         self._resting = False
