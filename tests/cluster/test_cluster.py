@@ -18,6 +18,7 @@ from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.virtual_time import virtual
 
 TASK = "training/03_multi_agent"
+FOREIGN_FILES = ["catalogue.sqlite", "old.rbt.part", "../x.rbt.part", "{other}"]
 
 
 async def step(*games: Game) -> None:
@@ -210,6 +211,27 @@ class TestLease:
             monkeypatch.setattr(other.bus, "read", read_once)
             assert await other.cluster.node.claims.claim(record) == "it has ended"
             assert (other.folder / file.name).read_bytes() == file.read_bytes()
+
+    @virtual
+    @pytest.mark.parametrize(
+        "file", FOREIGN_FILES
+    )
+    async def test_an_entry_with_a_foreign_file_name_changes_no_file(
+        self, tmp_path: Path, file: str
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            games = [await ada.create(TASK, seats=2) for _ in range(2)]
+            node = nodes.others(nodes.owner(games[0].episode))[0].cluster.node
+            record, other = (node.directory.find(game.episode) for game in games)
+            assert record is not None
+            assert other is not None
+            (tmp_path / "catalogue.sqlite").write_bytes(b"precious")
+            before = sorted(tmp_path.rglob("*"))
+            forged = record.model_copy(update={"file": file.format(other=other.file)})
+            why = await node.claims.claim(forged)
+            assert "the journal is that of" in why
+            assert record.episode in node.claims.refused
+            assert sorted(tmp_path.rglob("*")) == before
 
 
 class TestHandOver:

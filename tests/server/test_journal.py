@@ -8,8 +8,11 @@ from typing import Any
 import pytest
 
 from robotouille.episode import quota, seats
+from robotouille.errors import RecordingError
 from robotouille.replay.recording import read_recording
 from robotouille_server.rooms import journal
+from robotouille_server.rooms.storage import Folder
+from tests.support.random_play import random_stream
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import virtual
 
@@ -80,6 +83,17 @@ async def test_episode_ends_at_the_maximum_size(
     }
     assert most < reached[limit]
     assert len(recording.stream) < 35_000
+
+
+def test_closed_recording_is_never_replaced_by_another(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    first, second = (random_stream(seed) for seed in (1, 2))
+    name = journal.close_recording(folder, "game.rbt.part", first, len(first))
+    closed = (tmp_path / name).read_bytes()
+    assert journal.close_recording(folder, "game.rbt.part", first, len(first)) == name
+    with pytest.raises(RecordingError, match=f"another recording than {name}, which exists"):
+        journal.close_recording(folder, "game.rbt.part", second, len(second))
+    assert (tmp_path / name).read_bytes() == closed
 
 
 def test_writers_limit_is_below_the_readers_limit() -> None:

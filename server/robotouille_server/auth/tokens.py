@@ -311,6 +311,9 @@ class Tokens:
         # This check comes before any parsing, so that a long text costs nothing.
         if len(token) > MAX_TOKEN_LENGTH:
             raise _invalid(f"it is longer than {MAX_TOKEN_LENGTH} characters", field)
+        # The decoder ignores padding, so one token could be written in several ways (RFC 7515, 2).
+        if "=" in token:
+            raise _invalid("it is not a signed token", field)
         try:
             key = self._keyring.find(jwt.get_unverified_header(token).get("kid"))
             if key is None:

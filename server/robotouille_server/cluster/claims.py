@@ -21,6 +21,7 @@ from robotouille_server.cluster.journal import (
     assembled,
 )
 from robotouille_server.rooms.archive import ArchivedEpisode, in_turns
+from robotouille_server.rooms.journal import name_in
 from robotouille_server.runtime.logs import get_logger
 
 CLAIMS_AT_A_TIME = 8
@@ -143,6 +144,12 @@ class Claims:
 
     async def _restored(self, content: bytes, record: EpisodeRecord) -> tuple[Recording, Restored]:
         recording = Recording(content, record.file)
+        # Anybody who can write to the bucket chooses this name, and a file of that name would be
+        # replaced or deleted.
+        if (file := name_in(recording.header)) != record.file:
+            raise RecordingError(f"the journal is that of {file}, and not of {record.file!r}")
+        if recording.header["episode"] != record.episode:
+            raise RecordingError("the journal is that of another episode")
         now, patience = self._continuation.now(), self._continuation.patience
         work = restoring(recording, now, patience, shared_world)
         try:

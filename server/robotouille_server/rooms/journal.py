@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from robotouille.episode import Event
 from robotouille.errors import RecordingError
-from robotouille.replay.container import MAGIC, compress, frame_ends, frame_value
+from robotouille.replay.container import MAGIC, compress, frame_ends, frame_value, plain
 from robotouille.replay.file_names import CLOSED, OPEN, file_name
 from robotouille.replay.recorder import Recorder
 from robotouille_server.rooms.storage import Appender, FileCondition, Storage
@@ -280,16 +280,29 @@ def close_recording(storage: Storage, name: str, content: bytes, size: int) -> s
     """Replace a `.rbt.part` of `size` bytes by its compressed `.rbt`; return the new name.
 
     Raises:
-        RecordingError: The content is not complete up to the footer. The file stays.
+        RecordingError: The content is not complete up to the footer, or another recording has the
+            new name. The file stays.
     """
     _check_whole(content, size)
     whole = name.removesuffix(OPEN) + CLOSED
-    storage.replace(whole, compress(content))
+    if not _is_stored(storage, whole, content):
+        storage.replace(whole, compress(content))
     # The open file is removed only now, when the closed one exists and is synced. A crash in
     # between leaves both, and the next start closes the recording again.
     with contextlib.suppress(FileNotFoundError):
         storage.remove(name)
     return whole
+
+
+def _is_stored(storage: Storage, whole: str, content: bytes) -> bool:
+    """Return whether a closed recording exists. RecordingError if its content differs."""
+    try:
+        existing = storage.read(whole)
+    except FileNotFoundError:
+        return False
+    if plain(existing)[0] != content:
+        raise RecordingError(f"another recording than {whole}, which exists already")
+    return True
 
 
 def _check_whole(content: bytes, size: int) -> None:

@@ -306,6 +306,13 @@ class Join(Message):
         "recorded and not shown to others.",
     )
 
+    @field_validator("seat")
+    @classmethod
+    def _check_seat(cls, value: str | None, info: ValidationInfo) -> str | None:
+        if value is not None and info.data.get("role") != "player":
+            raise ValueError("cannot be combined with the role 'spectator'")
+        return value
+
     @field_validator("seats", mode="wrap")
     @classmethod
     def _check_seats(

@@ -117,7 +117,7 @@ class Header(Frame):
     kind: Literal["header"]
     software: str
     episode: str
-    created: str
+    created: Annotated[str, Field(max_length=40)]
     task: PlayedTask
     digest: str
     seed: int
