@@ -640,3 +640,11 @@ def test_pieces_are_put_together() -> None:
     assert reader.read(packed(1, 6)) == (False, b"1/6")
     with pytest.raises(ValueError):
         reader.read(b"\xc1")
+
+
+def test_pieces_without_an_end_are_not_collected() -> None:
+    reader = PacketReader()
+    piece = b"x" * 2**20
+    with pytest.raises(ValueError, match="a packet of more than"):
+        for number in range(100):
+            reader.read(Packet(1, "a", number + 1, number, True, piece).pack())

@@ -57,3 +57,7 @@ async def test_journals_survive_a_restart_after_another_was_deleted(tmp_path: Pa
             files = await bus._js.object_store("robotouille_recordings")
             assert (await files.get("recording.rbt")).data == b"second"
             assert (await files.get("other.rbt")).data == b"other"
+            # Another program may write into a journal.
+            foreign = {"Robotouille-Keep": "abc"}
+            await bus._js.publish("robotouille.journal.kept", b"junk", headers=foreign)
+            assert (await bus.last("kept")) == (await bus.read("kept"))[-1]

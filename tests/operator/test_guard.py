@@ -37,8 +37,10 @@ def refusal(answer: httpx.Response) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    "host", ["kitchen.example.org", "127.0.0.1.example.org:80", "", "[::2]", "a@localhost"]
-)
+    "host",
+    ["kitchen.example.org", "127.0.0.1.example.org:80", "", "[::2]", "a@localhost",
+     "localhost:1@evil.example", "[::1]evil.example"],
+)  # fmt: skip
 @virtual
 async def test_foreign_host_is_refused(tmp_path: Path, host: str) -> None:
     async with viewing(tmp_path) as (_, _, api):
@@ -78,6 +80,19 @@ async def test_request_that_a_foreign_page_could_send_is_refused(
         content = b'{"text": "boo"}'
         answer = await api.http.post("/api/announce", content=content, headers=headers)
         assert refusal(answer) == (status, code)
+
+
+@virtual
+async def test_requests_of_other_sites_do_not_use_up_the_rate(tmp_path: Path) -> None:
+    async with viewing(tmp_path) as (_, _, api):
+        for site in ["cross-site", "same-site"] * 200:
+            answer = await api.http.get("/api/overview", headers={"Sec-Fetch-Site": site})
+            assert refusal(answer) == (403, "request/origin")
+        for site in ("same-origin", "none"):
+            answer = await api.http.get("/api/overview", headers={"Sec-Fetch-Site": site})
+            assert answer.status_code == 200
+        # A link to the operator's page may stand anywhere.
+        assert (await api.http.get("/", headers={"Sec-Fetch-Site": "cross-site"})).is_success
 
 
 @virtual

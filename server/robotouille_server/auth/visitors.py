@@ -206,7 +206,7 @@ def _names_this_machine(headers: Headers) -> bool:
     address = _address(host)
     if address is not None:
         return address.is_loopback
-    return host.partition(":")[0] == "localhost"
+    return host.partition(":")[0] in ("", "localhost")
 
 
 def _hops(headers: Headers) -> list[str]:

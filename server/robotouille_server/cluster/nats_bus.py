@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import re
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -513,8 +514,11 @@ def _acknowledged(answer: Msg) -> int | BusError:
 
 def _stored(sequence: int, headers: dict[str, str] | None, data: bytes) -> Stored:
     headers = headers or {}
-    keep = headers.get(KEEP)
-    return Stored(sequence, headers.get(MESSAGE_ID, ""), data, int(keep) if keep else None)
+    keep = headers.get(KEEP, "")
+    # Another writer may have sent anything. The journal is then refused, because its content is
+    # not that of its owner.
+    cut = int(keep) if re.fullmatch("[0-9]{1,15}", keep) else None
+    return Stored(sequence, headers.get(MESSAGE_ID, ""), data, cut)
 
 
 @asynccontextmanager

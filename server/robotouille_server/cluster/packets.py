@@ -11,6 +11,9 @@ from pydantic import BaseModel
 from robotouille.protocol.codec import MAX_SERVER_BYTES
 from robotouille.protocol.frames import FrameReader
 
+MAX_PACKET = 4 * MAX_SERVER_BYTES
+"""Bytes of the frames in one packet. A relay joins the few messages of one step."""
+
 
 class Watch(BaseModel):
     """Request of a node with spectators of an episode.
@@ -163,6 +166,9 @@ class PacketReader:
             self._pieces.clear()
             return True, b""
         self._pieces.append(packet.frames)
+        if sum(map(len, self._pieces)) > MAX_PACKET:
+            self._pieces.clear()
+            raise ValueError(f"a packet of more than {MAX_PACKET:,} bytes")
         if packet.more:
             return missing, b""
         frames = b"".join(self._pieces)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import re
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -98,6 +99,7 @@ class LoginAudit:
 
 HEADER = "x-robotouille-operator"
 MAX_BODY = 16 * 1024
+_HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([^:@/\[\]]*))(?::\d{1,5})?")
 SAFE = frozenset({"GET", "HEAD"})
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -151,6 +153,8 @@ class Access:
         """
         headers = _headers(scope)
         self._check_host(scope, headers.get("host", []))
+        if scope["path"] not in self.public:
+            _check_site(headers)
         _check_length(headers)
         if scope["method"] not in SAFE:
             _check_change(headers)
@@ -206,6 +210,16 @@ def _too_large() -> RequestRefusedError:
     return RequestRefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "request/size", message)
 
 
+def _check_site(headers: Headers) -> None:
+    """Refuse what a page of another site requests, such as `<img src="http://localhost:8766/…">`.
+
+    The page learns nothing from the answer, but many requests would use up the operator's rate.
+    """
+    if any(site in ("cross-site", "same-site") for site in headers.get("sec-fetch-site", [])):
+        message = "pages of other sites may not request anything here"
+        raise RequestRefusedError(HTTPStatus.FORBIDDEN, "request/origin", message)
+
+
 def _check_change(headers: Headers) -> None:
     """Refuse a change that a page of another site could have sent."""
     origin = headers.get("origin")
@@ -232,10 +246,9 @@ def _headers(scope: Scope) -> Headers:
 
 
 def _host_name(host: str) -> str:
-    """Return the name of a Host header, without its port."""
-    if host.startswith("["):
-        return host[1:].partition("]")[0].lower()
-    return host.partition(":")[0].lower()
+    """Return the name of a Host header, without its port; empty if it is malformed."""
+    parts = _HOST.fullmatch(host)
+    return (parts[1] or parts[2]).lower() if parts else ""
 
 
 class Guard:
