@@ -213,9 +213,7 @@ class TestLease:
             assert (other.folder / file.name).read_bytes() == file.read_bytes()
 
     @virtual
-    @pytest.mark.parametrize(
-        "file", FOREIGN_FILES
-    )
+    @pytest.mark.parametrize("file", FOREIGN_FILES)
     async def test_an_entry_with_a_foreign_file_name_changes_no_file(
         self, tmp_path: Path, file: str
     ) -> None:

@@ -1,6 +1,7 @@
 """Input files, renderings and pictures of a problem, and lint findings about them."""
 
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,26 @@ def test_missing_pictures(tmp_path: Path) -> None:
     )
     (fault,) = lint_file(str(tmp_path / "small.rendering.json"))
     assert str(fault).startswith(f"{place}: {said}")
+
+
+def test_pictures_that_cannot_be_drawn(tmp_path: Path) -> None:
+    own = {
+        "extends": "robotouille",
+        "assets": "mine",
+        "item": {"entities": {"leek": {"assets": {"default": "huge.png", "cut": "text.png"}}}},
+    }
+    write(tmp_path, "small.rendering.json", own)
+    (tmp_path / "mine").mkdir()
+    head = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 6, 0, 0, 0)
+    png = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", len(head)) + b"IHDR" + head + bytes(4)
+    (tmp_path / "mine/huge.png").write_bytes(png)
+    (tmp_path / "mine/text.png").write_text("not a picture")
+    # 60,000 pixels a side would take 14 GB.
+    assert [words.partition("assets.")[2] for words in findings(task_in(tmp_path))[:2]] == [
+        "default: the picture 'huge.png' cannot be drawn: it has 60000 × 60000 pixels; at most "
+        "4096 × 4096 are drawn",
+        "cut: the picture 'text.png' cannot be drawn: it is neither SVG nor PNG",
+    ]
 
 
 def test_faults_of_all_files_are_reported_at_once(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from robotouille.replay.container import MAGIC, compress, pack_frame, read_frame
 from robotouille.replay.controllers import json_lines
 from robotouille.replay.recording import Recording, read_recording
 from tests.support.games import recorded_game
+from tests.support.random_play import random_stream
 from tests.support.thorough import thorough
 
 GAME = recorded_game("multi_agent/10@3", seed=5, steps=130)
@@ -47,6 +48,19 @@ def test_recorded_facts_equal_the_resimulated_ones() -> None:
     ):
         assert step == recorded
         assert facts == {name for name in state.fact_names() if name.split("(")[0] in fluents}
+
+
+@pytest.mark.parametrize("first", [0, 120, 250, 65_530, 2**33])
+def test_notes_have_the_number_of_the_step_before_them(first: int) -> None:
+    frames, expected, step = [], [], 0
+    for frame in read_frames(random_stream(0)):
+        if frame["kind"] == "step":
+            frame["step"] = step = frame["step"] + first
+        expected += [{"step": step, **note} for note in frame.get("notes", ())]
+        frames.append(frame)
+    recording = Recording(MAGIC + b"".join(map(pack_frame, frames)))
+    assert list(recording.notes()) == expected
+    assert expected[-1]["step"] > first + 10
 
 
 @thorough(60)

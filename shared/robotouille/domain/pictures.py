@@ -8,14 +8,18 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+from robotouille.domain.files import open_regular
 from robotouille.errors import RobotouilleError
 
 MAX_PICTURE_BYTES = 256 * 1024
 MAX_SIDE = 1024
 """Pixels. A decoded picture then takes at most 4 MiB, whatever the file claims."""
+MAX_LOCAL_BYTES, MAX_LOCAL_SIDE = 16 * 1024 * 1024, 4096
+"""Bytes and pixels of a side of a picture in a local folder."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 KEPT = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 """Chunks that make the picture. Other chunks hold texts and profiles, which may be compressed."""
@@ -46,6 +50,42 @@ def plain_png(content: bytes) -> bytes:
         )
     kept = (_chunk(kind, data) for kind, data in chunks if kind in KEPT)
     return SIGNATURE + b"".join(kept)
+
+
+def read_picture(path: Path) -> bytes:
+    """Return the content of a local picture, PNG or SVG.
+
+    It may be larger than pictures from elsewhere, but some bytes of a PNG can announce gigabytes
+    of pixels.
+
+    Raises:
+        OSError: The file cannot be read.
+        PictureError: It is not a picture, or is too large.
+    """
+    with open_regular(path) as file:
+        content = file.read(MAX_LOCAL_BYTES + 1)
+    if len(content) > MAX_LOCAL_BYTES:
+        raise PictureError(f"it has more than {MAX_LOCAL_BYTES:,} bytes")
+    if path.suffix == ".svg":
+        return content
+    if not content.startswith(SIGNATURE + b"\0\0\0\rIHDR") or len(content) < 24:
+        raise PictureError("it is neither SVG nor PNG")
+    width, height = struct.unpack(">II", content[16:24])
+    if not (0 < width <= MAX_LOCAL_SIDE and 0 < height <= MAX_LOCAL_SIDE):
+        most = f"at most {MAX_LOCAL_SIDE} × {MAX_LOCAL_SIDE} are drawn"
+        raise PictureError(f"it has {width} × {height} pixels; {most}")
+    return content
+
+
+def picture_fault(path: Path) -> str:
+    """Return why a local picture cannot be used, or an empty text."""
+    try:
+        read_picture(path)
+    except OSError as error:
+        return error.strerror or str(error)
+    except PictureError as error:
+        return str(error)
+    return ""
 
 
 def _chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:

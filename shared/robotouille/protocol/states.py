@@ -257,11 +257,11 @@ class StateReader:
         return self.state
 
     def _extend(self, objects: Iterable[Sequence[str]], atoms: Iterable[Sequence[int]]) -> None:
-        rows = list(objects)
-        self._objects += [row[0] for row in rows]
+        created = [row[0] for row in objects]
+        self._objects += created
         # The client's world may have played less than the server's and may not know these objects
         # yet.
-        self.world.admit(self._objects)
+        self.world.admit(created)
         bit = self.world.table.bit
         special = {-1: "~exists", -2: "~used"}
         for predicate, *arguments in atoms:

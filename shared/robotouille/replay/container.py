@@ -13,6 +13,7 @@ the tear are then intact, and reading ends there. Any other fault is *damage* an
 
 from __future__ import annotations
 
+import re
 import struct
 import sys
 import zlib
@@ -67,6 +68,12 @@ _HEAD = 12
 """Bytes before the payload."""
 _KIND = b"\xa4kind"
 """First key in the map of every frame."""
+_STEP = re.compile(
+    rb"(?:[\x80-\x8f]|\xde..)\xa4kind\xa4step\xa4step"
+    rb"([\x00-\x7f]|\xcc.|\xcd.{2}|\xce.{4}|\xcf.{8})",
+    re.DOTALL,
+)
+"""Beginning of the payload of a step, with its number."""
 _MAP_BYTES = (1, 3)
 """Bytes of a map's head, before its first key."""
 
@@ -92,13 +99,16 @@ _CONTAINERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 """Bytes of the length, and values in each entry."""
 
 
-def unpack(payload: bytes) -> dict[str, Any]:
-    """Decode the map of a payload. ValueError if it is invalid or exceeds a limit."""
+def unpack(payload: bytes, *, checked: bool = False) -> dict[str, Any]:
+    """Decode the map of a payload. ValueError if it is invalid or exceeds a limit.
+
+    `checked`: True if the payload has been decoded before, so that its values need no counting.
+    """
     # Most payloads are too small to exceed a limit. Only the others are counted, which is slow.
     size = len(payload)
     longest = min(size, MAX_LENGTH)
-    lists = size - len(payload.translate(None, _LONG_LISTS))
-    if size > MAX_ENTRIES or lists * longest > MAX_ANNOUNCED:
+    lists = 0 if checked else size - len(payload.translate(None, _LONG_LISTS))
+    if not checked and (size > MAX_ENTRIES or lists * longest > MAX_ANNOUNCED):
         _check_entries(payload)
     # Recordings contain no binary or extension values, so the decoder refuses them.
     value = msgpack.unpackb(
@@ -387,14 +397,30 @@ def frame_ends(stream: bytes, start: int = len(MAGIC)) -> Iterator[int]:
         yield start
 
 
-def frame_value(stream: bytes, start: int, end: int | None = None) -> dict[str, Any]:
-    """Decode the whole frame at `start`. RecordingError if its payload is invalid."""
+def frame_value(
+    stream: bytes, start: int, end: int | None = None, *, checked: bool = False
+) -> dict[str, Any]:
+    """Decode the whole frame at `start`. RecordingError if its payload is invalid.
+
+    `checked`: True if the frame has been decoded before.
+    """
     if end is None:
         end = start + _HEAD + _LENGTH_AND_SUM.unpack_from(stream, start)[0]
     try:
-        return unpack(stream[start + _HEAD : end])
+        return unpack(stream[start + _HEAD : end], checked=checked)
     except (ValueError, msgpack.UnpackException) as error:
         raise RecordingError(f"damaged at byte {start}: {error}") from None
+
+
+def step_number(stream: bytes, start: int) -> int | None:
+    """Return the number of the step whose frame begins at `start`, without decoding the frame.
+
+    None if it is another frame, or one that another program has written in another way.
+    """
+    found = _STEP.match(stream, start + _HEAD)
+    if found is None:
+        return None
+    return int.from_bytes(found[1][1:] or found[1], "big")
 
 
 def _end_of_frame(stream: bytes, position: int) -> tuple[int, str]:

@@ -15,6 +15,7 @@ from typing import Any, Literal
 from robotouille.domain.art import Art
 from robotouille.domain.derived import created_kinds, domain_kinds, parameter_types
 from robotouille.domain.files import is_file, read_json
+from robotouille.domain.pictures import picture_fault
 from robotouille.domain.related_files import (
     KITCHEN_RENDERING,
     chain_of,
@@ -146,20 +147,21 @@ def lint_rendering(
 
 @bounded
 def lint_pictures(rendering: RenderingFile, beside: Path | None) -> list[Fault]:
-    """Report pictures that do not exist, each with the nearest name that does."""
-    folders = rendering.folders(beside)
-    where = " or ".join(f"{folder.resolve().parent.name}/{folder.name}" for folder in folders)
-    known = {path.name for folder in folders if folder.is_dir() for path in folder.iterdir()}
-    return [
-        Fault(
-            place,
-            f"there is no picture {file!r} in {where}: draw it, or name another"
-            f"{did_you_mean(file, known)}",
-            "warning",
-        )
-        for place, file in rendering.pictures()
-        if file not in known
-    ]
+    """Report pictures that do not exist, each with the nearest name that does, or are unusable."""
+    folders = [folder for folder in rendering.folders(beside) if folder.is_dir()]
+    where = " or ".join(
+        f"{folder.resolve().parent.name}/{folder.name}" for folder in rendering.folders(beside)
+    )
+    # The first folder that has a picture provides it.
+    known = {path.name: path for folder in reversed(folders) for path in folder.iterdir()}
+    faults = []
+    for place, file in rendering.pictures():
+        if file not in known:
+            words = f"there is no picture {file!r} in {where}: draw it, or name another"
+            faults.append(Fault(place, words + did_you_mean(file, known), "warning"))
+        elif why := picture_fault(known[file]):
+            faults.append(Fault(place, f"the picture {file!r} cannot be drawn: {why}", "warning"))
+    return faults
 
 
 @bounded

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pygame
 
-from robotouille.domain.pictures import sharp_side
+from robotouille.domain.pictures import PictureError, read_picture, sharp_side
 from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.shapes import PictureCache
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -211,14 +211,14 @@ class Sprites:
 
 def _load(path: Path, size: int) -> pygame.Surface | None:
     try:
+        content = read_picture(path)
         if path.suffix == ".svg":
-            content = path.read_bytes()
             side = min(size, sharp_side(content))
             drawing = BytesIO(with_percentages(content))
             loaded = pygame.image.load_sized_svg(drawing, (side, side))
         else:
-            loaded = pygame.image.load(path)
-    except (pygame.error, OSError):
+            loaded = pygame.image.load(BytesIO(content), path.name)
+    except (pygame.error, OSError, PictureError):
         return None
     # Blits between surfaces with the same order of colours are twice as fast.
     surface = pygame.Surface((size, size), pygame.SRCALPHA)
