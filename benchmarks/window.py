@@ -74,6 +74,9 @@ class Led:
     def say(self, text: str) -> None:
         """Ignore the text."""
 
+    def signal(self, signal: object) -> None:
+        """Ignore the signal."""
+
     def be_ready(self, ready: bool) -> None:
         """Ignore whether the player is ready."""
 

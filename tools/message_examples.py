@@ -9,6 +9,7 @@ from robotouille.episode import Absence, Clock, Controller, PauseReason, Phase, 
 from robotouille.protocol import messages as m
 from robotouille.protocol.codec import JSON
 from robotouille.protocol.error_codes import ErrorCode
+from robotouille.world.presentation.signals import Intent
 from robotouille.world.unmet import UnmetKind
 
 __all__ = ["EXAMPLES"]
@@ -42,6 +43,7 @@ SENT = (
         think_ms=850,
     ),
     m.Say(text="I take the stove"),
+    m.Signal(intent=Intent.NEED, target="stove1"),
     m.Note(topic="model-call", text='{"number": 1, "answer": "Reasoning: It is near.', more=True),
     m.GetRendering(ref=10),
     m.GetPicture(ref=11, digest=PICTURE),
@@ -154,6 +156,7 @@ RECEIVED = (
         why=[m.Why(kind=UnmetKind.CONDITION, predicate="loc", objects=["robot1", "stove1"])],
     ),
     m.Said(step=12, number=3, name="ada", seat="robot1", text="I take the stove"),
+    m.Told(seat="robot1", text="I plan for all bots of my version (team planner 2)"),
     m.Notice(text="The server closes in five minutes."),
     m.Roster(
         phase=Phase.PAUSED,

@@ -83,6 +83,11 @@ class Game(GameReplica):
         super().say(text)
         self._flush()
 
+    def signal(self, intent: str, target: str = "", seat: str | None = None) -> None:
+        """Send a signal to all participants; see `GameReplica.signal`."""
+        super().signal(intent, target, seat)
+        self._flush()
+
     def note(self, topic: str, text: str, seat: str | None = None) -> None:
         """Add a text to the recording that no participant sees.
 

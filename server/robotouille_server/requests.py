@@ -393,6 +393,9 @@ class Requests:
     def _say(self, message: messages.Say) -> None:
         self._room.say(self._session, message.text)
 
+    def _signal(self, message: messages.Signal) -> None:
+        self._room.signal(self._session, message)
+
     def _note(self, message: messages.Note) -> None:
         self._room.note(self._session, message)
 
@@ -454,6 +457,7 @@ HANDLERS: dict[type[messages.Message], Callable[[Requests, Any], None]] = {
     messages.Leave: Requests._leave,
     messages.Act: Requests._act,
     messages.Say: Requests._say,
+    messages.Signal: Requests._signal,
     messages.Note: Requests._note,
     messages.GetRendering: Requests._get_rendering,
     messages.GetPicture: Requests._get_picture,

@@ -6,7 +6,9 @@ import asyncio
 from collections.abc import Mapping
 from pathlib import Path
 
+from robotouille.planning.policies.policy import Speech
 from robotouille.replay.recording import read_recording
+from robotouille.world.presentation.signals import Signal
 from robotouille_client import ChatReceived, Game, GameEnded, connect
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_server import Server, ServerSettings, serve
@@ -113,11 +115,11 @@ class TalkingPolicy(RandomPolicy):
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         self.kinds = kinds
 
-    def hear(self, player: str, text: str) -> None:
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
         self.received.add(text)
 
-    def speak(self) -> list[str]:
-        return [self.unsaid.pop()] if self.unsaid else []
+    def speak(self) -> list[Speech]:
+        return [Speech(self.unsaid.pop())] if self.unsaid else []
 
 
 @virtual

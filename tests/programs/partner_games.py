@@ -24,7 +24,7 @@ from robotouille.episode import Clock
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.aside import holds, put_down, with_others_aside
 from robotouille.planning.policies.deferral import can_begin
-from robotouille.planning.policies.policy import Did, Policy, Script, does_something
+from robotouille.planning.policies.policy import Did, Policy, Script, Speech, does_something
 from robotouille.planning.policies.skill import SKILLS, Skill, SkilledPolicy
 from robotouille.planning.policies.standing import (
     seat_out_of_the_way,
@@ -34,6 +34,7 @@ from robotouille.planning.policies.standing import (
 from robotouille.planning.policies.team_plan import BRIEF, HURRIED
 from robotouille.planning.policies.team_talk import requested
 from robotouille.planning.solvers import AnytimePlanner
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.presentation.wording import Wording
 from tests.support.team_games import Idle, TeamGame, play_team
 
@@ -177,10 +178,10 @@ class Newcomer:
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         pass
 
-    def speak(self) -> list[str]:
+    def speak(self) -> list[Speech]:
         return []
 
-    def hear(self, player: str, text: str) -> None:
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
         here = standing_at(self._state, self._player)
         if here is not None and requested(text, here, self._state, self._wording):
             self._asked = int(2 * RATE)

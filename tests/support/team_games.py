@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.task import Task
 from robotouille.episode import (
+    TEAM_TOPIC,
     ActionRequest,
     ChatPosted,
     Clock,
     Episode,
+    Noted,
     Outcome,
     Phase,
     Rules,
     Stepped,
 )
+from robotouille.errors import ProtocolError
 from robotouille.planning.beam.planner import EXPANSIONS
 from robotouille.planning.plan import UNLIMITED, Limits, SearchResult
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, TeamPolicy
-from robotouille.planning.policies.policy import Did
+from robotouille.planning.policies.policy import Did, Speech
 from robotouille.planning.policies.shift_policy import ShiftPolicy
 from robotouille.planning.policies.skill import EXPERT, Skill, SkilledPolicy
 from robotouille.planning.shift import DishPlanner
@@ -180,14 +184,28 @@ def _deliver(episode: Episode, policies: Mapping[str, Policy], game: TeamGame, n
             elif isinstance(event, ChatPosted):
                 game.said.append((episode.step, event.player, event.text))
                 for talker in _talkers(policies):
-                    talker.hear(event.player, event.text)
+                    talker.hear(event.player, event.text, event.signal)
+            elif isinstance(event, Noted):
+                for player, policy in policies.items():
+                    if isinstance(policy, TeamPolicy) and player != event.player:
+                        policy.hear(event.player, event.text)
         said = [
-            (player, text)
+            (player, speech)
             for player, policy in policies.items()
             if isinstance(policy, TeamPolicy)
-            for text in policy.speak()
+            for speech in policy.speak()
         ]
         if not said or episode.ended:
             return
-        for player, text in said:
-            episode.say(player, player, text, now)
+        for player, speech in said:
+            _publish(episode, player, speech, now)
+
+
+def _publish(episode: Episode, player: str, speech: Speech, now: float) -> None:
+    if speech.to_bots:
+        episode.note(player, TEAM_TOPIC, speech.text, now)
+    elif speech.signal is not None:
+        with suppress(ProtocolError):
+            episode.signal(player, player, speech.signal, now)
+    else:
+        episode.say(player, player, speech.text, now)

@@ -6,11 +6,12 @@ a process, which answers requests:
 | request | reply |
 | --- | --- |
 | `["begin", task as JSON, [kind, seed, skill, words as JSON], players, step seconds]` | none |
-| `["meet", kinds, clock]`, `["hear", player, text]`, `["observe", moves]` | `say` |
+| `["meet", kinds, clock]`, `["hear", player, text, signal]`, `["observe", moves]` | `say` |
 | `["ask", player, state]` | `say`; `["act", player, [name, …arguments], waits]` |
 
-A bot that does nothing answers with nil in place of the action. `["say", player, text]` reports a
-chat message of a bot. It is sent only while no other request waits.
+A bot that does nothing answers with nil in place of the action. `["say", player, [text, signal,
+to_bots]]` reports what a bot says. It is sent only while no other request waits. A signal is nil or
+`[intent, target]`.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ from robotouille.planning.bot_process import (
     state_row,
     unpacker,
 )
-from robotouille.planning.policies.policy import Did, Policy, TeamPolicy, waits
+from robotouille.planning.policies.policy import Did, Policy, Speech, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal, signal_from
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, BotSetup, bot_maker
 
@@ -65,8 +67,8 @@ class Partners(Protocol):
     def observe(self, did: Did) -> None:
         """Report the actions of a step. Called once for each step, before `ask`."""
 
-    def hear(self, player: str, text: str) -> None:
-        """Pass on a chat message of a player."""
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+        """Pass on a chat message or a signal of a player."""
 
     def ask(self, player: str, state: State) -> None:
         """Request a decision of a player's bot, which must have answered the last request."""
@@ -74,8 +76,11 @@ class Partners(Protocol):
     def answers(self) -> list[Decision]:
         """Return the decisions since the last call."""
 
-    def spoken(self) -> list[tuple[str, str]]:
-        """Return the chat messages since the last call, as players and texts."""
+    def spoken(self) -> list[tuple[str, Speech]]:
+        """Return what the players have said since the last call.
+
+        What they tell other bots has reached these already.
+        """
 
     def news(self) -> list[str]:
         """Return messages about failed or restarted bots since the last call, for people."""
@@ -104,10 +109,10 @@ class PromptPartners:
         for policy in self._policies.values():
             policy.observe(did)
 
-    def hear(self, player: str, text: str) -> None:
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
         for each, policy in self._team.items():
             if each != player:
-                policy.hear(player, text)
+                policy.hear(player, text, signal)
 
     def ask(self, player: str, state: State) -> None:
         policy = self._policies[player]
@@ -118,8 +123,12 @@ class PromptPartners:
         found, self._answers = self._answers, []
         return found
 
-    def spoken(self) -> list[tuple[str, str]]:
-        return [(player, text) for player, each in self._team.items() for text in each.speak()]
+    def spoken(self) -> list[tuple[str, Speech]]:
+        said = [(player, speech) for player, each in self._team.items() for speech in each.speak()]
+        for player, speech in said:
+            if speech.to_bots:
+                self.hear(player, speech.text)
+        return said
 
     def news(self) -> list[str]:
         return []
@@ -165,7 +174,7 @@ class PartnerProcess:
         self._met: tuple[dict[str, str], str] | None = None
         self._asked: dict[str, tuple[Any, ...]] = {}
         self._replies: deque[Any] = deque()
-        self._spoken: list[tuple[str, str]] = []
+        self._spoken: list[tuple[str, Speech]] = []
         self._news: list[str] = []
         self._closed = False
         self._lives = LIVES
@@ -210,8 +219,8 @@ class PartnerProcess:
         moves = [(player, a.name, a.arguments, applied) for player, a, applied in did]
         self._send("observe", moves)
 
-    def hear(self, player: str, text: str) -> None:
-        self._send("hear", player, text)
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+        self._send("hear", player, text, signal)
 
     def ask(self, player: str, state: State) -> None:
         row = state_row(state)
@@ -224,7 +233,9 @@ class PartnerProcess:
         while self._replies:
             what, player, told, *more = self._replies.popleft()
             if what == "say":
-                self._spoken.append((player, told))
+                text, signal, to_bots = told
+                sent = None if signal is None else signal_from(*signal)
+                self._spoken.append((player, Speech(text, sent, to_bots)))
             elif self._asked.pop(player, None) is not None:
                 action = None if told is None else self._action(*told)
                 found.append(Decision(player, action, *more))
@@ -239,7 +250,7 @@ class PartnerProcess:
         found, self._news = self._news, []
         return found
 
-    def spoken(self) -> list[tuple[str, str]]:
+    def spoken(self) -> list[tuple[str, Speech]]:
         said, self._spoken = self._spoken, []
         return said
 
@@ -298,7 +309,7 @@ def replies(
     for what, *about in requests:
         _apply(partners, world, what, *about)
         if is_last():
-            yield from (("say", player, text) for player, text in partners.spoken())
+            yield from (("say", player, speech) for player, speech in partners.spoken())
         for player, action, waiting in partners.answers():
             did = None if action is None else (action.name, *action.arguments)
             yield "act", player, did, waiting
@@ -308,7 +319,8 @@ def _apply(partners: PromptPartners, world: World, what: str, *about: Any) -> No
     if what == "meet":
         partners.meet(*about)
     elif what == "hear":
-        partners.hear(*about)
+        player, text, signal = about
+        partners.hear(player, text, None if signal is None else signal_from(*signal))
     elif what == "observe":
         partners.observe(read_moves(world, *about))
     else:

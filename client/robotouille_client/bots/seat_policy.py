@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from robotouille.episode import TEAM_TOPIC
 from robotouille.planning.policies.policy import Policy, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
@@ -15,6 +16,7 @@ from robotouille_client.sansio.game_events import (
     GameEvent,
     RosterChanged,
     StateChanged,
+    TeamTold,
 )
 
 MakePolicy = Callable[[State, str], Policy]
@@ -115,6 +117,8 @@ class SeatPolicy:
             if not isinstance(policy, TeamPolicy):
                 continue
             if isinstance(event, ChatReceived) and event.seat:
+                policy.hear(event.seat, event.text, event.signal)
+            if isinstance(event, TeamTold):
                 policy.hear(event.seat, event.text)
             if isinstance(event, RosterChanged):
                 self._meet()
@@ -128,8 +132,13 @@ class SeatPolicy:
 
     def _say(self) -> None:
         if isinstance(self._policy, TeamPolicy):
-            for text in self._policy.speak():
-                self._game.say(text)
+            for speech in self._policy.speak():
+                if speech.to_bots:
+                    self._game.note(TEAM_TOPIC, speech.text)
+                elif speech.signal is not None:
+                    self._game.signal(*speech.signal)
+                else:
+                    self._game.say(speech.text)
 
     def _copy(self, state: State) -> State:
         if self._world is None or self._world.task != state.world.task:

@@ -11,6 +11,7 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.unmet import Unmet, only_words
 from robotouille.world.world import State, World
 
@@ -136,9 +137,18 @@ class ActRejected:
 
 @dataclass(frozen=True, slots=True)
 class ChatReceived:
-    """A participant wrote in the chat."""
+    """A participant wrote in the chat, or sent a signal. `text` is then the signal's sentence."""
 
     name: str
+    seat: str
+    text: str
+    signal: Signal | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TeamTold:
+    """Another bot of the episode sent a note to all bots. People do not receive it."""
+
     seat: str
     text: str
 
@@ -202,6 +212,7 @@ GameEvent = (
     | ObservationReceived
     | ActRejected
     | ChatReceived
+    | TeamTold
     | ChatRepeated
     | ChatRejected
     | Announced

@@ -18,6 +18,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Intent, signal_from
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State, World, shared_world
 from robotouille_client.sansio.game_events import (
@@ -33,13 +34,15 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
     StateChanged,
     TakenStep,
+    TeamTold,
     unmet_from,
 )
 from robotouille_client.sansio.sent_actions import RequestedAction, SentActions, wire_action
 
 # Errors that answer a chat message or note. `say` and `note` have no `ref` to match.
 CHAT_ERRORS = frozenset({
-    ErrorCode.CHAT_OFF, ErrorCode.CHAT_PHRASE, ErrorCode.SEAT_MUTED, ErrorCode.RATE_WORDS,
+    ErrorCode.CHAT_OFF, ErrorCode.CHAT_PHRASE, ErrorCode.CHAT_TARGET, ErrorCode.SEAT_MUTED,
+    ErrorCode.RATE_WORDS,
 })  # fmt: skip
 
 
@@ -278,6 +281,22 @@ class GameReplica:
         """Send a chat message to all participants."""
         self._outgoing.append(messages.Say(text=text))
 
+    def signal(self, intent: str, target: str = "", seat: str | None = None) -> None:
+        """Send a signal to all participants.
+
+        Args:
+            intent: `need`, `yours`, `look`, `wait` or `thanks`.
+            target: The station, item or player that it points at; empty for none.
+            seat: The client's seat that signals; its first one by default.
+
+        Raises:
+            ProtocolError: `seat/none` or `seat/unknown`: not the client's seat.
+            ValueError: There is no such intent.
+        """
+        owner = self._seat_field(self._own_seat(seat))
+        signal = messages.Signal(intent=Intent(intent), target=target or None, seat=owner)
+        self._outgoing.append(signal)
+
     def note(self, topic: str, text: str, seat: str | None = None) -> None:
         """Add a text of any length to the recording that no participant sees.
 
@@ -344,12 +363,16 @@ class GameReplica:
                 self._observe(message, now)
             case messages.Rejected():
                 self._rejected(message, now)
+            case messages.Told():
+                self._emit(TeamTold(message.seat, message.text))
             case messages.Said():
                 # After a resume, the server repeats chat lines. Servers without numbered lines send
                 # 0.
                 if message.number > self.said or message.number == 0:
                     self.said = max(self.said, message.number)
-                    self._emit(ChatReceived(message.name, message.seat, message.text))
+                    signal = signal_from(message.intent, message.target)
+                    chat = ChatReceived(message.name, message.seat, message.text, signal)
+                    self._emit(chat)
                 elif message.number in self._repeatable:
                     # A new program that returns to a game receives the recent chat.
                     self._repeatable = range(message.number + 1, self._repeatable.stop)

@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.places import capitalised
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.world import State, World
 
 NEWS = "·"
@@ -188,8 +189,8 @@ class View:
 class GameSource(Protocol):
     """Game shown in a window: on a server, in this process, or a replay.
 
-    Sources in which nobody plays, such as replays, inherit `act`, `say` and `be_ready`, which
-    do nothing.
+    Sources in which nobody plays, such as replays, inherit `act`, `say`, `signal` and
+    `be_ready`, which do nothing.
     """
 
     def view(self) -> View:
@@ -202,6 +203,10 @@ class GameSource(Protocol):
 
     def say(self, text: str) -> None:
         """Send a chat message."""
+        return
+
+    def signal(self, signal: Signal) -> None:
+        """Send a signal."""
         return
 
     def be_ready(self, ready: bool) -> None:

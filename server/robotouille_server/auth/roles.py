@@ -25,7 +25,7 @@ class Role(StrEnum):
 _ORDER = tuple(Role)
 
 _WATCHING = frozenset({"hello", "join", "leave", "resync", "get_rendering", "get_picture"})
-_PLAYING = _WATCHING | {"ready", "act", "say", "note"}
+_PLAYING = _WATCHING | {"ready", "act", "say", "signal", "note"}
 _HOSTING = _PLAYING | {"list", "create", "close"}
 _ALL = frozenset(str(model.model_fields["type"].default) for model in messages.CLIENT_MESSAGES)
 

@@ -401,6 +401,9 @@ class Mirror:
     def set_ready(self, session: Session, ready: bool) -> None:
         session.own_seat(None)
 
+    def signal(self, session: Session, request: messages.Signal) -> None:
+        session.own_seat(request.seat)
+
     def note(self, session: Session, request: messages.Note) -> None:
         session.own_seat(request.seat)
 

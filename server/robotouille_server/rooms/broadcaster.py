@@ -14,7 +14,9 @@ from pydantic import BaseModel
 from robotouille.episode import (
     ActionRejected,
     ChatPosted,
+    Controller,
     Episode,
+    Noted,
     Outcome,
     PauseReason,
     Phase,
@@ -381,9 +383,21 @@ class Broadcaster:
             name=event.name,
             seat=event.player,
             text=event.text,
+            intent=event.intent,
+            target=event.target,
         )
         self._said.append(said)
         self.send_all(said)
+
+    def publish_told(self, event: Noted) -> None:
+        """Send a bot's text for its team to the other bots."""
+        sender = self.holder(event.player)
+        if sender is None or sender.kind != Controller.BOT:
+            return
+        told = messages.Told(seat=event.player, text=event.text)
+        for session in self.members:
+            if session.players and session is not sender and session.kind == Controller.BOT:
+                self.send(session, told)
 
     def publish_notice(self, text: str) -> None:
         """Send an announcement of the operator."""
@@ -396,7 +410,13 @@ class Broadcaster:
         for number, note in enumerate(said, 1):
             self._said.append(
                 messages.Said(
-                    step=0, number=number, name=note["name"], seat=note["player"], text=note["text"]
+                    step=0,
+                    number=number,
+                    name=note["name"],
+                    seat=note["player"],
+                    text=note["text"],
+                    intent=note.get("intent", ""),
+                    target=note.get("target", ""),
                 )
             )
 

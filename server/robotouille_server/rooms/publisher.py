@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from robotouille.episode import (
+    TEAM_TOPIC,
     Absence,
     ActionRejected,
     AnnouncementMade,
@@ -228,8 +229,12 @@ class Publisher:
                 if event.outcome.reason is Reason.ABANDONED:
                     self._broadcaster.publish_notice(ABANDONED.format(event.outcome.detail))
                 self._broadcaster.publish_end(event.outcome)
-            case Noted() | RoundTripMeasured():
-                pass  # These are only recorded.
+            case Noted():
+                # All other notes are only recorded.
+                if event.topic == TEAM_TOPIC:
+                    self._broadcaster.publish_told(event)
+            case RoundTripMeasured():
+                pass  # This is only recorded.
             case Moderated():
                 pass  # The participant sees the consequences: `left`, or refused chat messages.
 

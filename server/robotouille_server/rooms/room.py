@@ -9,8 +9,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from robotouille.episode import Departure, Event, Moderation, PauseReason
+from robotouille.episode.quota import NOTE_BYTES
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.world.presentation.signals import Signal
 from robotouille_server.rooms.action_requests import ActionRequests
 from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.episode_driver import EpisodeDriver, EpisodeParts, Machinery
@@ -249,6 +251,15 @@ class Room:
         self.membership.check_chat(session, self.driver.now())
         self.driver.apply(self.episode.say, session.name, session.player or "", text)
         session.recorded_bytes += len(text.encode())
+
+    def signal(self, session: Session, request: messages.Signal) -> None:
+        """Post a signal of a seat."""
+        self._gate.check()
+        player = session.own_seat(request.seat)
+        self.membership.check_chat(session, self.driver.now())
+        signal = Signal(request.intent, request.target or "")
+        self.driver.apply(self.episode.signal, session.name, player, signal)
+        session.recorded_bytes += NOTE_BYTES
 
     def note(self, session: Session, request: messages.Note) -> None:
         """Record a note of a player, which nobody else sees."""

@@ -162,6 +162,16 @@ class WorkWords(Schema):
     either: Words = " or "
 
 
+class SignalWords(Schema):
+    """Sentences of the signals. `{thing}` is what a signal points at."""
+
+    need: Words = "I need {thing}, please"
+    yours: Words = "you take {thing}, please"
+    look: Words = "look at {thing}"
+    wait: Words = "wait, please"
+    thanks: Words = "thank you"
+
+
 class Language(Schema):
     """Names that people use for the objects, actions and facts of a domain. All are optional.
 
@@ -186,12 +196,14 @@ class Language(Schema):
     dishes: tuple[DishName, ...] = Field(default=(), max_length=100)
     places: PlaceWords = PlaceWords()
     work: WorkWords = WorkWords()
+    signals: SignalWords = SignalWords()
     other: Words = "the other {noun}"
 
     def with_words(self, own: Language) -> Language:
         """Return this language with the words of another laid over it, word by word."""
         work = self.work.model_copy(update=own.work.model_dump(exclude_unset=True))
         places = self.places.model_copy(update=own.places.model_dump(exclude_unset=True))
+        signals = self.signals.model_copy(update=own.signals.model_dump(exclude_unset=True))
         return Language(
             kinds={**self.kinds, **own.kinds},
             actions={**self.actions, **own.actions},
@@ -200,6 +212,7 @@ class Language(Schema):
             dishes=own.dishes or self.dishes,
             places=places,
             work=work,
+            signals=signals,
             other=own.other if "other" in own.model_fields_set else self.other,
         )
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from robotouille.episode.episode import Episode
     from robotouille.episode.events import (
+        TEAM_TOPIC,
         ActionRejected,
         AnnouncementMade,
         ChatPosted,
@@ -51,6 +52,7 @@ else:
     )
 
 __all__ = [
+    "TEAM_TOPIC",
     "Absence",
     "ActionAnswer",
     "ActionRejected",

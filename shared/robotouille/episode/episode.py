@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 
+from robotouille.domain.rendering import Language, language_of
 from robotouille.episode.events import (
     AnnouncementMade,
     ChatPosted,
@@ -34,6 +35,8 @@ from robotouille.episode.seats import ActionRequest, Seat, by_holder
 from robotouille.episode.submissions import Submissions, joint_action
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal, signal_fault, signal_text
+from robotouille.world.presentation.wording import Wording
 from robotouille.world.world import State, World
 
 DEPARTURES = {
@@ -63,7 +66,9 @@ class Episode:
 
     # A server has one episode for each room. Slots helped to reduce the memory for a room from 137
     # to 52 KiB (docs/decisions/0019).
-    __slots__ = ("_presence", "_reported", "_submissions", "pauses", "record", "step_began")
+    __slots__ = (
+        "_language", "_presence", "_reported", "_submissions", "pauses", "record", "step_began",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -82,6 +87,7 @@ class Episode:
         # The reasons in the last `Paused` event. Comparing with them avoids an event, and a note in
         # the recording, for each call that changes nothing.
         self._reported: tuple[PauseReason, ...] = ()
+        self._language: Language | None = None
         self._presence.update(now)
 
     # Reading
@@ -587,9 +593,43 @@ class Episode:
             ProtocolError: `episode/ended`, `seat/unknown`, `chat/off`, `chat/phrase`, or
                 `rate/words` if the quota of the seat, or of all spectators, is used up.
         """
+        self.record.check_open()
+        self._check_chat(text)
+        self._post(name, player, text, now)
+
+    def signal(self, name: str, player: str, signal: Signal, now: float) -> None:
+        """Post a signal of a seat to everybody in the episode, with a sentence that states it.
+
+        Args:
+            name: The sender's name.
+
+        Raises:
+            ProtocolError: `episode/ended`, `seat/unknown`, `chat/off` or `chat/phrase` if the rules
+                permit no signals, `chat/target` if the signal cannot point at this, or
+                `rate/words`.
+        """
         record = self.record
         record.check_open()
-        self._check_chat(text)
+        record.seat(player)
+        if record.rules.chat not in (Chat.FREE, Chat.SIGNALS):
+            code = "chat/off" if record.rules.chat is Chat.OFF else "chat/phrase"
+            raise ProtocolError(code, "signals are off in this episode", "intent")
+        if fault := signal_fault(signal, player, record.state):
+            raise ProtocolError("chat/target", fault, "target")
+        self._post(name, player, self._sentence(signal, player), now, signal)
+
+    def _sentence(self, signal: Signal, player: str) -> str:
+        record = self.record
+        if self._language is None:
+            self._language = language_of(self.world.task)
+        names = {p: seat.name for p, seat in record.seats.items() if seat.name and p != player}
+        wording = Wording(self.world, self._language, names=names)
+        return signal_text(signal, record.state, wording)
+
+    def _post(
+        self, name: str, player: str, text: str, now: float, signal: Signal | None = None
+    ) -> None:
+        record = self.record
         # Spectators share one quota, because the task limits the number of seats, but not the
         # number of spectators.
         quota = record.seat(player).quota if player else record.audience_quota
@@ -598,12 +638,17 @@ class Episode:
         if player:
             record.seat(player).tally.said += 1
         record.said += 1
-        record.emit(ChatPosted(name, player, text, record.elapsed(now), record.said))
+        intent, target = signal or ("", "")
+        time = record.elapsed(now)
+        record.emit(ChatPosted(name, player, text, time, record.said, str(intent), target))
 
     def _check_chat(self, text: str) -> None:
         rules = self.record.rules
         if rules.chat is Chat.OFF:
             raise ProtocolError("chat/off", "chat is off in this episode", "text")
+        if rules.chat is Chat.SIGNALS:
+            message = "only signals can be sent in this episode"
+            raise ProtocolError("chat/phrase", message, "text")
         # The episode checks this, because a study must be able to rely on it for every client.
         if rules.chat is Chat.PHRASES and text not in rules.phrases:
             listed = ", ".join(map(repr, rules.phrases))

@@ -14,6 +14,7 @@ from robotouille.episode.lifecycle import Controller, PauseReason
 from robotouille.episode.tallies import SeatTally
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom
+from robotouille.world.presentation.signals import Signal, signal_from
 from robotouille.world.unmet import Attempt, Unmet, UnmetKind
 from robotouille.world.world import State
 
@@ -247,13 +248,27 @@ class QuotaReached:
 
 @dataclass(frozen=True, slots=True)
 class ChatPosted:
-    """A chat message. `number` counts the messages of the episode from 1."""
+    """A chat message. `number` counts the messages of the episode from 1.
+
+    A signal has an `intent`, and possibly a `target`; `text` is then its sentence.
+    """
 
     name: str
     player: str
     text: str
     time: float
     number: int = 0
+    intent: str = ""
+    target: str = ""
+
+    @property
+    def signal(self) -> Signal | None:
+        """The signal, or None for other messages."""
+        return signal_from(self.intent, self.target)
+
+
+TEAM_TOPIC = "team"
+"""Topic of notes that bots send to each other."""
 
 
 @dataclass(frozen=True, slots=True)

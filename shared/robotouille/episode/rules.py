@@ -60,9 +60,10 @@ class Clock(StrEnum):
 
 
 class Chat(StrEnum):
-    """Permitted chat: any text, one of the phrases in the rules, or none."""
+    """Permitted chat: anything, signals only, the phrases in the rules, or nothing."""
 
     FREE = "free"
+    SIGNALS = "signals"
     PHRASES = "phrases"
     OFF = "off"
 

@@ -130,7 +130,9 @@ class ErrorCode(StrEnum):
     CHAT_OFF = "chat/off"
     """Chat is off in this episode."""
     CHAT_PHRASE = "chat/phrase"
-    """Only the phrases in the rules may be sent in this episode."""
+    """Only signals, or only the phrases in the rules, may be sent in this episode."""
+    CHAT_TARGET = "chat/target"
+    """The signal has no target, or cannot point at it."""
 
     ACTION_INVALID = "action/invalid"
     """The action's preconditions do not hold, it is another player's turn, or the action moves

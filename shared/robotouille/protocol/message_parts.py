@@ -219,7 +219,7 @@ class RulesRow(TypedDict, total=False):
         float, Field(description="Seconds for which the episode waits for its first participant.")
     ]
     countdown: Annotated[float, Field(description="Seconds of countdown before the start.")]
-    chat: Annotated[Known[Chat], Field(description="`free`, `phrases` or `off`.")]
+    chat: Annotated[Known[Chat], Field(description="`free`, `signals`, `phrases` or `off`.")]
     phrases: Annotated[
         list[str], Field(description="The permitted chat messages, if `chat` is `phrases`.")
     ]

@@ -65,6 +65,7 @@ from robotouille.protocol.message_parts import (
     Why,
     WorkerAddress,
 )
+from robotouille.world.presentation.signals import Intent
 from robotouille.world.text import MAX_SENTENCE
 
 __all__ = [
@@ -113,8 +114,10 @@ __all__ = [
     "SeatInfo",
     "Seen",
     "ServerMessage",
+    "Signal",
     "Snapshot",
     "TallyRow",
+    "Told",
     "View",
     "Welcome",
     "Why",
@@ -234,8 +237,8 @@ class Create(Message):
     )
     chat: ByValue[Chat] | None = Field(
         default=None,
-        description="Permitted chat: anything (`free`, the default), the `phrases`, or nothing "
-        "(`off`).",
+        description="Permitted chat: anything (`free`, the default), `signals` only, the "
+        "`phrases`, or nothing (`off`).",
     )
     phrases: Annotated[list[Phrase], Field(max_length=MAX_PHRASES)] = Field(
         default=[], description="The permitted chat messages, if `chat` is `phrases`."
@@ -389,8 +392,29 @@ class Say(Message):
     )
 
 
+class Signal(Message):
+    """Send a signal to everybody in the episode. The server writes its sentence."""
+
+    type: Literal["signal"] = "signal"
+    intent: ByValue[Intent] = Field(
+        description="`need`: leave this station or hand over this item; `yours`: take care of "
+        "this; `look`: look at this; `wait`; or `thanks`."
+    )
+    target: Identifier | None = Field(
+        default=None,
+        description="The station, item or player that it points at; required for `need` (not a "
+        "player), `yours` and `look`.",
+    )
+    seat: Identifier | None = Field(
+        default=None, description="The seat that signals; by default the client's first."
+    )
+
+
 class Note(Message):
-    """Add text to the recording, such as a model's prompt and answer. No participant sees it."""
+    """Add text to the recording, such as a model's prompt and answer. No participant sees it.
+
+    Only notes of bots with the topic `team` are sent to the other bots of the episode.
+    """
 
     type: Literal["note"] = "note"
     topic: Annotated[Identifier, Line] = Field(
@@ -750,6 +774,16 @@ class Said(FromServer):
     name: str = Field(description="The sender's name.")
     seat: str = Field(default="", description="The sender's seat; empty for a spectator.")
     text: str = Field(description="The message.")
+    intent: str = Field(default="", description="The intent, if the message is a signal.")
+    target: str = Field(default="", description="What the signal points at.")
+
+
+class Told(FromServer):
+    """A note with the topic `team` of another bot. Only bots receive it."""
+
+    type: Literal["told"] = "told"
+    seat: str = Field(description="The sender's seat.")
+    text: str = Field(description="The text.")
 
 
 class Notice(FromServer):
@@ -838,6 +872,7 @@ ClientMessage = Annotated[
     | Leave
     | Act
     | Say
+    | Signal
     | Note
     | GetRendering
     | GetPicture
@@ -858,6 +893,7 @@ ServerMessage = Annotated[
     | Observation
     | Rejected
     | Said
+    | Told
     | Notice
     | Roster
     | Ended

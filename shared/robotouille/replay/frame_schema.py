@@ -284,6 +284,8 @@ class SaidNote(NoteFields):
     name: str
     player: str
     text: str
+    intent: str = ""
+    target: str = ""
 
 
 class NotedNote(NoteFields):

@@ -202,5 +202,5 @@ def test_requests_fit_the_current_state() -> None:
         walk = next(a for a in state.actions("robot2") if a.arguments[-1] == "table7")
         for action in (walk, world.action("place-item", "robot2", "bottombun1", "table7")):
             bot.observe([("robot2", action, True)] if puts else [])
-        asked = [text for text in bot.speak() if text.startswith("Can you")]
+        asked = [said.text for said in bot.speak() if said.text.startswith("Can you")]
         assert asked == ([] if puts else ["Can you put down the bottom bun?"])

@@ -17,6 +17,7 @@ from robotouille.planning.policies import (
     RandomPolicy,
     TeamPolicy,
 )
+from robotouille.planning.policies.policy import Speech
 from robotouille.planning.policies.standing import standing_at, walks_aside
 from robotouille.planning.policies.team_talk import (
     VERSION,
@@ -29,6 +30,7 @@ from robotouille.planning.policies.team_talk import (
     requested,
 )
 from robotouille.planning.search.unsolvable import ReachabilityCheck
+from robotouille.world.presentation.signals import Signal, signal_text
 from robotouille.world.presentation.wording import Wording
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, RandomWalker, TeamGame, play_team
@@ -155,11 +157,11 @@ class Asked(Idle):
     def meet(self, kinds: Any, clock: str) -> None:
         pass
 
-    def hear(self, player: str, text: str) -> None:
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
         if text.startswith("I need"):
             self.asked = text
 
-    def speak(self) -> list[str]:
+    def speak(self) -> list[Speech]:
         return []
 
     def act(self, state: Any) -> Any:
@@ -225,15 +227,16 @@ class Stranger(RandomWalker):
 
     def __init__(self, player: str, seed: int, *, travel: bool) -> None:
         super().__init__(player, seed, travel=travel)
-        self._said = [f"I plan for all bots of my version (team planner {VERSION + 1})"]
+        text = f"I plan for all bots of my version (team planner {VERSION + 1})"
+        self._said = [Speech(text, to_bots=True)]
 
     def meet(self, kinds: Any, clock: str) -> None:
         pass
 
-    def hear(self, player: str, text: str) -> None:
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
         pass
 
-    def speak(self) -> list[str]:
+    def speak(self) -> list[Speech]:
         said, self._said = self._said, []
         return said
 
@@ -267,10 +270,12 @@ def test_requests_are_understood() -> None:
     world = World(load_task("multi_agent/01"))
     words, start = Wording(world, language_of(world.task)), world.initial
     sink = next(o.name for o in world.initial.objects if o.type == "station")
-    assert announced_version(announcement()) == VERSION
+    assert announced_version(announcement().text) == VERSION
     assert announced_version("team planner 1") is None
     for station in world.floor.stations:
-        asked = request(station, start, words)
+        sent = request(station).signal
+        assert sent is not None
+        asked = signal_text(sent, start, words)
         reported = [each for each in world.floor.stations if requested(asked, each, start, words)]
         assert reported == [station]
     assert requested(f"I need {sink}: please make way, robot1", sink, start, words)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import (
+    TEAM_TOPIC,
     ActionRejected,
     ActionRequest,
     ChatPosted,
@@ -19,7 +21,9 @@ from robotouille.episode import (
 )
 from robotouille.episode.lifecycle import PauseReason
 from robotouille.errors import ProtocolError
+from robotouille.planning.policies.policy import Speech
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
@@ -171,7 +175,7 @@ class LocalSource(GameSource):
         self._feedback.show_speech(
             event.name, event.player, event.text, self._episode.state, self._wording
         )
-        self._partners.hear(event.player, event.text)
+        self._partners.hear(event.player, event.text, event.signal)
 
     def _ask_bots(self) -> None:
         """Ask the bots that may act for a decision."""
@@ -190,8 +194,8 @@ class LocalSource(GameSource):
         episode = self._episode
         if not episode.ended:
             self._answers.update((each.player, each) for each in self._partners.answers())
-            for player, text in self._partners.spoken():
-                episode.say(self._bots[player], player, text, self._now())
+            for player, speech in self._partners.spoken():
+                self._speak(player, speech)
             for text in self._partners.news():
                 self._chat_log.add_game_event(text)
         # Answers that arrive during the countdown are kept until the game runs.
@@ -205,6 +209,18 @@ class LocalSource(GameSource):
             if not late or (action and episode.world.applicable(episode.state, action)):
                 self._decided[player] = episode.step
                 self._submit(player, action, waits=decision.waits)
+
+    def _speak(self, player: str, speech: Speech) -> None:
+        """Publish or record what a bot says."""
+        episode, now = self._episode, self._now()
+        if speech.to_bots:
+            episode.note(player, TEAM_TOPIC, speech.text, now)
+        elif speech.signal is not None:
+            # The bot may have decided some steps ago, and the item may be gone.
+            with suppress(ProtocolError):
+                episode.signal(self._bots[player], player, speech.signal, now)
+        else:
+            episode.say(self._bots[player], player, speech.text, now)
 
     def _submit(self, player: str, action: GroundAction | None, *, waits: bool = False) -> None:
         self._seq[player] += 1
@@ -252,6 +268,12 @@ class LocalSource(GameSource):
 
     def act(self, action: GroundAction) -> None:
         self._submit(self._me, action)
+
+    def signal(self, signal: Signal) -> None:
+        try:
+            self._episode.signal(self._name, self._me, signal, self._now())
+        except ProtocolError as error:
+            self._chat_log.happened(error.message)
 
     def say(self, text: str) -> None:
         try:

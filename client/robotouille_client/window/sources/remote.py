@@ -10,6 +10,7 @@ from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille_client.game import Game
@@ -287,6 +288,10 @@ class RemoteSource(GameSource):
 
     def say(self, text: str) -> None:
         self._game.say(text)
+
+    def signal(self, signal: Signal) -> None:
+        if self._game.own_seats:
+            self._game.signal(*signal)
 
     def be_ready(self, ready: bool) -> None:
         # Spectators have no seat to get ready for, and send the server nothing.

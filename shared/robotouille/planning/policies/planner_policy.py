@@ -24,6 +24,7 @@ from functools import cached_property
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
+from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.plan_watch import (
     PastStep,
     PlanBase,
@@ -31,7 +32,7 @@ from robotouille.planning.policies.plan_watch import (
     Teammates,
     facts_about,
 )
-from robotouille.planning.policies.policy import Did, Script, does_something
+from robotouille.planning.policies.policy import Did, Script, Speech, does_something
 from robotouille.planning.policies.standing import (
     leads_to,
     standing_at,
@@ -59,6 +60,7 @@ from robotouille.planning.policies.team_talk import (
 )
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Intent, Signal, understood
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.presentation.work import Occupancy
 from robotouille.world.world import State, World
@@ -84,9 +86,6 @@ MAX_WORKED = 64
 
 POLITE = 3
 """Steps for which a seat waits for participants outside the team before it makes way for them."""
-
-YIELDING = 4
-"""Steps for which a seat stays away from a station that it left on request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +155,8 @@ class PlannerPolicy:
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
         self._worked: deque[tuple[int, str]] = deque(maxlen=MAX_WORKED)
-        self._step = self._waited = self._yielding_until = 0
+        self._step = self._waited = 0
+        self._courtesy = Courtesy(player, self._step_aside)
         self._drop_plan()
 
     # Events, which arrive in the same order at every seat
@@ -182,8 +182,8 @@ class PlannerPolicy:
             elif kind:
                 self._leave_out({player})
 
-    def hear(self, player: str, text: str) -> None:
-        """Process a bot's announcement of its version, or a request to leave a place."""
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+        """Process a bot's announcement of its version, or a request."""
         version = announced_version(text)
         if version == VERSION:
             self._unlike.discard(player)
@@ -195,9 +195,19 @@ class PlannerPolicy:
             self._unlike.add(player)
             self._leave_out({player})
         elif player not in self._team and self._state is not None:
-            station = standing_at(self._state, self.player)
-            if station is not None and requested(text, station, self._state, self._wording):
-                self._yielding_until = self._step + YIELDING
+            if signal is None:
+                station = standing_at(self._state, self.player)
+                if station is not None and requested(text, station, self._state, self._wording):
+                    signal = Signal(Intent.NEED, station)
+                else:
+                    signal = understood(text, self._state, self._wording)
+            if signal is not None:
+                self._heed(signal, self._state)
+
+    def _heed(self, signal: Signal, state: State) -> None:
+        self._courtesy.asked(signal, state, self._step)
+        if signal.intent is Intent.YOURS:
+            self._talk.announce_again()
 
     def observe(self, did: Did) -> None:
         """Process all actions of a step. Called once for each step, before `act`."""
@@ -232,32 +242,32 @@ class PlannerPolicy:
             if not verdict.keep:
                 self._drop_plan(past)
 
-    def speak(self) -> list[str]:
-        """Return the new chat messages since the last call."""
+    def speak(self) -> list[Speech]:
+        """Return what this seat says since the last call."""
         if self._talk.may_ask(self._step):
             wish = self._wish()
-            if wish:
+            if wish is not None:
                 self._talk.ask(wish, self._step)
         others = (p for p in self._world.players if p != self.player)
         among_bots = any(self._known.get(player, "bot") == "bot" for player in others)
         return self._talk.speak(among_bots=among_bots)
 
-    def _wish(self) -> str:
-        """Return this seat's request on behalf of the team, or an empty text."""
+    def _wish(self) -> Speech | None:
+        """Return this seat's request on behalf of the team, if there is one."""
         state, watch = self._state, self._followed
         # Only the first seat of a team asks, so that no request is sent twice.
         if state is None or watch is None or state.goal_reached or self.player != min(self._team):
-            return ""
+            return None
         others = self._outsiders
         missing = None
         if watch.assumption is Assumption.EVERYBODY and watch.is_stuck:
             missing = missing_action(watch.script, state, others, self._rules)
         elif watch.assumption is not Assumption.OTHERS_ASIDE:
-            return ""
+            return None
         if missing is not None:
-            return appeal(self._own(missing), state, self._wording)
+            return Speech(appeal(self._own(missing), state, self._wording))
         station = station_in_the_way(watch.script.rest(self._team), state, others)
-        return "" if station is None else request(station, state, self._wording)
+        return None if station is None else request(station)
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
@@ -314,8 +324,8 @@ class PlannerPolicy:
         # A busy player's actions are rejected, so planning can wait.
         if state.goal_reached or state.busy_steps(self.player):
             return None
-        if self._yielding_until > self._step:
-            return self._step_aside(state)
+        if self._courtesy.at_work(self._step):
+            return self._courtesy.act(state, self._step)
         # The steps that passed during planning may already contradict the new plan.
         for _ in range(MAX_CATCHING_UP):
             if self._needed is not None:
@@ -328,6 +338,8 @@ class PlannerPolicy:
         elif self._may_improve and self._step % RECONSIDER == 0:
             self._improve_together(state)
         action = self._scripted(state)
+        if action is not None and self._courtesy.refrains(action, state, self._step):
+            return None
         if action is None and self._is_idle(state):
             return self._step_aside(state)
         if self._waits_for_others(state, action):
@@ -346,7 +358,7 @@ class PlannerPolicy:
         state, script = self._state, self._script
         if state is None or state.goal_reached or state.busy_steps(self.player):
             return False
-        if script is None or self._waited or self._yielding_until > self._step:
+        if script is None or self._waited or self._courtesy.at_work(self._step):
             return True
         return script.waits(state) or (script.finished and not (self.has_plan or self._only))
 

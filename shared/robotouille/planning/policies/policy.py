@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.standing import standing_at, walk_to
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.world import State, World
 
 Did = Sequence[tuple[str, GroundAction, bool]]
@@ -27,6 +28,17 @@ class Policy(Protocol):
 
     def observe(self, did: Did) -> None:
         """Process all actions of a step. Called once for each step, before `act`."""
+
+
+class Speech(NamedTuple):
+    """Something that a policy says: a chat message, a signal, or a text for bots alone.
+
+    A signal needs no text.
+    """
+
+    text: str = ""
+    signal: Signal | None = None
+    to_bots: bool = False
 
 
 @runtime_checkable
@@ -44,11 +56,14 @@ class TeamPolicy(Policy, Protocol):
         Kinds are `bot`, `human`, `model`, `absent` and others, or empty for a free seat.
         """
 
-    def hear(self, player: str, text: str) -> None:
-        """Process a chat message. The policy's own messages are included."""
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+        """Process a chat message, a signal with its sentence, or what a bot tells all bots.
 
-    def speak(self) -> list[str]:
-        """Return the new chat messages since the last call."""
+        The policy's own messages are included, except those to bots.
+        """
+
+    def speak(self) -> list[Speech]:
+        """Return what the policy says since the last call."""
 
 
 def waits(policy: Policy) -> bool:

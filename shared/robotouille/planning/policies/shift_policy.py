@@ -10,9 +10,11 @@ from robotouille.planning.policies.planner_policy import (
     PlannerOptions,
     PlannerPolicy,
 )
-from robotouille.planning.policies.policy import Did, waits
+from robotouille.planning.policies.policy import Did, Speech, waits
+from robotouille.planning.policies.team_talk import announced_version
 from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.world import State, World
 
 MAX_HEARD = 64
@@ -47,7 +49,7 @@ class ShiftPolicy:
         self._order = -1
         self._met: tuple[dict[str, str], str] | None = None
         self._heard: list[tuple[str, str]] = []
-        self._spoken: set[str] = set()
+        self._spoken: set[Speech] = set()
 
     @property
     def anticipating(self) -> bool:
@@ -82,8 +84,8 @@ class ShiftPolicy:
         )
         if self._met is not None:
             policy.meet(*self._met)
-        for player, text in self._heard:
-            policy.hear(player, text)
+        for heard in self._heard:
+            policy.hear(*heard)
         return policy
 
     # Events
@@ -98,17 +100,18 @@ class ShiftPolicy:
         if self._policy is not None:
             self._policy.meet(kinds, clock)
 
-    def hear(self, player: str, text: str) -> None:
-        if (player, text) not in self._heard:
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+        # Requests are for the moment. Only what bots tell each other counts for the next order.
+        if announced_version(text) is not None and (player, text) not in self._heard:
             self._heard = [*self._heard[-MAX_HEARD:], (player, text)]
         if self._policy is not None:
-            self._policy.hear(player, text)
+            self._policy.hear(player, text, signal)
 
-    def speak(self) -> list[str]:
-        """Return new chat messages; the policy of a later order may repeat earlier ones."""
+    def speak(self) -> list[Speech]:
+        """Return new messages; the policy of a later order may repeat earlier ones."""
         said = [] if self._policy is None else self._policy.speak()
-        new = [text for text in said if text not in self._spoken]
-        self._spoken.update(new)
+        new = [speech for speech in said if speech not in self._spoken]
+        self._spoken.update(speech for speech in new if speech.to_bots)
         return new
 
 
@@ -141,9 +144,9 @@ def play_shift(
         for bot in bots.values():
             bot.observe(did)
         for player, bot in bots.items():
-            for text in bot.speak():
+            for speech in bot.speak():
                 for other in bots.values():
-                    other.hear(player, text)
+                    other.hear(player, speech.text, speech.signal)
         state = step.state
         watch(state)
     return Plan(tuple(steps)), state

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from robotouille.errors import RobotouilleError, did_you_mean
-from robotouille.planning.policies.policy import Did, Policy, TeamPolicy, waits
+from robotouille.planning.policies.policy import Did, Policy, Speech, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.world import State
 
 
@@ -188,9 +189,9 @@ class SkilledPolicy:
         if isinstance(self._policy, TeamPolicy):
             self._policy.meet(kinds, clock)
 
-    def hear(self, player: str, text: str) -> None:
+    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
         if isinstance(self._policy, TeamPolicy):
-            self._policy.hear(player, text)
+            self._policy.hear(player, text, signal)
 
-    def speak(self) -> list[str]:
+    def speak(self) -> list[Speech]:
         return self._policy.speak() if isinstance(self._policy, TeamPolicy) else []

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from robotouille.planning.policies.policy import Speech
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
@@ -32,9 +34,10 @@ _APPEAL = re.compile(r"can you\b.*\?\s*$", re.IGNORECASE)
 _REQUEST = re.compile(r"\b(need|make way|please)\b", re.IGNORECASE)
 
 
-def announcement() -> str:
-    """Return the message that announces that a bot plans for all bots of its version."""
-    return f"I plan for all bots of my version (team planner {VERSION})"
+def announcement() -> Speech:
+    """Return the text that tells other bots that this one plans for all bots of its version."""
+    text = f"I plan for all bots of my version (team planner {VERSION})"
+    return Speech(text, to_bots=True)
 
 
 def announced_version(text: str) -> int | None:
@@ -56,9 +59,9 @@ def next_intention(text: str) -> str:
 
 # Requests and appeals are plain sentences in the words of the window, so that people and models
 # understand them. Bots recognise them with the patterns above.
-def request(station: str, state: State, wording: Wording) -> str:
+def request(station: str) -> Speech:
     """Return the request to leave a station."""
-    return f"I need {wording.place(station, state)}, please"
+    return Speech(signal=Signal(Intent.NEED, station))
 
 
 def appeal(action: GroundAction, state: State, wording: Wording) -> str:
@@ -122,24 +125,24 @@ def no_plan_text() -> str:
     return "I found no way to the goal from here"
 
 
+NOTHING = Speech()
+"""Request that has not been made."""
+
+
 class Talk:
     """Chat messages of one seat, or none if `silent`."""
 
     def __init__(self, *, silent: bool) -> None:
         self._silent = silent
-        self._said: list[str] = []
+        self._said: list[Speech] = []
         self._announces = not silent
         self._asked = self._told = -INSIST
-        self._last_asked = self._last_told = ""
-        self._helpless = False
+        self._last_asked = NOTHING
+        self._last_told = ""
+        self._helpless = self._allowed = False
 
-    def speak(self, *, among_bots: bool) -> list[str]:
-        """Return the new messages since the last call.
-
-        Args:
-            among_bots: True if another bot hears them. The announcement is for bots alone, and
-                would give away a bot that a study presents as a person.
-        """
+    def speak(self, *, among_bots: bool) -> list[Speech]:
+        """Return what to say since the last call; `among_bots` if another bot hears it."""
         said, self._said = self._said, []
         if self._announces and among_bots:
             self._announces = False
@@ -159,29 +162,36 @@ class Talk:
         """Announce the next actions unless the last announcement was the same."""
         if text != self._last_told:
             self._told, self._last_told = step, text
-            self._said.append(text)
+            self._said.append(Speech(text))
+
+    def announce_again(self) -> None:
+        """Let the next announcement of actions answer somebody who asked for help."""
+        self._told, self._last_told = -INSIST, ""
 
     def may_ask(self, step: int) -> bool:
         """Return whether the last request was long enough ago."""
         return not self._silent and step - self._asked >= ASK_AGAIN
 
-    def ask(self, text: str, step: int) -> None:
+    def ask(self, wish: Speech, step: int) -> None:
         """Send a request; repeat the same request only after a longer time."""
-        if self.may_ask(step) and (text != self._last_asked or step - self._asked >= INSIST):
-            self._asked, self._last_asked = step, text
-            self._said.append(text)
+        again = self._allowed or wish != self._last_asked or step - self._asked >= INSIST
+        if self.may_ask(step) and again:
+            self._asked, self._last_asked, self._allowed = step, wish, False
+            self._said.append(wish)
 
     def allow_repetition(self) -> None:
         """Allow the last request again, because other participants have done something."""
-        self._last_asked = ""
+        self._allowed = True
 
     def clear_requests(self) -> None:
-        """Forget the last request, because nothing is in the way any more."""
-        self._last_asked = ""
+        """Forget the last request, because nothing is in the way any more; give thanks for it."""
+        if self._last_asked.signal is not None:
+            self._said.append(Speech(signal=Signal(Intent.THANKS)))
+        self._last_asked = NOTHING
         self._helpless = False
 
     def report_no_plan(self) -> None:
         """Report once that there is no plan at all."""
         if not (self._silent or self._helpless):
             self._helpless = True
-            self._said.append(no_plan_text())
+            self._said.append(Speech(no_plan_text()))

@@ -1,0 +1,82 @@
+"""What a planner bot does for participants who ask it for something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from robotouille.planning.policies.aside import after, put_down
+from robotouille.planning.policies.standing import standing_at
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Intent, Signal
+from robotouille.world.scene import scene
+from robotouille.world.world import State
+
+YIELDING = 4
+"""Steps for which a seat stays away from a station that it left on request."""
+
+PAUSING = 10
+"""Steps for which a seat does nothing after `wait`."""
+
+GIVING, GIVEN = 15, 25
+"""Steps in which a seat puts down what somebody needs, and for which it leaves that alone."""
+
+
+class Courtesy:
+    """Favours of one seat.
+
+    Args:
+        step_aside: Returns a walk to an empty place, or None.
+    """
+
+    def __init__(self, player: str, step_aside: Callable[[State], GroundAction | None]) -> None:
+        self._player = player
+        self._step_aside = step_aside
+        self._yielding = self._pausing = self._giving = 0
+        self._given, self._given_until = "", 0
+
+    def asked(self, signal: Signal, state: State, step: int) -> None:
+        """Process a signal of somebody outside the team."""
+        intent, target = signal
+        if intent is Intent.WAIT and target in ("", self._player):
+            self._pausing = step + PAUSING
+        elif intent is Intent.YOURS:
+            self._yielding = self._pausing = self._giving = 0
+        elif intent is Intent.NEED and target == standing_at(state, self._player):
+            self._yielding = step + YIELDING
+        elif intent is Intent.NEED and (held := self._held_like(target, state)):
+            self._giving = step + GIVING
+            self._given, self._given_until = held, step + GIVING + GIVEN
+
+    def _held_like(self, target: str, state: State) -> str:
+        """Return the object in this seat's hand that is the target, or of its kind."""
+        if target not in state.world.thing_names:
+            return ""
+        kind = state.world.thing(target).kind
+        found = [n for n, p in scene(state).items() if p.host == self._player]
+        alike = [name for name in found if name == target or state.world.thing(name).kind == kind]
+        return alike[0] if alike else ""
+
+    def at_work(self, step: int) -> bool:
+        """Return whether the seat does something for others instead of its plan."""
+        return max(self._yielding, self._pausing, self._giving) > step
+
+    def act(self, state: State, step: int) -> GroundAction | None:
+        """Return the next action for others, or None to do nothing."""
+        if self._giving > step:
+            if self._holds_given(state):
+                way = put_down(state, self._player)
+                return way[0] if way else None
+            # Whoever needs it can now come to the station where it lies.
+            self._giving, self._yielding = 0, step + YIELDING
+            self._given_until = step + GIVEN
+        return self._step_aside(state) if self._yielding > step else None
+
+    def _holds_given(self, state: State) -> bool:
+        placed = scene(state).get(self._given)
+        return placed is not None and placed.host == self._player
+
+    def refrains(self, action: GroundAction, state: State, step: int) -> bool:
+        """Return whether an action takes back what the seat has just handed over."""
+        if step >= self._given_until or self._given not in action.arguments:
+            return False
+        return not self._holds_given(state) and self._holds_given(after(state, action))
