@@ -107,6 +107,8 @@ MOMENTS: dict[str, dict[str, Any]] = {
     "offline": {"offline": 7.0},
     "farewell": {"farewell": FarewellView("You were sent out", "The operator has done that.")},
     "notice": {"notice": "Five minutes are left.", "code": "RNYHV-KDQTA"},
+    "signal": {"bubbles": (Bubble("robot1", "I need", "chat", ("stove1",), "stove1"),
+                           Bubble("robot2", "", "chat", ("table2", "lettuce1")))},
     "won": {"outcome": "You have made the soup.", "won": True},
     "lost": {"outcome": "Out of steps.", "lost": True},
     "spectator": {"me": None, "watching": 3},

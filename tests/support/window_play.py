@@ -12,6 +12,7 @@ from typing import Any
 import pygame
 
 from robotouille import GroundAction, State, World
+from robotouille.world.presentation.signals import Signal
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.forms.form import Form
@@ -82,6 +83,8 @@ class Script(GameSource):
         self.states: list[State] = [world.initial]
         self.acted: list[GroundAction] = []
         self.said: list[str] = []
+        self.signals: list[Signal] = []
+        self.blocked: tuple[tuple[str, str, str], ...] = ()
         self.bubbles: tuple[Bubble, ...] = ()
         self.slow = slow
         self.step_seconds: float | None = None
@@ -106,6 +109,7 @@ class Script(GameSource):
             me=self.me,
             bubbles=self.bubbles,
             step_seconds=self.step_seconds,
+            blocked=self.blocked,
         )
 
     def act(self, action: GroundAction) -> None:
@@ -121,6 +125,9 @@ class Script(GameSource):
 
     def say(self, text: str) -> None:
         self.said.append(text)
+
+    def signal(self, signal: Signal) -> None:
+        self.signals.append(signal)
 
 
 def at(world: World, station: str, size: tuple[int, int] = SIZE) -> tuple[int, int]:

@@ -24,6 +24,7 @@ from robotouille.certification.certificate import load_certificate
 from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.schema import InputFile
+from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.scene import scene
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.input.controls import possible, towards
@@ -361,6 +362,55 @@ def test_alt_enter_does_not_open_the_chat(table: Table) -> None:
     table.press(pygame.K_F11)
     assert not table.window._display.fullscreen
     assert pygame.display.get_surface().get_size() == SIZE
+
+
+@pytest.fixture
+def team() -> Table:
+    return Table(Script(World("multi_agent/02@3")))
+
+
+def test_signals_point_at_what_is_under_the_mouse(team: Table) -> None:
+    team.click("stove1", 2)
+    team.press(pygame.K_1, pygame.K_2, pygame.K_3, pygame.K_4, pygame.K_5)
+    assert team.source.signals == [
+        Signal(Intent.LOOK, "stove1"),
+        Signal(Intent.NEED, "stove1"),
+        Signal(Intent.YOURS, "stove1"),
+        Signal(Intent.LOOK, "stove1"),
+        Signal(Intent.WAIT),
+        Signal(Intent.THANKS),
+    ]
+
+
+def test_signals_without_a_mouse_are_about_the_own_place(team: Table) -> None:
+    team.press(pygame.K_2)
+    assert team.source.signals == [Signal(Intent.YOURS, team.here() or "")]
+    team.press(pygame.K_1)
+    assert team.overlay().prompt == "Point at what you need, then press the key again"
+    # A player whose way is blocked means the blocked station.
+    team.source.blocked = ((team.source.me, "stove1", "robot2"),)
+    team.press(pygame.K_1)
+    assert team.source.signals[1:] == [Signal(Intent.NEED, "stove1")]
+
+
+@pytest.mark.parametrize(
+    ("button", "intent"),
+    [
+        (pygame.CONTROLLER_BUTTON_LEFTSHOULDER, Intent.YOURS),
+        (pygame.CONTROLLER_BUTTON_BACK, Intent.LOOK),
+        (pygame.CONTROLLER_BUTTON_LEFTSTICK, Intent.WAIT),
+        (pygame.CONTROLLER_BUTTON_RIGHTSTICK, Intent.THANKS),
+    ],
+)
+def test_a_gamepad_sends_signals(team: Table, button: int, intent: Intent) -> None:
+    pygame.event.post(pygame.Event(pygame.CONTROLLERBUTTONDOWN, button=button, instance_id=0))
+    team.window.frame(team.source)
+    assert [signal.intent for signal in team.source.signals] == [intent]
+
+
+def test_nobody_signals_alone(table: Table) -> None:
+    table.press(pygame.K_1, pygame.K_4)
+    assert table.source.signals == []
 
 
 def test_a_mark_may_expire_during_a_frame(slow: Table) -> None:

@@ -11,13 +11,13 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
-from robotouille.episode import Clock, Episode, Rules
+from robotouille.episode import ChatPosted, Clock, Episode, Rules
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy, RandomPolicy
 from robotouille.planning.policies.standing import standing_at
-from robotouille.planning.policies.team_talk import request
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.file_names import CLOSED
 from robotouille.replay.recording import read_recording
+from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.presentation.wording import Wording
 from robotouille_client.bots.kinds import BotSetup
 from robotouille_client.bots.partners import (
@@ -37,9 +37,9 @@ from robotouille_client.window.app.local_game import (
 )
 from robotouille_client.window.app.replays_menu import recent_recordings
 from robotouille_client.window.drawing.seat_cards import status
-from robotouille_client.window.sources.feedback import Blockages, ChatLog
+from robotouille_client.window.sources.feedback import Blockages, ChatLog, Feedback
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
-from robotouille_client.window.view import NEWS
+from robotouille_client.window.view import NEWS, Bubble
 
 RULES = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=5, countdown=3.0)
 
@@ -223,13 +223,37 @@ def test_an_announcement_is_short_over_its_player() -> None:
     assert chat.lines == (("Pia", text),)
 
 
+def test_an_announcement_of_actions_shows_pictures() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    wording, chat = Wording(world, language_of(world.task)), ChatLog(timer)
+    feedback = Feedback(chat, Blockages(timer))
+    text = "Next: cut the lettuce; go to the left table"
+    feedback.show_speech(ChatPosted("Pia", "robot2", text, 0.0), "robot2", world.initial, wording)
+    assert chat.bubbles == (Bubble("robot2", "", "chat", ("lettuce1",)),)
+    assert chat.lines[-1][1] == text
+
+
+def test_a_signal_is_shown_with_what_it_points_at() -> None:
+    timer, world = Timer(), World("multi_agent/01")
+    wording, chat = Wording(world, language_of(world.task)), ChatLog(timer)
+    feedback = Feedback(chat, Blockages(timer))
+    said = ChatPosted("Pia", "robot2", "I need the stove", 0.0, 1, "need", "stove1")
+    feedback.show_speech(said, "robot2", world.initial, wording)
+    assert chat.bubbles == (Bubble("robot2", "I need", "chat", ("stove1",), "stove1"),)
+    timer.now += 4.0
+    assert chat.bubbles, "signals stay longer than other messages"
+    timer.now += 2.0
+    assert not chat.bubbles
+
+
 def test_a_request_for_a_station_lasts_while_standing_still() -> None:
     timer, world = Timer(), World("multi_agent/02")
     one, other = world.players[:2]
     here, there = (standing_at(world.initial, player) or "" for player in (one, other))
     wording = Wording(world, language_of(world.task), None, {})
     blockages = Blockages(timer)
-    blockages.said(one, request(there, world.initial, wording), world.initial, wording)
+    need = Signal(Intent.NEED, there)
+    blockages.said(one, "I need it", need, world.initial, wording)
     timer.now += 20.0
     assert blockages.at(world.initial) == ((one, there, other),)
     free = next(
@@ -240,7 +264,7 @@ def test_a_request_for_a_station_lasts_while_standing_still() -> None:
     moved = world.initial.step(world.action("move", other, there, free)).state
     assert blockages.at(moved) == ()
     assert blockages.at(world.initial) == (), "once it was free it is asked for anew"
-    blockages.said(one, request(there, world.initial, wording), world.initial, wording)
+    blockages.said(one, "I need it", need, world.initial, wording)
     timer.now += 31.0
     assert blockages.at(world.initial) == ()
 

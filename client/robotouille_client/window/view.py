@@ -102,11 +102,18 @@ class FarewellView:
 
 @dataclass(frozen=True, slots=True)
 class Bubble:
-    """Text over a player: a chat message, or the reason for a rejected action."""
+    """Text over a player: a chat message, or the reason for a rejected action.
+
+    Attributes:
+        things: Objects that the message is about. Their pictures stand for words.
+        target: Object that a signal points at. It is marked in the kitchen.
+    """
 
     player: str
     text: str
     kind: Literal["rejected", "chat"] = "rejected"
+    things: tuple[str, ...] = ()
+    target: str = ""
 
     @classmethod
     def rejection(cls, player: str, why: str) -> Bubble:

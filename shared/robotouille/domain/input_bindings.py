@@ -22,7 +22,7 @@ INPUT_FILES = FileKind(
     merge=each(mouse_click_actions=by("name"), keyboard_actions=by("name")),
 )
 
-WINDOW_KEYS = frozenset("wasdehtm")
+WINDOW_KEYS = frozenset("wasdehtm12345")
 """Letters that are not assigned to actions: they walk, use, explain, chat and mute in the window.
 
 An action with such a key would take it away from the window.

@@ -12,7 +12,7 @@ from tests.support.window_play import headless_window
 
 from robotouille import World
 from robotouille.domain.rendering import Language
-from robotouille.episode import Clock, Episode, Event, Rules
+from robotouille.episode import TEAM_TOPIC, Clock, Episode, Event, Rules
 from robotouille.episode.tallies import Activity
 from robotouille.planning.policies.team_talk import announcement
 from robotouille.replay.controllers import seatings
@@ -111,8 +111,8 @@ def test_messages_between_bots_are_hidden() -> None:
     episode = Episode(world, Rules(clock=Clock.TURN, max_steps=2))
     events: list[Event] = []
     episode.join("robot1", "ada", "human", 0.0)
-    for text in ("hello", announcement()):
-        episode.say("ada", "robot1", text, 0.0)
+    episode.say("ada", "robot1", "hello", 0.0)
+    episode.note("robot1", TEAM_TOPIC, announcement().text, 0.0)
     events += episode.events()
     history = RecordedHistory(Recording(record(episode, events)))
     said = [entry.words for entry in history.entries(0) if entry.kind is EntryKind.SAID]

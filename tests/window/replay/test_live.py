@@ -16,11 +16,10 @@ from robotouille.certification.certificate import load_certificate
 from robotouille.domain.rendering import Language
 from robotouille.episode.tallies import Activity
 from robotouille.planning import read_plan
-from robotouille.planning.policies.team_talk import announcement
 from robotouille.protocol.message_parts import SeatInfo
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
-from robotouille_client.sansio.game_events import ActRejected, Announced, ChatReceived, StateChanged
+from robotouille_client.sansio.game_events import ActRejected, Announced, StateChanged
 from robotouille_client.window.replay import live_history as live
 from robotouille_client.window.replay import workers
 from robotouille_client.window.replay.history import EntryKind
@@ -105,13 +104,6 @@ def test_own_rejections_keep_their_reasons(history: LiveHistory) -> None:
     assert entry.player == player
     assert entry.reasons == ("the table is not free",)
     assert history.marks[-1].kind is EntryKind.REJECTED
-
-
-def test_messages_between_bots_are_hidden(history: LiveHistory) -> None:
-    marks = len(history.marks)
-    history.observe(ChatReceived("bob", "robot2", announcement()))
-    assert len(history.marks) == marks
-    assert history.chat(history.length, 6) == ()
 
 
 def test_announcements_become_interludes(history: LiveHistory) -> None:

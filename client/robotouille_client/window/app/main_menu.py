@@ -80,6 +80,11 @@ _WORDS = {
     Command.CHAT: "Chat",
     Command.HELP: "Help",
     Command.SOUND: "Sound on or off",
+    Command.NEED: "I need this",
+    Command.YOURS: "You take this",
+    Command.LOOK: "Look here",
+    Command.WAIT: "Wait",
+    Command.THANKS: "Thank you",
     Command.FULLSCREEN: "Full screen",
     Command.SCREENSHOT: "Screenshot",
 }

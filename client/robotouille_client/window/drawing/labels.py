@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import pygame
 
@@ -16,6 +16,7 @@ from robotouille_client.window.drawing.label_placement import (
 from robotouille_client.window.drawing.spots import HEAD, Pose, player_area
 from robotouille_client.window.drawing.tips import Listing, Tip, Tips
 from robotouille_client.window.drawing.window_layout import Layout, UiOverlay
+from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.shapes import badge, box, pill, seat_fill, speech
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -46,6 +47,7 @@ class _Words:
     bubble: Bubble | None = None
     body: pygame.Rect | None = None
     tag: pygame.Surface | None = None
+    looks: tuple[Appearance, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,7 @@ class LabelSurroundings:
         blocked: Areas that no label may cover.
         avoided: Areas that labels cover only if no listed place is free.
         spared: Areas that labels cover only if no other place is within reach.
+        pictures: Looks of the things that bubbles are about.
     """
 
     hovered: pygame.Rect | None = None
@@ -65,6 +68,7 @@ class LabelSurroundings:
     blocked: Sequence[pygame.Rect] = ()
     avoided: Sequence[pygame.Rect] = ()
     spared: Sequence[pygame.Rect] = ()
+    pictures: Mapping[str, Appearance] = field(default_factory=dict)
 
 
 class Labels:
@@ -72,6 +76,7 @@ class Labels:
 
     def __init__(self, text: Typesetter, sprites: Sprites) -> None:
         self._text = text
+        self._sprites = sprites
         self._tips = Tips(text, sprites)
         self._places: dict[Hashable, Place] = {}
         self._tags: dict[tuple[object, ...], pygame.Surface] = {}
@@ -86,7 +91,8 @@ class Labels:
         around: LabelSurroundings,
     ) -> None:
         """Draw all labels that find a place."""
-        words = [*self._names(layout, view, poses), *self._bubbles(layout, view, poses)]
+        bubbles = self._bubbles(layout, view, poses, around.pictures)
+        words = [*self._names(layout, view, poses), *bubbles]
         tips = list(self._tips_for(layout, view, poses, overlay, around))
         keys = overlay.keys or overlay.hints or overlay.prompt or overlay.queued
         below = layout.text * 2 if keys else 0  # The key strip.
@@ -119,6 +125,9 @@ class Labels:
         for i, line in enumerate(words.lines):
             drawn = self._text.line(line, words.size, ink)
             target.blit(drawn, (area.x + pad, area.y + pad // 2 + 1 + i * step))
+        side, top = _icon(layout), area.y + pad // 2 + 1 + len(words.lines) * step
+        for i, look in enumerate(words.looks):
+            target.blit(self._sprites.of(look, side), (area.x + pad + i * side, top))
 
     # Names
 
@@ -175,15 +184,23 @@ class Labels:
 
     # Speech
 
-    def _bubbles(self, layout: Layout, view: View, poses: dict[str, Pose]) -> Iterator[_Words]:
+    def _bubbles(
+        self,
+        layout: Layout,
+        view: View,
+        poses: dict[str, Pose],
+        pictures: Mapping[str, Appearance],
+    ) -> Iterator[_Words]:
         size, pad = max(11, round(layout.text * 0.88)), _pad(layout)
         most = max(110, min(round(layout.tile * 2.6), layout.kitchen.width * 2 // 3))
         for number, bubble in enumerate(view.bubbles):
             lines = self._text.wrap_evenly(bubble.text, size, most, 5)
-            if bubble.player not in poses or not lines:
+            looks = tuple(pictures[name] for name in bubble.things if name in pictures)
+            if bubble.player not in poses or not (lines or looks):
                 continue
-            width = max(24, max(self._text.width(line, size) for line in lines) + 2 * pad)
-            height = self._text.height(size) * len(lines) + pad
+            written = max((self._text.width(line, size) for line in lines), default=0)
+            width = max(24, max(written, len(looks) * _icon(layout)) + 2 * pad)
+            height = self._text.height(size) * len(lines) + pad + bool(looks) * _icon(layout)
             x, y = layout.corner(poses[bubble.player].at)
             side, drop = layout.tile, _drop(layout)
             top, middle = round(y + HEAD * side - height - drop), round(x + side / 2)
@@ -196,10 +213,10 @@ class Labels:
                 (round(x - width), side_top),
             )
             important = _REASON if bubble.kind == "rejected" else _SAID
-            key = (bubble.player, bubble.kind, bubble.text, number)
+            key = (bubble.player, bubble.kind, bubble.text, bubble.things, number)
             label = PlacedLabel(key, (width, height + drop), choices, important, 4 * side)
             body = pygame.Rect(round(x + 0.25 * side), round(y + HEAD * side), side // 2, side)
-            yield _Words(label, lines, size, bubble, body)
+            yield _Words(label, lines, size, bubble, body, looks=looks)
 
     def _speech(
         self, target: pygame.Surface, layout: Layout, words: _Words, area: pygame.Rect
@@ -254,6 +271,10 @@ class Labels:
 
 def _pad(layout: Layout) -> int:
     return max(6, layout.text // 2)
+
+
+def _icon(layout: Layout) -> int:
+    return round(layout.tile * 0.42)
 
 
 def _drop(layout: Layout) -> int:

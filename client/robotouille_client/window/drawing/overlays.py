@@ -15,7 +15,7 @@ from robotouille.world.world import State
 from robotouille_client.window.drawing.spots import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import SceneSprites
-from robotouille_client.window.pictures.shapes import RING_STEPS, frame, ring
+from robotouille_client.window.pictures.shapes import RING_STEPS, frame, ring, seat_fill
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, INK, PAPER, mixed
@@ -44,6 +44,7 @@ class Overlays:
         poses: dict[str, Pose],
     ) -> list[pygame.Rect]:
         """Draw all signs, the most urgent on top. Return the covered areas."""
+        self._pointed_at(target, layout, view, stage, poses)
         return [
             *self._progress(target, layout, view, stage, poses),
             *self._states_of_players(target, layout, view, poses),
@@ -61,6 +62,36 @@ class Overlays:
         cell, width = layout.cell(placed.tile), max(2, layout.tile // 28)
         marked = frame(cell.size, width, layout.tile // 10, PAPER, _WASH)
         target.blit(marked, marked.get_rect(center=cell.center))
+
+    # Signals
+
+    def _pointed_at(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        view: View,
+        stage: SceneSprites,
+        poses: dict[str, Pose],
+    ) -> None:
+        """Mark what signals point at, in the colour of the player who points."""
+        for bubble in view.bubbles:
+            if not bubble.target or bubble.player not in poses:
+                continue
+            holder = _holder(stage.placed.get(bubble.target), stage, poses)
+            player = bubble.target if bubble.target in poses else holder
+            placed = stage.placed.get(bubble.target)
+            if player is not None:
+                area = pygame.Rect(layout.corner(poses[player].at), (layout.tile, layout.tile))
+            elif placed is not None and placed.tile is not None:
+                area = layout.cell(placed.tile)
+            else:
+                continue
+            colour = seat_fill(view.world.players.index(bubble.player))
+            width, inner = max(3, layout.tile // 14), -layout.tile // 5
+            corner = layout.tile // 5
+            outside, inside = area.inflate(4, 4), area.inflate(inner, inner)
+            pygame.draw.rect(target, colour, outside, width, border_radius=corner)
+            pygame.draw.rect(target, colour, inside, width // 2, border_radius=corner)
 
     # Progress
 

@@ -35,7 +35,11 @@ from robotouille_client.window.drawing.spots import (
 )
 from robotouille_client.window.drawing.tips import Listing
 from robotouille_client.window.drawing.window_layout import Layout, Strip, UiOverlay, layout
-from robotouille_client.window.pictures.appearance import AppearanceResolver, SceneSprites
+from robotouille_client.window.pictures.appearance import (
+    Appearance,
+    AppearanceResolver,
+    SceneSprites,
+)
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.preferences import Preferences
@@ -123,6 +127,7 @@ class Painter:
             ],
             avoided=_cells(place, stage),
             spared=workplaces(place, stage, view.world.floor.plain),
+            pictures=self._pictured(view, stage),
         )  # fmt: skip
         self._labels.draw(surface, place, view, poses, ui_overlay, around)
         if self._strip is not None:
@@ -147,6 +152,12 @@ class Painter:
             players.get(view.me or ""), tuple(players.values()),
             occupied(place, stage, poses), _cells(place, stage), self._panel.free,
         )  # fmt: skip
+
+    def _pictured(self, view: View, stage: SceneSprites) -> dict[str, Appearance]:
+        """Return the looks of the things that bubbles are about."""
+        names = {name for bubble in view.bubbles for name in bubble.things}
+        looks = {name: self._resolver.pictured(stage, name) for name in names}
+        return {name: look for name, look in looks.items() if look is not None}
 
     def _listed(self, view: View, stage: SceneSprites) -> Listing:
         """Return what is in or on the station under the mouse, if it is more than one object."""

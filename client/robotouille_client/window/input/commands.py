@@ -9,6 +9,8 @@ from typing import Any
 
 import pygame
 
+from robotouille.world.presentation.signals import Intent
+
 
 class Command(StrEnum):
     """Command that a key or a gamepad button stands for."""
@@ -27,6 +29,11 @@ class Command(StrEnum):
     SCREENSHOT = "screenshot"
     MENU = "menu"
     SOUND = "sound"
+    NEED = "need"
+    YOURS = "yours"
+    LOOK = "look"
+    WAIT = "wait"
+    THANKS = "thanks"
 
 
 DIRECTIONS: Mapping[Command, tuple[int, int]] = {
@@ -36,6 +43,15 @@ DIRECTIONS: Mapping[Command, tuple[int, int]] = {
     Command.DOWN: (0, -1),
 }
 """Unit vector of each direction; y points up, as in problem files."""
+
+SIGNALS: Mapping[Command, Intent] = {
+    Command.NEED: Intent.NEED,
+    Command.YOURS: Intent.YOURS,
+    Command.LOOK: Intent.LOOK,
+    Command.WAIT: Intent.WAIT,
+    Command.THANKS: Intent.THANKS,
+}
+"""Signal that each of these commands sends."""
 
 DEFAULT_KEYS: Mapping[Command, tuple[str, ...]] = {
     Command.LEFT: ("a",),
@@ -47,6 +63,11 @@ DEFAULT_KEYS: Mapping[Command, tuple[str, ...]] = {
     Command.CHAT: ("t",),
     Command.HELP: ("h",),
     Command.SOUND: ("m",),
+    Command.NEED: ("1",),
+    Command.YOURS: ("2",),
+    Command.LOOK: ("3",),
+    Command.WAIT: ("4",),
+    Command.THANKS: ("5",),
     Command.FULLSCREEN: ("f11",),
     Command.SCREENSHOT: ("f12",),
 }
@@ -115,7 +136,11 @@ _BUTTONS: dict[int, Command] = {
     pygame.CONTROLLER_BUTTON_B: Command.CANCEL,
     pygame.CONTROLLER_BUTTON_X: Command.LIST,
     pygame.CONTROLLER_BUTTON_Y: Command.HELP,
-    pygame.CONTROLLER_BUTTON_BACK: Command.HELP,
+    pygame.CONTROLLER_BUTTON_BACK: Command.LOOK,
+    pygame.CONTROLLER_BUTTON_RIGHTSHOULDER: Command.NEED,
+    pygame.CONTROLLER_BUTTON_LEFTSHOULDER: Command.YOURS,
+    pygame.CONTROLLER_BUTTON_LEFTSTICK: Command.WAIT,
+    pygame.CONTROLLER_BUTTON_RIGHTSTICK: Command.THANKS,
     pygame.CONTROLLER_BUTTON_START: Command.MENU,
     pygame.CONTROLLER_BUTTON_DPAD_LEFT: Command.LEFT,
     pygame.CONTROLLER_BUTTON_DPAD_RIGHT: Command.RIGHT,

@@ -20,6 +20,15 @@ _List = tuple[State, tuple[GroundAction, ...]]
 _Advice = tuple[tuple[str, ...], KeyRows]
 
 
+SIGNAL_WORDS = {
+    Command.NEED: "tell others: I need this (under the mouse)",
+    Command.YOURS: "you take this",
+    Command.LOOK: "look at this (also a middle click)",
+    Command.WAIT: "wait",
+    Command.THANKS: "thank you",
+}
+
+
 class PlayHints:
     """Texts about what the player can do now. Slow ones are cached for the current state.
 
@@ -109,6 +118,8 @@ class PlayHints:
             (f"{use}, right click", "do the most useful thing here"),
             (keys.words(Command.LIST), "list all actions, 1 to 9 picks one"),
         )
+        signals = ((keys.words(c), words) for c, words in SIGNAL_WORDS.items())
+        team = tuple(signals) if len(view.world.players) > 1 else ()
         window = (
             (f"{keys.words(Command.CHAT)} or Enter", "chat (Enter sends, Esc cancels)"),
             (keys.words(Command.SOUND), "sound on or off"),
@@ -117,7 +128,7 @@ class PlayHints:
             (keys.words(Command.HELP), "this help"),
             (key_words("escape"), self._escape_words(view)),
         )
-        return (*own, *controls.help(), *window) if view.me else window
+        return (*own, *controls.help(), *team, *window) if view.me else window
 
     def _escape_words(self, view: View) -> str:
         does = ["close this"]

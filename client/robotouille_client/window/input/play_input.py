@@ -7,9 +7,10 @@ from collections.abc import Callable
 import pygame
 
 from robotouille.domain.rendering import language_of
+from robotouille.world.presentation.signals import POINTING, Intent, Signal
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
-from robotouille_client.window.input.commands import DIRECTIONS, FIXED, Command, KeyMap
+from robotouille_client.window.input.commands import DIRECTIONS, FIXED, SIGNALS, Command, KeyMap
 from robotouille_client.window.input.controls import Button, Controls
 from robotouille_client.window.input.hints import PlayHints
 from robotouille_client.window.input.input_controller import MAX_CHOICES, InputController
@@ -178,6 +179,8 @@ class PlayInput:
             self.show_notice(self.controller.use(self.controls(view), key, source, view))
         elif command is Command.LIST:
             self.controller.open_list(view)
+        elif command in SIGNALS:
+            self._signal(SIGNALS[command], source, view)
         else:
             return command
         return None
@@ -218,6 +221,8 @@ class PlayInput:
             self._be_ready(source, view)
         elif target is None or view.me is None or button is None:
             return
+        elif button == "middle" and not self._binds("middle", view):
+            self._signal(Intent.LOOK, source, view)
         elif button == "right" and self._uses(target, view):
             self.show_notice(self.controller.use(self.controls(view), "", source, view))
         else:
@@ -225,11 +230,44 @@ class PlayInput:
                 self.controller.click(self.controls(view), target, button, source, view)
             )
 
+    def _signal(self, intent: Intent, source: GameSource, view: View) -> None:
+        """Send a signal about what is under the mouse, or else about the player's own place."""
+        if len(view.world.players) < 2 or view.over:
+            return
+        target = self._pointed_at(intent, view)
+        if target is None:
+            self.show_notice("Point at what you need, then press the key again")
+        else:
+            source.signal(Signal(intent, target))
+
+    def _pointed_at(self, intent: Intent, view: View) -> str | None:
+        """Return the target of a signal; empty if it needs none, None if nothing can be meant."""
+        placed, hover = scene(view.state), self.hover(view)
+        if intent is Intent.NEED and hover in view.world.players:
+            # A player is not needed, but what the player holds.
+            return next((name for name, each in placed.items() if each.host == hover), None)
+        if hover == view.me:
+            hover = None
+        if intent not in POINTING:
+            return hover if hover in view.world.players else ""
+        if hover is not None:
+            return hover
+        blocked = (station for player, station, _ in view.blocked if player == view.me and station)
+        here = placed[view.me].at if view.me is not None else None
+        return next(blocked, None if intent is Intent.NEED else here)
+
     def _uses(self, target: str, view: View) -> bool:
         """Return whether a right click is on the player's own station and has no binding."""
+        return (
+            not self._binds("right", view)
+            and view.me is not None
+            and scene(view.state)[view.me].at == target
+        )
+
+    def _binds(self, button: Button, view: View) -> bool:
+        """Return whether the domain has actions for a mouse button."""
         clicks = self.controls(view).bindings.mouse_click_actions
-        bound = any(click.input_instructions.button == "right" for click in clicks)
-        return not bound and view.me is not None and scene(view.state)[view.me].at == target
+        return any(click.input_instructions.button == button for click in clicks)
 
     def _key(self, name: str, source: GameSource, view: View) -> Command | None:
         if self._chat.typed is not None:

@@ -144,6 +144,18 @@ class AppearanceResolver:
             kind, self._role(thing.thing), asset, "" if asset else words, effects=effects
         )
 
+    def pictured(self, stage: SceneSprites, name: str) -> Appearance | None:
+        """Return the look of a station, a player or an object that is visible by itself."""
+        if name in stage.stations:
+            return stage.stations[name]
+        pieces = (piece for pile in stage.piles.values() for piece in pile)
+        found = next((piece.appearance for piece in pieces if piece.name == name), None)
+        placed = stage.placed.get(name)
+        if found is None and placed is not None and placed.thing.type in self._players:
+            number = [n for n, p in stage.placed.items() if p.thing.type in self._players]
+            return self.player(placed.thing.kind, number.index(name), "front")
+        return found
+
     def listing(self, stage: SceneSprites, host: str) -> tuple[tuple[Appearance | None, str], ...]:
         """Return everything on a station or in a player's hands, from the top down, in words."""
         listed: list[tuple[Appearance | None, str]] = []

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Clock, Controller
 from robotouille.episode.tallies import Activity, activity
-from robotouille.planning.policies.team_talk import announced_version
 from robotouille.replay.timeline import Interlude
 from robotouille.world.world import State
 from robotouille_client.game import Game
@@ -91,7 +90,7 @@ class LiveHistory(History):
         match event:
             case StateChanged() if event.step > self.length:
                 self._take(event)
-            case ChatReceived() if announced_version(event.text) is None:
+            case ChatReceived():
                 self._said.append((self.length, speaker(event.name, event.seat), event.text))
                 self._note(EntryKind.SAID, event.text, event.seat)
             case Announced():

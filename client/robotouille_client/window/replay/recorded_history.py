@@ -13,10 +13,9 @@ from typing import Any
 from robotouille.domain.related_files import rendering_path
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Task
-from robotouille.episode import Controller, RejectionKind
+from robotouille.episode import TEAM_TOPIC, Controller, RejectionKind
 from robotouille.episode.tallies import Activity
 from robotouille.errors import RecordingError, RobotouilleError
-from robotouille.planning.policies.team_talk import announced_version
 from robotouille.replay.container import MAGIC, frame_ends, frame_value
 from robotouille.replay.controllers import Seating, seating_after
 from robotouille.replay.measures import activities, rejection_kind
@@ -225,7 +224,7 @@ class RecordedHistory(History):
 
     def _add_note(self, note: dict[str, Any]) -> None:
         kind, step = note["note"], note["step"]
-        if kind == "said" and announced_version(note["text"]) is not None:
+        if kind == "noted" and note["topic"] == TEAM_TOPIC:
             return  # Bots announce their version to each other; people need not see that.
         if kind == "roster" and note["player"] in self._seatings:
             self._seatings = {**self._seatings, note["player"]: seating_after(note)}

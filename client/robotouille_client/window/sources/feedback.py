@@ -7,18 +7,21 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from robotouille.episode import ChatPosted
 from robotouille.planning.policies.team_talk import (
-    announced_version,
     appealed,
     next_intention,
     requested,
 )
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.signals import Intent, Signal, named, signal_fault, signal_text
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.presentation.work import Occupancy
 from robotouille.world.scene import Placed, scene
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State
+from robotouille_client.sansio.game_events import ChatReceived
+from robotouille_client.window.sources.texts import signal_words, speaker
 from robotouille_client.window.view import NEWS, Bubble
 
 BLOCKED_SECONDS = 30.0
@@ -55,7 +58,9 @@ class Blockages:
         self._waits: dict[tuple[str, str], float] = {}
         self._requests: dict[str, tuple[_Request, ...]] = {}
 
-    def said(self, player: str, text: str, state: State, wording: Wording) -> None:
+    def said(
+        self, player: str, text: str, signal: Signal | None, state: State, wording: Wording
+    ) -> None:
         """Read a chat message for requests to leave a station or to do something."""
         placed = scene(state)
         # Spectators have no place in the kitchen, so they cannot be held up.
@@ -64,7 +69,7 @@ class Blockages:
         asked = [
             (station, other)
             for other, station in _standing(placed)
-            if other != player and requested(text, station, state, wording)
+            if other != player and _asks_for(station, text, signal, state, wording)
         ]
         # A station says precisely what is needed; a name alone only says from whom.
         if not asked:
@@ -139,11 +144,21 @@ class Blockages:
         return tuple(found)
 
 
+def _asks_for(
+    station: str, text: str, signal: Signal | None, state: State, wording: Wording
+) -> bool:
+    if signal is None:
+        return requested(text, station, state, wording)
+    return signal == Signal(Intent.NEED, station)
+
+
 def _standing(placed: dict[str, Placed]) -> list[tuple[str, str]]:
     return [(name, each.at) for name, each in placed.items() if each.at is not None]
 
 
 BUBBLE_SECONDS = 3.0
+SIGNAL_SECONDS = 5.0
+"""Seconds for which a signal is shown: others have to find what it points at."""
 CHAT_LINES = 6
 NOTICE_SECONDS = 6.0
 READING_SECONDS = 0.06
@@ -156,6 +171,7 @@ class ChatLog:
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
         self._bubbles: list[tuple[float, Bubble]] = []
+        """Bubbles, and until when they are shown."""
         self._lines: deque[tuple[str, str]] = deque(maxlen=CHAT_LINES)
         self._notice = ""
         self._notice_until = 0.0
@@ -169,20 +185,33 @@ class ChatLog:
             words = text() if text else str(unmet[0]) if unmet else ""
             self._add(Bubble.rejection(player, words))
 
-    def said(self, name: str, player: str, text: str) -> None:
-        """Add a chat message."""
-        # Bots announce their version of the team protocol to each other; people need not see it.
-        if announced_version(text) is not None:
-            return
+    def said(
+        self,
+        name: str,
+        player: str,
+        text: str,
+        signal: Signal | None = None,
+        things: tuple[str, ...] = (),
+    ) -> None:
+        """Add a chat message, or a signal with its sentence.
+
+        Args:
+            things: Objects whose pictures tell what an announcement of actions is about.
+        """
         self._lines.append((name, text))
-        if player:
-            # The chat has the whole announcement; over a player there is room for its beginning.
-            self._add(Bubble(player, next_intention(text) or text, "chat"))
+        if not player:
+            return
+        if signal is not None:
+            words, shown = signal_words(signal.intent), (signal.target,) if signal.target else ()
+            self._add(Bubble(player, words, "chat", shown, signal.target), SIGNAL_SECONDS)
+        else:
+            # The chat has the whole announcement. Over a player, pictures say what is next.
+            words = "" if things else next_intention(text) or text
+            self._add(Bubble(player, words, "chat", things))
 
     def repeated(self, name: str, text: str) -> None:
         """Add a chat message from before the local player returned."""
-        if announced_version(text) is None:
-            self._lines.append((name, text))
+        self._lines.append((name, text))
 
     def happened(self, text: str) -> None:
         """Add a game event, such as a participant who joins."""
@@ -203,15 +232,15 @@ class ChatLog:
         # Long announcements stay longer, so that everyone has time to read them.
         self._notice_until = self._now() + NOTICE_SECONDS + READING_SECONDS * len(text)
 
-    def _add(self, bubble: Bubble) -> None:
+    def _add(self, bubble: Bubble, seconds: float = BUBBLE_SECONDS) -> None:
         # Two bubbles over one player would overlap, so the newest replaces the last.
-        kept = [(t, b) for t, b in self._bubbles if b.player != bubble.player]
-        self._bubbles = [*kept, (self._now(), bubble)]
+        kept = [(until, b) for until, b in self._bubbles if b.player != bubble.player]
+        self._bubbles = [*kept, (self._now() + seconds, bubble)]
 
     @property
     def bubbles(self) -> tuple[Bubble, ...]:
         now = self._now()
-        return tuple(b for t, b in self._bubbles if now - t < BUBBLE_SECONDS)
+        return tuple(bubble for until, bubble in self._bubbles if now < until)
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
@@ -245,8 +274,14 @@ class Feedback:
         self.blockages.refused(player, unmet, state)
 
     def show_speech(
-        self, name: str, player: str, text: str, state: State, wording: Wording
+        self, said: ChatPosted | ChatReceived, player: str, state: State, wording: Wording
     ) -> None:
-        """Show a chat message; `player` is empty for spectators."""
-        self.chat_log.said(name, player, text)
-        self.blockages.said(player, text, state, wording)
+        """Show a chat message or signal; `player` is empty for spectators."""
+        text, signal = said.text, said.signal
+        if signal is not None and not signal_fault(signal, player, state):
+            # In the words of this window.
+            text = signal_text(signal, state, wording)
+        upcoming = next_intention(text)
+        things = named(upcoming, state, wording) if upcoming else ()
+        self.chat_log.said(speaker(said.name, player), player, text, signal, things)
+        self.blockages.said(player, text, signal, state, wording)

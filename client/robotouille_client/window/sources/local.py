@@ -172,9 +172,7 @@ class LocalSource(GameSource):
         return tuple(player for player, (_, asked) in self._asked.items() if asked <= since)
 
     def _show_speech(self, event: ChatPosted) -> None:
-        self._feedback.show_speech(
-            event.name, event.player, event.text, self._episode.state, self._wording
-        )
+        self._feedback.show_speech(event, event.player, self._episode.state, self._wording)
         self._partners.hear(event.player, event.text, event.signal)
 
     def _ask_bots(self) -> None:

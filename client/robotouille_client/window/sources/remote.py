@@ -156,8 +156,7 @@ class RemoteSource(GameSource):
                     why = game.seat, event.action, event.unmet
                     self._feedback.show_rejection(*why, game.state, self._wording)
                 case ChatReceived():
-                    said = speaker(event.name, event.seat), event.seat, event.text
-                    self._feedback.show_speech(*said, game.state, self._wording)
+                    self._feedback.show_speech(event, event.seat, game.state, self._wording)
                 case ChatRepeated():
                     # No bubbles: the messages may be old.
                     self._chat_log.repeated(speaker(event.name, event.seat), event.text)

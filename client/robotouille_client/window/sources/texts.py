@@ -12,6 +12,7 @@ from robotouille.domain.loading import load_task, task_names
 from robotouille.episode import Reason
 from robotouille.errors import RobotouilleError
 from robotouille.world.presentation.places import capitalised
+from robotouille.world.presentation.signals import Intent
 from robotouille_client.window.view import FarewellView
 
 if TYPE_CHECKING:
@@ -273,3 +274,17 @@ def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:
 def joined_names(names: list[str]) -> str:
     """Return names as a list, such as `Ada, Ben and Cem`."""
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def signal_words(intent: Intent) -> str:
+    """Return the words of a signal in a bubble, where a picture shows what it points at."""
+    return _SIGNALS[intent]
+
+
+_SIGNALS = {
+    Intent.NEED: "I need",
+    Intent.YOURS: "You take",
+    Intent.LOOK: "Look!",
+    Intent.WAIT: "Wait!",
+    Intent.THANKS: "Thank you!",
+}

@@ -76,7 +76,10 @@ class Courtesy:
         return placed is not None and placed.host == self._player
 
     def refrains(self, action: GroundAction, state: State, step: int) -> bool:
-        """Return whether an action takes back what the seat has just handed over."""
-        if step >= self._given_until or self._given not in action.arguments:
+        """Return whether an action takes back, or leads to, what the seat has handed over."""
+        if step >= self._given_until or self._holds_given(state):
             return False
-        return not self._holds_given(state) and self._holds_given(after(state, action))
+        placed = scene(state).get(self._given)
+        if placed is not None and action.destination is not None:
+            return action.destination == placed.host
+        return self._given in action.arguments and self._holds_given(after(state, action))

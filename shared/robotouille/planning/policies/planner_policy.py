@@ -339,7 +339,7 @@ class PlannerPolicy:
             self._improve_together(state)
         action = self._scripted(state)
         if action is not None and self._courtesy.refrains(action, state, self._step):
-            return None
+            return self._step_aside(state)
         if action is None and self._is_idle(state):
             return self._step_aside(state)
         if self._waits_for_others(state, action):

@@ -98,13 +98,23 @@ def understood(text: str, state: State, wording: Wording) -> Signal | None:
 
 
 def _named(text: str, state: State, wording: Wording) -> str:
-    """Return the object that a text names: the longest words, and stations before items."""
+    return next(iter(named(text, state, wording)), "")
+
+
+def named(text: str, state: State, wording: Wording) -> tuple[str, ...]:
+    """Return a station and an item that a text names, each by its longest words, if there are any.
+
+    Of several items with one name, the first is returned.
+    """
     kinds = {name: wording.kind(wording.world.thing(name).kind) for name in scene(state)}
-    items = {name: noun for name, noun in kinds.items() if name not in wording.world.players}
-    found = [
-        (len(words), name)
-        for named in (wording.places(state), items)
-        for name, words in named.items()
-        if re.search(rf"\b{re.escape(words)}\b", text, re.IGNORECASE)
-    ]
-    return max(found, key=lambda each: each[0])[1] if found else ""
+    stations = wording.places(state)
+    items = {n: noun for n, noun in kinds.items() if n not in {*stations, *state.world.players}}
+    found = []
+    for names in (stations, items):
+        said = [name for name, words in names.items() if _has(text, words)]
+        found += [max(said, key=lambda name: len(names[name]))] if said else []
+    return tuple(found)
+
+
+def _has(text: str, words: str) -> bool:
+    return re.search(rf"\b{re.escape(words)}\b", text, re.IGNORECASE) is not None

@@ -1,0 +1,128 @@
+"""What planner bots do for participants who signal or write to them."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import State, World
+from robotouille.domain.rendering import language_of
+from robotouille.planning.policies import PlannerPolicy
+from robotouille.planning.policies.courtesy import GIVEN, PAUSING, YIELDING
+from robotouille.planning.policies.standing import (
+    is_out_of_the_way,
+    standing_at,
+    walks_out_of_the_way,
+)
+from robotouille.world.presentation.signals import Intent, Signal, signal_text, understood
+from robotouille.world.presentation.wording import Wording
+from robotouille.world.scene import scene
+
+ME, PERSON = "robot1", "robot2"
+
+
+class Kitchen:
+    """A planner bot next to a person who stands still, in real time."""
+
+    def __init__(self, task: str = "multi_agent/01@2") -> None:
+        self.world = World(task)
+        self.state: State = self.world.initial
+        self.bot = PlannerPolicy(self.world, ME, start=self.state)
+        self.bot.meet({ME: "bot", PERSON: "human"}, "realtime")
+
+    def step(self) -> str:
+        """Take a step, and return the name of the bot's action, if any."""
+        action = self.bot.act(self.state)
+        step = self.state.step([] if action is None else [action])
+        self.bot.observe([(ME, a.action, a.applied) for a in step.attempts])
+        self.state = step.state
+        return "" if action is None else action.name
+
+    def until_it_holds_something(self) -> str:
+        while not (held := self.held()):
+            self.step()
+        return held
+
+    def held(self) -> str:
+        return next((n for n, placed in scene(self.state).items() if placed.host == ME), "")
+
+    @property
+    def wording(self) -> Wording:
+        return Wording(self.world, language_of(self.world.task))
+
+
+@pytest.fixture
+def kitchen() -> Kitchen:
+    return Kitchen()
+
+
+@pytest.mark.parametrize("by_signal", [True, False])
+def test_a_bot_waits_when_asked_to(kitchen: Kitchen, by_signal: bool) -> None:
+    kitchen.step()
+    signal = Signal(Intent.WAIT) if by_signal else None
+    kitchen.bot.hear(PERSON, "wait, please", signal)
+    assert {kitchen.step() for _ in range(PAUSING)} == {""}
+    assert any(kitchen.step() for _ in range(5))
+
+
+@pytest.mark.parametrize("by_signal", [True, False])
+def test_a_bot_hands_over_what_somebody_needs(kitchen: Kitchen, by_signal: bool) -> None:
+    held = kitchen.until_it_holds_something()
+    kind = kitchen.wording.kind(kitchen.world.thing(held).kind)
+    kitchen.bot.hear(PERSON, f"I need the {kind}", Signal(Intent.NEED, held) if by_signal else None)
+    for _ in range(6):
+        kitchen.step()
+    there = scene(kitchen.state)[held].host
+    assert there in kitchen.world.floor.stations
+    # It leaves the place, and does not take the item back at once.
+    assert standing_at(kitchen.state, ME) != there
+    for _ in range(GIVEN - 6):
+        kitchen.step()
+        assert scene(kitchen.state)[held].host == there
+    for _ in range(200):
+        kitchen.step()
+    assert kitchen.state.goal_reached
+
+
+def test_a_bot_leaves_a_station_that_somebody_needs(kitchen: Kitchen) -> None:
+    while is_out_of_the_way(kitchen.state, ME):
+        kitchen.step()
+    station = standing_at(kitchen.state, ME) or ""
+    kitchen.bot.hear(PERSON, "", Signal(Intent.NEED, station))
+    for _ in range(YIELDING):
+        kitchen.step()
+        assert standing_at(kitchen.state, ME) != station
+
+
+def test_a_bot_answers_a_request_with_what_it_does_next(kitchen: Kitchen) -> None:
+    kitchen.bot.meet({ME: "bot", PERSON: "human"}, "realtime")
+    while not any(said.text.startswith("Next") for said in kitchen.bot.speak()):
+        kitchen.step()
+    kitchen.bot.hear(PERSON, "you take it", Signal(Intent.YOURS, "lettuce1"))
+    for _ in range(8):
+        kitchen.step()
+        if any(said.text.startswith("Next") for said in kitchen.bot.speak()):
+            return
+    raise AssertionError("no answer")
+
+
+def test_a_bot_thanks_for_a_place() -> None:
+    kitchen = Kitchen("multi_agent/02@2")
+    kitchen.step()
+    needed = standing_at(kitchen.state, PERSON) or ""
+    assert Signal(Intent.NEED, needed) in [said.signal for said in kitchen.bot.speak()]
+    walk = walks_out_of_the_way(kitchen.state, PERSON)[-1]
+    kitchen.state = kitchen.state.step(walk).state
+    kitchen.bot.observe([(PERSON, walk, True)])
+    kitchen.step()
+    assert [said.signal for said in kitchen.bot.speak() if said.signal] == [Signal(Intent.THANKS)]
+
+
+@pytest.mark.parametrize("intent", Intent)
+def test_sentences_of_signals_are_understood(kitchen: Kitchen, intent: Intent) -> None:
+    for target in ("stove1", "lettuce1"):
+        aims = intent in (Intent.NEED, Intent.YOURS)
+        signal = Signal(intent, target if aims else "")
+        text = signal_text(Signal(intent, target), kitchen.state, kitchen.wording)
+        # Nobody answers somebody who only points at something.
+        expected = None if intent is Intent.LOOK else signal
+        assert understood(text, kitchen.state, kitchen.wording) == expected
