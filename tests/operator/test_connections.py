@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import socket
 import ssl
 from collections.abc import AsyncIterator
@@ -24,8 +25,10 @@ from robotouille_server.operator.connections import (
     STALL_SECONDS,
     ConnectionSlot,
     ConnectionSlots,
+    OperatorConnection,
 )
 from robotouille_server.operator.principal import RequestRefusedError
+from robotouille_server.transport.tls_records import RecordMeter
 from tests.support.operator import PATIENCE, bearer, viewing
 from tests.support.virtual_time import virtual
 
@@ -259,3 +262,30 @@ async def test_unfinished_tls_handshakes_hold_slots_and_expire(tmp_path: Path) -
                 client.send(head())
                 assert await client.status() == 200
             assert await silent[-1].closed_at() - start == about(REQUEST_SECONDS)
+
+
+@virtual
+async def test_failed_tls_handshakes_leave_no_garbage(tmp_path: Path) -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    trustme.CA().issue_cert("127.0.0.1").configure_cert(context)
+    arriving, hello = ssl.MemoryBIO(), ssl.MemoryBIO()
+    client = ssl.create_default_context().wrap_bio(arriving, hello, server_hostname="127.0.0.1")
+    with contextlib.suppress(ssl.SSLWantReadError):
+        client.do_handshake()
+    first = hello.read()
+    async with viewing(tmp_path, view={"tls": context}) as (_, port, _):
+        gc.collect()
+        gc.disable()
+        try:
+            for _ in range(20):
+                _, writer = await asyncio.open_connection("127.0.0.1", port.port)
+                writer.write(first)
+                await asyncio.sleep(0.05)
+                writer.close()
+            await asyncio.sleep(1)
+            left = [
+                one for one in gc.get_objects() if type(one) in (OperatorConnection, RecordMeter)
+            ]
+        finally:
+            gc.enable()
+    assert left == []

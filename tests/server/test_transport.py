@@ -20,6 +20,7 @@ from robotouille_server.transport import Admission, LoopBudget, Newcomers
 from robotouille_server.transport.connection import Connection, PendingConnection
 from robotouille_server.transport.loop_budget import LOOP_BUDGET, TURN_SECONDS
 from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
+from tests.support.fuzzing.wire import request
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import virtual
 
@@ -272,3 +273,17 @@ async def test_turn_ends_after_its_time_though_messages_count_little(
     await asyncio.sleep(0)
     now[0] += TURN_SECONDS
     assert budget.start(), "time without work does not count"
+
+
+@virtual
+async def test_clients_that_have_gone_before_their_turn_are_not_answered(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, raw(server) as ada:
+        held = await silent(server.port, 100)
+        # The first requests use up the budget of the turn, so that the others wait.
+        for _, writer in held:
+            writer.write(request("robotouille.v1.json"))
+            writer.close()
+        await asyncio.sleep(0.5)
+        assert server.metrics.dropped.labels("early")._value.get() > 40
+        assert server.admission.admitted == 1, "only ada is connected"
+        await ada.ask({"type": "list"}, "episodes")

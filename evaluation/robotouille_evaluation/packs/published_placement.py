@@ -68,6 +68,8 @@ class PlacementGrid:
         return touched, flooded
 
 
+MAX_SIDE = 20
+"""Cells of a side. Published grids have at most ten; the time of the draws grows with the cube."""
 LISTS = ("stations", "items", "players", "containers", "meals")
 
 STATION_KINDS = ("board", "stove", "table", "fryer", "sink")
@@ -239,8 +241,8 @@ def load_kitchen(raw: dict[str, Any], source: str = "problem") -> SourceProblem:
 
 def _faults(raw: dict[str, Any]) -> Iterator[Fault]:
     for name in ("width", "height"):
-        if not isinstance(raw.get(name), int) or not 1 <= raw[name] <= 100:
-            yield Fault(name, f"expected a number from 1 to 100, found {raw.get(name)!r}")
+        if not isinstance(raw.get(name), int) or not 1 <= raw[name] <= MAX_SIDE:
+            yield Fault(name, f"expected a number from 1 to {MAX_SIDE}, found {raw.get(name)!r}")
     for name in ("stations", "players"):
         if not raw.get(name):
             yield Fault(name, f"a problem without {name} has no layouts")

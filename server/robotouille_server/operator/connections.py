@@ -9,7 +9,6 @@ has deadlines. uvicorn only parses HTTP.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import ssl
 from collections.abc import Callable
 from enum import IntEnum
@@ -262,11 +261,13 @@ class OperatorConnection(asyncio.Protocol):
     ) -> None:
         encrypted = None
         # Strangers can cause failed handshakes at will, so these are not logged.
-        with contextlib.suppress(OSError):
+        try:
             encrypted = await start_metered_tls(raw, self, tls, self._budget, REQUEST_SECONDS)
+        except OSError as error:
+            error.__traceback__ = None  # As in `Handshakes.make`: a cycle would keep the TLS.
         if encrypted is None or raw.is_closing():
-            slot.release()
             raw.abort()
+            self._forget()
         else:
             self._transports.append(encrypted)
             slot.encrypted()
@@ -300,10 +301,17 @@ class OperatorConnection(asyncio.Protocol):
             self._http.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
+        http = self._http
+        self._forget()
+        if http is not None:
+            http.connection_lost(exc)
+
+    def _forget(self) -> None:
+        """Free the slot, and all references that would keep this object until a collection."""
         if self._slot is not None:
             self._slot.release()
-        if self._http is not None:
-            self._http.connection_lost(exc)
+        self._slot = self._http = None
+        self._transports.clear()
 
     def _unsent(self) -> int:
         return sum(transport.get_write_buffer_size() for transport in self._transports)

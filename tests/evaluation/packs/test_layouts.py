@@ -181,7 +181,7 @@ def test_held_items() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"width": 0}, "width: expected a number from 1 to 100, found 0"),
+        ({"width": 0}, "width: expected a number from 1 to 20, found 0"),
         ({"stations": []}, "stations: a problem without stations has no layouts"),
         ({"players": []}, "players: a problem without players has no layouts"),
         ({"items": [{"name": "egg"}]}, r"items\[0\]: expected an object with x and y"),
