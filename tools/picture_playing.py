@@ -207,8 +207,17 @@ def moment(path: Path, rendering: str = "", task: str = "multi_agent/01@2", **se
     pygame.image.save(surface, path)
 
 
-def cooking(path: Path, task: str, steps: int, size: tuple[int, int] = SIZE) -> None:
-    """Draw a kitchen after some steps of its task's plan file."""
+Spoken = tuple[tuple[Bubble, str], ...]
+
+
+def cooking(
+    path: Path, task: str, steps: int, size: tuple[int, int] = SIZE, said: Spoken = ()
+) -> None:
+    """Draw a kitchen after some steps of its task's plan file.
+
+    Args:
+        said: Bubbles, each with its sentence in the chat.
+    """
     loaded = load_task(task)
     world = World(loaded)
     state = before = world.initial
@@ -218,10 +227,12 @@ def cooking(path: Path, task: str, steps: int, size: tuple[int, int] = SIZE) -> 
         before, state = state, state.step(list(joint)).state
     names = dict(zip(world.players, ("ada", "ben", "cleo", "dara"), strict=False))
     seats = tuple(SeatView(player, name, actions=steps // 2) for player, name in names.items())
-    said = (Bubble(world.players[-1], "I take the bowls.", "chat"),) if len(seats) > 1 else ()
+    if not said and len(seats) > 1:
+        said = ((Bubble(world.players[-1], "I take the bowls.", "chat"), "I take the bowls."),)
     view = View(
-        world, state, before, steps, 100, "real time", 0.6, seats, world.players[0], said,
-        tuple((names[each.player], each.text) for each in said), step_seconds=0.2,
+        world, state, before, steps, 100, "real time", 0.6, seats, world.players[0],
+        tuple(bubble for bubble, _ in said),
+        tuple((names[bubble.player], text) for bubble, text in said), step_seconds=0.2,
     )  # fmt: skip
     surface = pygame.Surface(size)
     Painter().paint(surface, view)
@@ -231,6 +242,11 @@ def cooking(path: Path, task: str, steps: int, size: tuple[int, int] = SIZE) -> 
 def moments(out: Path) -> None:
     """Draw events of a game and other renderings."""
     cooking(out / "kitchen.png", "multi_agent/10@3", 18)
+    cooking(out / "signals.png", "multi_agent/07@3", 13, said=(
+        (Bubble("robot1", "I need", "chat", ("stove1",), "stove1"), "I need the stove, please"),
+        (Bubble("robot2", "You take", "chat", ("onion1",), "onion1"), "You take the onion, please"),
+        (Bubble("robot3", "", "chat", ("board1", "onion1")), "Next: cut the onion"),
+    ))  # fmt: skip
     cooking(out / "pancakes.png", "examples/pancakes", 16, (800, 450))
     rows = (LobbyRow("ada (you)", "here"), LobbyRow("ben", "ready"))
     lobby = LobbyView(rows, False, "KQXZB-MHTWA")

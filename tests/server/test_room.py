@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
+from robotouille.episode import Episode
+from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import read_recording
 from robotouille.replay.timeline import note_lines
 from robotouille_client import ChatReceived, ChatRejected, GameEnded, connect
@@ -264,3 +267,22 @@ async def test_note_is_recorded_and_not_sent(tmp_path: Path) -> None:
     assert [note.get("more", False) for note in notes] == [True, True, False]
     assert {(note["player"], note["topic"]) for note in notes} == {("robot1", "plan")}
     assert any("robot1 notes (plan): !" in line for line in note_lines(recording))
+
+
+@virtual
+async def test_episode_whose_goal_becomes_too_hard_is_aborted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RobotouilleError("the goal is too hard to check")
+
+    async with serving(tmp_path) as server, raw(server) as ada:
+        created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+        await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+        await ada.expect("snapshot")
+        monkeypatch.setattr(Episode, "submit", fail)
+        await ada.send({"type": "act", "seq": 1, "action": None})
+        async with asyncio.timeout(5):
+            ended = await ada.expect("ended")
+        assert ended["outcome"]["reason"] == "aborted"
+        assert ended["outcome"]["detail"] == "the goal is too hard to check"

@@ -79,7 +79,7 @@ class Partners(Protocol):
     def spoken(self) -> list[tuple[str, Speech]]:
         """Return what the players have said since the last call.
 
-        What they tell other bots has reached these already.
+        Other bots have already heard the texts that are only for bots.
         """
 
     def news(self) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotouille.episode import Episode, Event, Phase, Stepped
+from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.journal import EpisodeJournal
@@ -119,7 +120,14 @@ class EpisodeDriver:
     def apply(self, change: Callable[..., object], *arguments: Any, **options: Any) -> None:
         """Call `change(*arguments, now, **options)`, then write and publish what happened."""
         now = self.now()
-        change(*arguments, now, **options)
+        try:
+            change(*arguments, now, **options)
+        except ProtocolError:
+            raise
+        except RobotouilleError as error:
+            # For example a goal that takes too long to check, in a kitchen of the operator's own.
+            get_logger().error("the episode failed", episode=self._id, error=str(error))
+            self._episode.abort(now, detail=str(error))
         self._flush(now)
 
     def abort(self, reason: str) -> None:

@@ -77,7 +77,7 @@ MESSAGES = (FIN | BINARY, FIN | TEXT)
 """First bytes of frames that contain a whole message."""
 DATA = (CONTINUATION, TEXT, BINARY)
 HANG_UP = getattr(select, "POLLRDHUP", 0)
-"""Event of a closed connection in `select.poll`; 0 where there is none."""
+"""Event of a closed connection in `select.poll`; 0 on systems without it."""
 GIVE_WAY = "others first"
 END_OF_REQUEST = b"\r\n\r\n"
 

@@ -775,7 +775,7 @@ class Said(FromServer):
     seat: str = Field(default="", description="The sender's seat; empty for a spectator.")
     text: str = Field(description="The message.")
     intent: str = Field(default="", description="The intent, if the message is a signal.")
-    target: str = Field(default="", description="What the signal points at.")
+    target: str = Field(default="", description="The object that the signal points at.")
 
 
 class Told(FromServer):

@@ -1,4 +1,4 @@
-"""What planner bots do for participants who signal or write to them."""
+"""Favours of planner bots for participants who signal or write to them."""
 
 from __future__ import annotations
 
@@ -123,6 +123,6 @@ def test_sentences_of_signals_are_understood(kitchen: Kitchen, intent: Intent) -
         aims = intent in (Intent.NEED, Intent.YOURS)
         signal = Signal(intent, target if aims else "")
         text = signal_text(Signal(intent, target), kitchen.state, kitchen.wording)
-        # Nobody answers somebody who only points at something.
+        # A signal that only points needs no answer.
         expected = None if intent is Intent.LOOK else signal
         assert understood(text, kitchen.state, kitchen.wording) == expected

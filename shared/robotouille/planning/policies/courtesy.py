@@ -1,4 +1,4 @@
-"""What a planner bot does for participants who ask it for something."""
+"""Favours that a planner bot does for participants on request."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PAUSING = 10
 """Steps for which a seat does nothing after `wait`."""
 
 GIVING, GIVEN = 15, 25
-"""Steps in which a seat puts down what somebody needs, and for which it leaves that alone."""
+"""Steps in which a seat puts down a needed item, and for which it leaves the item alone."""
 
 
 class Courtesy:
@@ -35,7 +35,7 @@ class Courtesy:
         self._given, self._given_until = "", 0
 
     def asked(self, signal: Signal, state: State, step: int) -> None:
-        """Process a signal of somebody outside the team."""
+        """Process a signal of a participant outside the team."""
         intent, target = signal
         if intent is Intent.WAIT and target in ("", self._player):
             self._pausing = step + PAUSING
@@ -66,7 +66,7 @@ class Courtesy:
             if self._holds_given(state):
                 way = put_down(state, self._player)
                 return way[0] if way else None
-            # Whoever needs it can now come to the station where it lies.
+            # The other participant can now come to the station where it lies.
             self._giving, self._yielding = 0, step + YIELDING
             self._given_until = step + GIVEN
         return self._step_aside(state) if self._yielding > step else None

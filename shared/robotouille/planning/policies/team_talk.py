@@ -165,7 +165,7 @@ class Talk:
             self._said.append(Speech(text))
 
     def announce_again(self) -> None:
-        """Let the next announcement of actions answer somebody who asked for help."""
+        """Allow the next announcement of actions at once, as an answer to a request."""
         self._told, self._last_told = -INSIST, ""
 
     def may_ask(self, step: int) -> bool:

@@ -1,4 +1,4 @@
-"""Signals: short messages with a fixed meaning, most of which point at an object.
+"""Signals: short messages with a fixed meaning, which usually point at an object.
 
 People send them by a key, a click or a gamepad button; bots and models send and read them, too.
 """
@@ -80,7 +80,7 @@ def signal_text(signal: Signal, state: State, wording: Wording) -> str:
 _SAID = {
     Intent.THANKS: r"\b(thanks?|thank you|thx|cheers)\b",
     Intent.WAIT: r"\b(wait|hold on|hang on|one moment|stop)\b",
-    Intent.YOURS: r"\b((can|could|would) you|you (take|get|do|bring|make|cut|cook|fry|wash))\b",
+    Intent.YOURS: r"\b((can|could|would) you|you (take|get|do|bring|make))\b",
     Intent.NEED: r"\b(i need|need|give me|i want|make way|please)\b",
 }
 
