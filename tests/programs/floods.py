@@ -55,6 +55,7 @@ FLAGS = (
 MAX_GAP = 0.150
 MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
+HURRY = 0.04
 READY = "ready\n"
 """Line that the flooding process prints when it begins."""
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
@@ -90,7 +91,8 @@ class Flood:
     """A message that is repeated, the messages that precede it, and whether replies are read.
 
     With `silent`, the flood only opens and keeps this many connections. With `vanishes`, each
-    connection is reset as soon as its first messages are sent, and opened again. With `watched`, it
+    connection is reset as soon as its first messages are answered, and opened again. With
+    `hurries`, it is closed after 40 ms, answered or not. With `watched`, the flood
     plays in rooms with 200 spectators each, given by their tasks and views; with `resyncs`, these
     spectators ask for snapshots. With `elsewhere`, its connections are remote; new clients are then
     remote too and have a token. `rooms` is the number of other episodes on the server. With `page`,
@@ -106,6 +108,7 @@ class Flood:
     reads: bool = True
     silent: int = 0
     vanishes: bool = False
+    hurries: bool = False
     watched: tuple[tuple[str, str], ...] = ()
     chats: bool = False
     resyncs: bool = False
@@ -165,6 +168,13 @@ FLOODS = {
         first=("hello",),
         vanishes=True,
         connections=60,
+    ),
+    "storm": Flood(
+        "clients that join and leave within 40 ms, from 250 connections",
+        first=("hello", "join"),
+        vanishes=True,
+        hurries=True,
+        connections=250,
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
     "records": Flood(
@@ -227,6 +237,7 @@ class Attacker:
         self._blob = _many(flood.piece(code))
         self._socket: socket.socket | None = None
         self._unsent = memoryview(b"")
+        self._opened = 0.0
 
     def push(self) -> bool:
         """Send and read what is possible; return False if neither was."""
@@ -249,8 +260,12 @@ class Attacker:
             return False
 
     def _vanish(self) -> bool:
-        """Reset the connection once the server has answered."""
+        """Reset the connection once the server has answered, or close it after a while."""
         assert self._socket is not None
+        if self.flood.hurries:
+            if time.monotonic() < self._opened + HURRY:
+                raise BlockingIOError
+            raise ConnectionResetError
         if not self._socket.recv(BLOB):
             raise ConnectionResetError
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
@@ -263,6 +278,7 @@ class Attacker:
             return False
         self._socket.setblocking(False)
         self._unsent = memoryview(self._opening)
+        self._opened = time.monotonic()
         return True
 
     def _read(self) -> bool:
@@ -303,6 +319,12 @@ def attack(name: str, port: int, code: str) -> None:
         _keep_silent(port, flood.silent, flood.elsewhere)
     attackers = [Attacker(flood, port, code) for _ in range(flood.connections)]
     while True:
+        if flood.hurries:
+            # All at once: the server accepts sockets faster than it answers them.
+            for attacker in attackers:
+                attacker.push()
+            time.sleep(0.001)
+            continue
         if any(attacker.push() for attacker in attackers):
             continue
         waiting = [attacker for attacker in attackers if attacker.fileno() >= 0]
