@@ -11,6 +11,7 @@ import pytest
 
 from robotouille import World, load_task, task_names
 from robotouille.episode import Clock, Outcome
+from robotouille.generation import generate
 from robotouille.planning.beam.planner import BeamPlanner, Solution
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy, Policy
@@ -178,3 +179,17 @@ def test_missing_plan_is_logged_not_printed(
         assert all(policy.act(world.initial) is None for _ in range(9))
     assert caplog.messages == ["robot1 finds no plan from here"]
     assert capsys.readouterr() == ("", "")
+
+
+HARD = [("02", 42), ("10", 546), ("09", 504), ("09", 630)]
+"""Kitchens in which planners once took up to 1.24 times the shortest plan, or stopped half way."""
+
+
+@pytest.mark.parametrize(("task", "seed"), quick_sample(HARD, nightly=2))
+def test_a_bot_alone_is_nearly_as_fast_as_the_best_plan(task: str, seed: int) -> None:
+    instance = generate(load_task(f"asynchronous/{task}"), seed)
+    best = instance.results[1]
+    outcome = play_team(instance.task).outcome
+    assert outcome is not None
+    assert outcome.success
+    assert outcome.steps <= 1.05 * len(best.plan or ())

@@ -33,12 +33,27 @@ EXPANSIONS = 2_000
 # they take about 0.1 s for one player and 0.5 s for two.
 ALONE, TOGETHER = Limits(expansions=130), Limits(expansions=500)
 
+# Expansions for the first plan of a single player, without and with a clock. With fewer, the search
+# often finds no plan, and the beam search that follows takes longer. In plain Python they take 1.3
+# and 0.4 s.
+FIRST, FIRST_HURRIED = Limits(expansions=2_000), Limits(expansions=500)
+
 # In real time, a second of planning costs a team more steps than a shorter plan saves
 # (docs/planners.md).
 HURRIED = Limits(expansions=1)
 
-# Expansions for any plan at all, if a single player has found none. They take seconds.
-STUBBORN = Limits(expansions=2_000)
+# Expansions for the first plan of a single player, without and with a clock. With fewer, the search
+# often finds no plan, and the beam search that follows takes longer. In plain Python they take at
+# most 5 and 0.4 s. With a clock, a player who has no plan gets the larger number, too.
+FIRST, FIRST_HURRIED = Limits(expansions=8_000), Limits(expansions=500)
+
+# In real time, a second of planning costs a team more steps than a shorter plan saves
+# (docs/planners.md).
+HURRIED = Limits(expansions=1)
+
+# Expansions for any plan at all, if a single player has found none. In plain Python they take some
+# seconds. Of 300 generated instances, one needs more than 130, which is 2,300.
+STUBBORN = Limits(expansions=8_000)
 
 BRIEF = 1_500
 """Expansions of the beam search in real time; without a plan, UNSOLVED_FACTOR times as many."""
@@ -96,8 +111,9 @@ class TeamSearch:
     ) -> SearchResult:
         """Return the shortest of several plans for a team; in a hurry, the first one."""
         best = self.once(state, team, effort, after=after)
-        if self._one_seat and best.plan is None and not best.unsolvable:
-            return self._anytime.first(state, STUBBORN, seed=self._seed)
+        if self._one_seat and effort.hurried and best.plan is None and not best.unsolvable:
+            *_, best = self._anytime.search(state, FIRST, seed=self._seed)
+            return best
         # One player's plan is improved step by step during play, so one attempt is enough.
         attempts = 1 if len(team) == 1 or effort.hurried else ATTEMPTS
         for number in range(after + 1, after + attempts):
@@ -113,6 +129,8 @@ class TeamSearch:
         """Return one plan. Each number `after` gives another one."""
         together = HURRIED if effort.hurried else TOGETHER
         limits = ALONE if len(team) == 1 else together
+        if self._one_seat:
+            limits = FIRST_HURRIED if effort.hurried else FIRST
         seed = self._seed + after
         *_, found = self._anytime.search(
             state, limits, team=team, seed=seed, beam=self._expansions, choices=effort.choices
