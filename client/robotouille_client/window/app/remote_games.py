@@ -17,6 +17,7 @@ from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
 from robotouille_client.console.kept_seat import kept_seat, state_folder
 from robotouille_client.game import Game
+from robotouille_client.window.app.bot_crew import CrewOptions, bot_crew
 from robotouille_client.window.app.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
 from robotouille_client.window.app.remote_game import RemoteGame, remote_game, views_of
 from robotouille_client.window.app.replays import Replays
@@ -89,7 +90,7 @@ class RemoteGames:
                 made = await self.ask_server(menu.create)
                 if made is not None:
                     settings.code = made.code
-                    return await self.join(made.code)
+                    return await self.join(made.code, bots=menu.crew)
             except (RobotouilleError, OSError, ValueError) as error:
                 message = explain(error)
 
@@ -137,11 +138,13 @@ class RemoteGames:
         seat: str | None = None,
         url: str | None = None,
         ready: bool = False,
+        bots: CrewOptions = CrewOptions(),
     ) -> object:
         """Enter a kitchen, and play or watch there until the player leaves.
 
         Args:
             ready: True to be ready at once.
+            bots: Bots that come along, also to the team's next kitchens.
 
         Raises:
             RobotouilleError: The server refused the participant.
@@ -151,10 +154,13 @@ class RemoteGames:
             token=self._token, ready=ready,
         )  # fmt: skip
         async with AsyncExitStack() as stack:
+            crew = stack.enter_context(bot_crew(self._address(url), self._token, bots))
             entering = stack.enter_async_context(opened)
             entered = await self._ui.wait(entering, waiting_form("Connecting …"))
             answer: object = None if entered is None else MenuChoice.AGAIN
             while entered is not None and answer == MenuChoice.AGAIN:
+                # The player comes first, and gets the best seat.
+                crew.come(entered.game.code)
                 answer = await self._play(entered)
         return answer
 

@@ -6,10 +6,11 @@ from collections.abc import Callable, Collection, Iterable
 
 from robotouille.protocol.messages import Created, EpisodeInfo
 from robotouille_client.client import Client
-from robotouille_client.window.app.play_menu import Ask, TaskChoice, pace_words
+from robotouille_client.window.app.bot_crew import CrewOptions
+from robotouille_client.window.app.play_menu import PARTNERS, Ask, TaskChoice, pace_words
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.forms.form import Form, FormLayout
-from robotouille_client.window.forms.widgets import Button, Row, Slider, TextField, Words
+from robotouille_client.window.forms.widgets import Button, Choice, Row, Slider, TextField, Words
 from robotouille_client.window.preferences import MAX_SERVER
 from robotouille_client.window.sources.texts import task_title
 
@@ -54,6 +55,8 @@ class OpenMenu:
         self._settings = settings
         self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
         self._server = _server_field(settings, self._changed)
+        self._bots = Choice("Bots", [("none", 0)], 0, lambda _: self._arrange())
+        self._partner = Choice("They are", PARTNERS, settings.partner)
         self._ends = (Button("Open and play", "open"), Button("Back", "back"))
         self._task = TaskChoice(settings, str, self._arrange)
         self.form = self._made()
@@ -68,7 +71,14 @@ class OpenMenu:
         if server := self._server.text.strip():
             self._settings.prefer(server=server)
         self._settings.rate = self._rate.value
+        if self.crew.count:
+            self._settings.partner = self.crew.partner
         return answer == "open"
+
+    @property
+    def crew(self) -> CrewOptions:
+        """The bots that take seats in the kitchen."""
+        return CrewOptions(int(str(self._bots.value)), str(self._partner.value))
 
     async def create(self, client: Client) -> Created:
         """Open the chosen kitchen."""
@@ -99,7 +109,20 @@ class OpenMenu:
 
     def _rows(self) -> tuple[Row, ...]:
         start, back = self._ends
-        return (start, *self._task.rows, self._rate, self._server, back)
+        seats = self._task.seats
+        options = [(_bots_words(bots, seats), bots) for bots in range(seats)]
+        chosen = min(self.crew.count, seats - 1)
+        self._bots.options = tuple(options)
+        self._bots.choose(chosen)
+        bots = (self._bots, *((self._partner,) if chosen else ())) if seats > 1 else ()
+        return (start, *self._task.rows, *bots, self._rate, self._server, back)
+
+
+def _bots_words(bots: int, seats: int) -> str:
+    """Return a number of bots in words, such as `1, and 2 seats for friends`."""
+    free = seats - 1 - bots
+    friends = f"{free} {'seat' if free == 1 else 'seats'} for friends" if free else ""
+    return f"none: {friends}" if not bots else f"{bots}, and {friends}" if friends else str(bots)
 
 
 class LobbyMenu:
