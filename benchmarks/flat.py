@@ -29,7 +29,7 @@ from robotouille_server import Server, ServerSettings
 from robotouille_server.app import Surroundings
 from robotouille_server.auth.visitors import CountedConnection, Visitor
 from robotouille_server.conversation import Conversation
-from robotouille_server.rooms.storage import FileCondition
+from robotouille_server.rooms.recording.storage import FileCondition
 from robotouille_server.runtime.logs import configure_logs
 from robotouille_server.transport.peer import Peer
 

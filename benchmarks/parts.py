@@ -34,8 +34,8 @@ from robotouille.protocol.codec import Codec
 from robotouille.protocol.frames import BINARY, FIN, pack_frame
 from robotouille.replay.recorder import Recorder
 from robotouille_server.app import Server, serve
-from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.journal import Journal
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
+from robotouille_server.rooms.recording.journal import Journal
 from robotouille_server.runtime.logs import configure_logs
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.transport import Connection, LoopBudget

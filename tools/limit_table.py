@@ -38,26 +38,26 @@ from robotouille_server.mqtt.messages import (
 )
 from robotouille_server.operator import connections, event_streams, load, recordings
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
-from robotouille_server.rooms import archive
-from robotouille_server.rooms.audience import DELIVERY_SECONDS, MAX_STEP_BYTES, MAX_STEPS
-from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES
 from robotouille_server.rooms.episode_setup import MAX_FINISHED
-from robotouille_server.rooms.journal import (
-    MAX_RECORDING_BYTES,
-    MAX_RECORDING_FRAMES,
-    MAX_RECORDING_NOTES,
-)
 from robotouille_server.rooms.lobby import LINGER_SECONDS
-from robotouille_server.rooms.publisher import ROSTER_SECONDS, WAITING_SECONDS
-from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
-from robotouille_server.rooms.seat_limits import (
+from robotouille_server.rooms.participants.seat_limits import (
     CHAT_LINES,
     CHAT_LINES_AT_ONCE,
     SEAT_CHANGES,
     SEAT_CHANGES_AT_ONCE,
     SPECTATOR_SHARE,
 )
-from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
+from robotouille_server.rooms.publishing.audience import DELIVERY_SECONDS, MAX_STEP_BYTES, MAX_STEPS
+from robotouille_server.rooms.publishing.broadcaster import MAX_SPECTATOR_NAMES
+from robotouille_server.rooms.publishing.publisher import ROSTER_SECONDS, WAITING_SECONDS
+from robotouille_server.rooms.recording import archive
+from robotouille_server.rooms.recording.journal import (
+    MAX_RECORDING_BYTES,
+    MAX_RECORDING_FRAMES,
+    MAX_RECORDING_NOTES,
+)
+from robotouille_server.rooms.recording.write_ahead import MAX_UNWRITTEN
+from robotouille_server.rooms.room_factory import CODE_LENGTH, MAX_CODES
 from robotouille_server.runtime.budgets import (
     COSTS,
     MAX_GREETINGS,

@@ -21,10 +21,10 @@ from robotouille_server.health import Alert, Health, alerts
 from robotouille_server.listener import CannotListenError, Connections, HttpPages, Listener
 from robotouille_server.requests import Services, Shutdown, ShutdownNotice
 from robotouille_server.rooms.lobby import Lobby
+from robotouille_server.rooms.participants.session import JoinedRoom, Session
+from robotouille_server.rooms.participants.sessions import Sessions
+from robotouille_server.rooms.recording.storage import Folder
 from robotouille_server.rooms.room_factory import Surroundings
-from robotouille_server.rooms.session import JoinedRoom, Session
-from robotouille_server.rooms.sessions import Sessions
-from robotouille_server.rooms.storage import Folder
 from robotouille_server.runtime.logs import AuditLog, get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings

@@ -17,7 +17,7 @@ from robotouille_server.auth import (
     counted_as,
 )
 from robotouille_server.requests import AnswerLater, Requests, Services, unheard
-from robotouille_server.rooms.session import JoinedRoom, Session
+from robotouille_server.rooms.participants.session import JoinedRoom, Session
 from robotouille_server.runtime.budgets import COSTS, PACED, FloodError, MessageBudget
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import LATE

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.runtime import process_limits as descriptors
 from robotouille_server.runtime.metrics import Metrics
 

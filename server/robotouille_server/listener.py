@@ -26,7 +26,7 @@ from robotouille_server.auth import (
 )
 from robotouille_server.conversation import Conversation
 from robotouille_server.requests import Services
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
 from robotouille_server.transport import (

@@ -26,9 +26,9 @@ from robotouille_server.auth import (
     check_permission,
 )
 from robotouille_server.rooms.lobby import Lobby
+from robotouille_server.rooms.participants.session import JoinedRoom, Session, SessionLimits
+from robotouille_server.rooms.participants.sessions import Sessions
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import JoinedRoom, Session, SessionLimits
-from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskAssets

@@ -23,9 +23,9 @@ from robotouille_server.cluster.mirrors import IDLE_SECONDS, Mirror
 from robotouille_server.cluster.packets import Packet, PacketReader
 from robotouille_server.cluster.relays import WATCH_SECONDS, Relay, Relays
 from robotouille_server.cluster.service import ClusterService
-from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.lobby import LINGER_SECONDS
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
 from robotouille_server.transport import Peer
 from robotouille_server.transport.peer import MAX_UNSENT
 from tests.support.buses import SimulatedBus, SimulatedNats

@@ -15,9 +15,9 @@ from robotouille_server.cluster.bus import Append, BusError, Stored, Unavailable
 from robotouille_server.cluster.journal import LATE_SECONDS, JournalKeeper, ReplicatedJournal
 from robotouille_server.cluster.members import LEASE_SECONDS
 from robotouille_server.cluster.node import LOOK_SECONDS
-from robotouille_server.rooms.publisher import WAITING_SECONDS, SpectatorRosters
-from robotouille_server.rooms.seat_limits import RoundTrips
-from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.rooms.participants.seat_limits import RoundTrips
+from robotouille_server.rooms.publishing.publisher import WAITING_SECONDS, SpectatorRosters
+from robotouille_server.rooms.recording.write_ahead import CommitGate
 from robotouille_server.runtime.timer_queue import TimerQueue
 from tests.support.clusters import cluster_of
 from tests.support.virtual_time import virtual

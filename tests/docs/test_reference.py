@@ -27,7 +27,8 @@ from robotouille_server import ServerSettings
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
-from robotouille_server.rooms import broadcaster, lobby, room_factory
+from robotouille_server.rooms import lobby, room_factory
+from robotouille_server.rooms.publishing import broadcaster
 from robotouille_server.runtime import budgets as message_budget
 from robotouille_server.transport import peer
 from robotouille_server.transport.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS

@@ -18,8 +18,8 @@ from robotouille.protocol import messages
 from robotouille_server import Server
 from robotouille_server.auth.revocation import revoke
 from robotouille_server.auth.roles import Role, same_episode
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
 from tests.support.handshakes import FORWARDED, hello, opened
 from tests.support.servers import Raw, serving
 from tests.support.thorough import FACTOR

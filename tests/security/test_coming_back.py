@@ -15,8 +15,8 @@ from robotouille.replay.recording import read_recording
 from robotouille.replay.timeline import note_lines
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
 from tests.support.handshakes import FORWARDED, ONE_COOK, TWO_COOKS, hello, mint_token, opened
 from tests.support.servers import Raw, serving
 from tests.support.virtual_time import virtual

@@ -11,7 +11,7 @@ import pytest
 
 from robotouille_client.bots.partners import COMMAND as PARTNERS
 from robotouille_client.loadtest.worker_pool import COMMAND as LOAD_WORKER
-from robotouille_server.rooms.bot_worker import COMMAND as SUBSTITUTES
+from robotouille_server.rooms.substitutes.bot_worker import COMMAND as SUBSTITUTES
 from robotouille_server.runtime.workers import COMMAND as SERVER_WORKER
 
 COMMANDS = {

@@ -6,6 +6,7 @@ import pytest
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.world.presentation.signals import Intent
 from robotouille_server.auth.roles import (
     PERMISSIONS,
     Role,
@@ -24,6 +25,7 @@ EXAMPLES: list[messages.ClientMessage] = [
     messages.Leave(),
     messages.Act(seq=1, action=None),
     messages.Say(text="x"),
+    messages.Signal(intent=Intent.WAIT),
     messages.Note(topic="x", text="x"),
     messages.GetRendering(),
     messages.GetPicture(digest="0" * 64),
@@ -34,8 +36,10 @@ REFUSED: dict[Role, set[str]] = {
     Role.OPERATOR: set(),
     Role.HOST: set(),
     Role.PLAYER: {"list", "create", "close"},
-    Role.SPECTATOR: {"list", "create", "close", "ready", "act", "say", "note", "join as player"},
-}
+    Role.SPECTATOR: {
+        "list", "create", "close", "ready", "act", "say", "signal", "note", "join as player",
+    },
+}  # fmt: skip
 
 
 def label(message: messages.ClientMessage) -> str:

@@ -17,15 +17,19 @@ from robotouille.protocol.codec import JSON
 from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.requests import STEP_COST
-from robotouille_server.rooms.audience import (
+from robotouille_server.rooms.participants.seat_limits import (
+    CHAT_LINES,
+    CHAT_LINES_AT_ONCE,
+    SPECTATOR_SHARE,
+)
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.audience import (
     DELIVERY_SECONDS,
     MAX_STEPS,
     WRITE_COST,
     Audience,
     SharedMessage,
 )
-from robotouille_server.rooms.seat_limits import CHAT_LINES, CHAT_LINES_AT_ONCE, SPECTATOR_SHARE
-from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget
 from robotouille_server.transport.loop_budget import LOOP_BUDGET

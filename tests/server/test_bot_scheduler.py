@@ -7,9 +7,9 @@ from typing import Any
 
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
-from robotouille_server.rooms.bot_worker import BotWorkerLostError
-from robotouille_server.rooms.bots import BotAnswer, Question
-from robotouille_server.rooms.substitutes import MAX_IN_FLIGHT, BotScheduler
+from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError
+from robotouille_server.rooms.substitutes.bots import BotAnswer, Question
+from robotouille_server.rooms.substitutes.substitute import MAX_IN_FLIGHT, BotScheduler
 
 TASK = load_task("training/03_multi_agent@2")
 

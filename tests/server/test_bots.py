@@ -10,8 +10,8 @@ from robotouille.domain.loading import load_task
 from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.bot_process import MoveRow
 from robotouille.world.world import State, World, shared_world
-from robotouille_server.rooms import bots
-from robotouille_server.rooms.bots import Bots
+from robotouille_server.rooms.substitutes import bots
+from robotouille_server.rooms.substitutes.bots import Bots
 from tests.support.questions import question
 
 TASK = load_task("multi_agent/01@2")

@@ -20,10 +20,10 @@ from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
 from robotouille_server import Server
-from robotouille_server.rooms.journal import Journal
 from robotouille_server.rooms.lobby import INSPECTION_SECONDS
+from robotouille_server.rooms.recording.journal import Journal
+from robotouille_server.rooms.recording.storage import Appender, Folder
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.storage import Appender, Folder
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run, virtual
 

@@ -13,9 +13,9 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_server import Server
-from robotouille_server.rooms import write_ahead
+from robotouille_server.rooms.recording import write_ahead
+from robotouille_server.rooms.recording.storage import Folder
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.storage import Folder
 from robotouille_server.transport.peer import MAX_UNSENT, Peer
 from tests.support.disks import FullDisk
 from tests.support.servers import Raw, raw, serving, with_clients

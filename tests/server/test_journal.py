@@ -10,8 +10,8 @@ import pytest
 from robotouille.episode import quota, seats
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import read_recording
-from robotouille_server.rooms import journal
-from robotouille_server.rooms.storage import Folder
+from robotouille_server.rooms.recording import journal
+from robotouille_server.rooms.recording.storage import Folder
 from tests.support.random_play import random_stream
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import virtual

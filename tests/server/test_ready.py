@@ -17,7 +17,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.game_replica import GameReplica
-from robotouille_server.rooms.seat_limits import SEAT_CHANGES_AT_ONCE
+from robotouille_server.rooms.participants.seat_limits import SEAT_CHANGES_AT_ONCE
 from tests.support.lost_connections import cut
 from tests.support.scripted_server import CODE, ScriptedServer
 from tests.support.servers import crash, raw, serving

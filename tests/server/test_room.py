@@ -15,8 +15,8 @@ from robotouille.replay.timeline import note_lines
 from robotouille_client import ChatReceived, ChatRejected, GameEnded, connect
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
-from robotouille_server.rooms.publisher import ROSTER_SECONDS
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.publisher import ROSTER_SECONDS
 from tests.support.disks import TroubledFolder
 from tests.support.lost_connections import cut
 from tests.support.operator import table, viewing

@@ -13,8 +13,8 @@ import pytest
 from robotouille_client import connect
 from robotouille_client.sansio.game_events import RosterChanged
 from robotouille_server import Server
-from robotouille_server.rooms.audience import DELIVERY_SECONDS
-from robotouille_server.rooms.publisher import ROSTER_SECONDS
+from robotouille_server.rooms.publishing.audience import DELIVERY_SECONDS
+from robotouille_server.rooms.publishing.publisher import ROSTER_SECONDS
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import virtual
 

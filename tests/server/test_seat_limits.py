@@ -14,7 +14,7 @@ from robotouille.protocol.participant_names import proper_name
 from robotouille.replay import read_recording
 from robotouille_client import Client
 from robotouille_server import Server
-from robotouille_server.rooms.seat_limits import (
+from robotouille_server.rooms.participants.seat_limits import (
     LOOK_SECONDS,
     SEAT_CHANGES,
     SEAT_CHANGES_AT_ONCE,

@@ -15,7 +15,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
-from robotouille_server.rooms.seat_limits import SEAT_CHANGES_AT_ONCE, SeatTurnover
+from robotouille_server.rooms.participants.seat_limits import SEAT_CHANGES_AT_ONCE, SeatTurnover
 from tests.support.handshakes import hello, mint_token, opened
 from tests.support.lost_connections import cut
 from tests.support.servers import Raw, crash, raw, serving, with_clients

@@ -39,7 +39,7 @@ async def test_everybody_receives_a_signal_with_its_sentence(tmp_path: Path) -> 
         for intent, target, sentence in (
             ("need", "stove1", "I need the stove, please"),
             ("yours", "lettuce1", "You take the lettuce, please"),
-            ("look", "robot2", "Look at Bob"),
+            ("look", "robot2", "Look at robot 2"),
             ("wait", "", "Wait, please"),
             ("thanks", "", "Thank you"),
         ):

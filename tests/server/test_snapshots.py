@@ -17,15 +17,15 @@ from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.frames import FrameReader
 from robotouille.protocol.states import StateWriter
 from robotouille_server.auth import Role
-from robotouille_server.rooms.broadcaster import (
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.broadcaster import (
     KEPT_DELTAS,
     MAX_SPECTATOR_NAMES,
     REPEATED_SAID,
     Broadcaster,
 )
-from robotouille_server.rooms.episode_messages import last_seq, own_answers
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.rooms.publishing.episode_messages import last_seq, own_answers
+from robotouille_server.rooms.recording.write_ahead import CommitGate
 from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
 from robotouille_server.transport import LoopBudget
 

@@ -15,7 +15,7 @@ import pytest
 from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import ChatReceived, Game, StateChanged, connect
-from robotouille_server.rooms.storage import Appender, Folder
+from robotouille_server.rooms.recording.storage import Appender, Folder
 from tests.support.disks import FullDisk, TroubledFolder
 from tests.support.servers import crash, serving, with_clients
 from tests.support.virtual_time import run, virtual

@@ -12,7 +12,7 @@ from robotouille.domain.loading import load_task
 from robotouille.replay.recording import read_recording
 from robotouille.world.world import shared_world
 from robotouille_server import Server
-from robotouille_server.rooms.bot_worker import ThreadBotWorker
+from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
 from tests.support.executors import ImmediateExecutor
 from tests.support.questions import question
 from tests.support.servers import Raw, raw, serving

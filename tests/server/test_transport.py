@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.rooms.audience import DELIVERY_SECONDS
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.audience import DELIVERY_SECONDS
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import Admission, LoopBudget, Newcomers
 from robotouille_server.transport.connection import Connection, PendingConnection

@@ -17,13 +17,13 @@ import pytest
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Timing
 from robotouille.world.world import shared_world
-from robotouille_server.rooms import bot_worker as worker_process
-from robotouille_server.rooms.bot_worker import (
+from robotouille_server.rooms.substitutes import bot_worker as worker_process
+from robotouille_server.rooms.substitutes.bot_worker import (
     BotWorkerLostError,
     ProcessBotWorker,
     ThreadBotWorker,
 )
-from robotouille_server.rooms.bots import Question
+from robotouille_server.rooms.substitutes.bots import Question
 from tests.support.executors import ImmediateExecutor
 from tests.support.processes import process
 from tests.support.questions import question
@@ -78,8 +78,8 @@ async def test_process_answers_like_a_thread() -> None:
 async def test_forgotten_task_is_sent_again() -> None:
     tasks = [load_task("training/03_multi_agent@2", timing=timing) for timing in Timing]
     program = (
-        "from robotouille_server.rooms import bots; bots.MAX_WORLDS = 1;"
-        "from robotouille_server.rooms.bots import main; main()"
+        "from robotouille_server.rooms.substitutes import bots; bots.MAX_WORLDS = 1;"
+        "from robotouille_server.rooms.substitutes.bots import main; main()"
     )
     async with bot_worker(sys.executable, "-c", program) as apart:
         for task in (*tasks, *tasks):

@@ -16,7 +16,7 @@ from robotouille.episode import (
     PauseReason,
     Rules,
 )
-from robotouille_server.rooms.write_ahead import MAX_DEFERRED, CommitGate, WriteAhead
+from robotouille_server.rooms.recording.write_ahead import MAX_DEFERRED, CommitGate, WriteAhead
 
 ONE = World("synchronous/01_cheese_sandwich")
 

@@ -14,12 +14,12 @@ import pytest
 
 from robotouille.episode import ChatPosted, Event, Stepped
 from robotouille.protocol import messages
-from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.journal import Journal
-from robotouille_server.rooms.publisher import Publisher
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
+from robotouille_server.rooms.publishing.publisher import Publisher
+from robotouille_server.rooms.recording.journal import Journal
+from robotouille_server.rooms.recording.write_ahead import WriteAhead
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.write_ahead import WriteAhead
 from tests.programs.simulation.simulation import run_seed
 from tests.support.deliberate_faults import publish_despite_failed_writes
 from tests.support.samples import quick_sample

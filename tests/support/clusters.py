@@ -12,7 +12,7 @@ from typing import Any
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import Surroundings
 from robotouille_server.cluster.joining import Cluster, joined_through
-from robotouille_server.rooms.bot_worker import ThreadBotWorker
+from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
 from tests.support.buses import SimulatedBus, SimulatedNats
 from tests.support.executors import ImmediateExecutor
 from tests.support.servers import STAMP, crash

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille_server.rooms.journal import Journal
+from robotouille_server.rooms.recording.journal import Journal
 
 __all__ = ["publish_despite_failed_writes"]
 

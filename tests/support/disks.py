@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 
-from robotouille_server.rooms.storage import Appender, FileCondition, Folder
+from robotouille_server.rooms.recording.storage import Appender, FileCondition, Folder
 
 __all__ = ["FullDisk", "TroubledFolder", "WrappedFile"]
 

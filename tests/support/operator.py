@@ -18,7 +18,7 @@ from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import Surroundings
 from robotouille_server.auth.roles import Role
 from robotouille_server.operator import OperatorPort, operator_view
-from robotouille_server.rooms.storage import Folder, Storage
+from robotouille_server.rooms.recording.storage import Folder, Storage
 from tests.support.servers import STAMP
 
 TASK = "multi_agent/01_lettuce_burger"

@@ -6,7 +6,7 @@ from typing import Any
 
 from robotouille.planning.bot_process import state_row
 from robotouille.world.world import State
-from robotouille_server.rooms.bots import Question
+from robotouille_server.rooms.substitutes.bots import Question
 
 __all__ = ["question"]
 

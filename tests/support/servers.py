@@ -19,8 +19,8 @@ from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille_client import connect
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import Surroundings
-from robotouille_server.rooms.bot_worker import BotWorker, ThreadBotWorker
-from robotouille_server.rooms.storage import Storage
+from robotouille_server.rooms.recording.storage import Storage
+from robotouille_server.rooms.substitutes.bot_worker import BotWorker, ThreadBotWorker
 from robotouille_server.runtime.logs import configure_logs
 from tests.support.executors import ImmediateExecutor
 

@@ -55,8 +55,9 @@ with the names and with the texts until its content is declared."""
 
 
 PLAIN_FIELDS = frozenset((
-    "basis", "clock_ms", "code", "controller", "generation", "heard", "holds", "kind", "more", "ms",
-    "participant", "present", "ready", "seq", "session", "taken", "utc_ms", "what",
+    "basis", "clock_ms", "code", "controller", "generation", "heard", "holds", "intent", "kind",
+    "more", "ms", "participant", "present", "ready", "seq", "session", "taken", "target", "utc_ms",
+    "what",
 ))  # fmt: skip
 """Fields of events without free text."""
 

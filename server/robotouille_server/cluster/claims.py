@@ -20,8 +20,8 @@ from robotouille_server.cluster.journal import (
     ReplicatedJournal,
     assembled,
 )
-from robotouille_server.rooms.archive import ArchivedEpisode, in_turns
-from robotouille_server.rooms.journal import name_in
+from robotouille_server.rooms.recording.archive import ArchivedEpisode, in_turns
+from robotouille_server.rooms.recording.journal import name_in
 from robotouille_server.runtime.logs import get_logger
 
 CLAIMS_AT_A_TIME = 8

@@ -21,8 +21,8 @@ from robotouille_server.cluster.nats_bus import nats_bus
 from robotouille_server.cluster.node import ClusterNode, NodeParts
 from robotouille_server.cluster.secrets import SharedSecrets, keys_digest, read_cluster_key
 from robotouille_server.cluster.service import ClusterService
+from robotouille_server.rooms.recording.storage import Folder
 from robotouille_server.rooms.room_factory import Surroundings
-from robotouille_server.rooms.storage import Folder
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import ClusterMetrics
 from robotouille_server.runtime.settings import ServerSettings

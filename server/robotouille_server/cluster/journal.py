@@ -26,7 +26,7 @@ from robotouille_server.cluster.bus import (
     UnavailableError,
 )
 from robotouille_server.cluster.members import LEASE_SECONDS
-from robotouille_server.rooms.journal import is_full
+from robotouille_server.rooms.recording.journal import is_full
 from robotouille_server.runtime.logs import get_logger
 
 MAX_PIECE = 512 * 1024

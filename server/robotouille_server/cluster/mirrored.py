@@ -13,8 +13,13 @@ from robotouille.episode import Phase
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK
 from robotouille_server.cluster.packets import PacketReader, split
-from robotouille_server.rooms.audience import MAX_STEP_BYTES, MAX_STEPS, SharedMessage, SharedStep
-from robotouille_server.rooms.broadcaster import KEPT_NOTICES, KEPT_SAID
+from robotouille_server.rooms.publishing.audience import (
+    MAX_STEP_BYTES,
+    MAX_STEPS,
+    SharedMessage,
+    SharedStep,
+)
+from robotouille_server.rooms.publishing.broadcaster import KEPT_NOTICES, KEPT_SAID
 from robotouille_server.runtime.logs import get_logger
 
 STATE_SECONDS = 1.0

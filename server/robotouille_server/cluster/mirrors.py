@@ -25,12 +25,12 @@ from robotouille_server.cluster.packets import (
     subject_of,
 )
 from robotouille_server.requests import AnswerLater, unheard
-from robotouille_server.rooms.audience import Audience
-from robotouille_server.rooms.broadcaster import MAX_SPECTATOR_NAMES, REPEATED_SAID
 from robotouille_server.rooms.membership import too_many_spectators
-from robotouille_server.rooms.seat_limits import ChatLimits, DisplayNames
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.write_ahead import Readable
+from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.audience import Audience
+from robotouille_server.rooms.publishing.broadcaster import MAX_SPECTATOR_NAMES, REPEATED_SAID
+from robotouille_server.rooms.recording.write_ahead import Readable
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import TimerQueue
 

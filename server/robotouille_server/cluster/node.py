@@ -37,10 +37,10 @@ from robotouille_server.cluster.members import (
     parse_report,
 )
 from robotouille_server.cluster.readiness import is_ready
-from robotouille_server.rooms.archive import ArchivedEpisode
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.recording.archive import ArchivedEpisode
+from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.rooms.room import Room, RoomObserver
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.storage import Storage
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import ClusterMetrics
 

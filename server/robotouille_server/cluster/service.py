@@ -19,7 +19,7 @@ from robotouille_server.cluster.relays import Relays
 from robotouille_server.cluster.secrets import SharedSecrets
 from robotouille_server.requests import Opening, Services, open_episode
 from robotouille_server.rooms.lobby import MAX_LISTED
-from robotouille_server.rooms.session import JoinedRoom, SessionLimits
+from robotouille_server.rooms.participants.session import JoinedRoom, SessionLimits
 
 ANSWER_SECONDS = 5.0
 """Seconds that another node has to open or close an episode."""

@@ -24,8 +24,8 @@ from robotouille_server.operator.models import (
     RecordingState,
     SeatRow,
 )
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.metrics import BUCKETS, Metrics
 
 KEPT_SECONDS = 60

@@ -53,8 +53,8 @@ from robotouille_server.operator.rows import (
     recording_name,
     shown_code,
 )
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 

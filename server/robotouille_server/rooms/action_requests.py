@@ -8,9 +8,9 @@ from robotouille.episode import ActionRequest, Episode
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
+from robotouille_server.rooms.recording.write_ahead import CommitGate
 from robotouille_server.runtime.metrics import Metrics
 
 RECORDED = ("action/stale", "episode/waiting", "rate/limited")

@@ -10,13 +10,13 @@ from typing import Any
 from robotouille.episode import Episode, Event, Phase, Stepped
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.journal import EpisodeJournal
 from robotouille_server.rooms.membership import Membership
-from robotouille_server.rooms.publisher import Publisher
-from robotouille_server.rooms.seat_limits import RoundTrips
-from robotouille_server.rooms.substitutes import BotScheduler
-from robotouille_server.rooms.write_ahead import CommitGate, WriteAhead
+from robotouille_server.rooms.participants.seat_limits import RoundTrips
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
+from robotouille_server.rooms.publishing.publisher import Publisher
+from robotouille_server.rooms.recording.journal import EpisodeJournal
+from robotouille_server.rooms.recording.write_ahead import CommitGate, WriteAhead
+from robotouille_server.rooms.substitutes.substitute import BotScheduler
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue

@@ -12,7 +12,6 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_server.auth import same_episode
-from robotouille_server.rooms.archive import ArchivedEpisode
 from robotouille_server.rooms.episode_driver import Machinery
 from robotouille_server.rooms.episode_setup import (
     EpisodeSetup,
@@ -20,7 +19,11 @@ from robotouille_server.rooms.episode_setup import (
     Rematches,
     check_alone,
 )
-from robotouille_server.rooms.recovery import Recovery
+from robotouille_server.rooms.participants.seat_limits import LOOK_SECONDS
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.participants.sessions import Sessions
+from robotouille_server.rooms.recording.archive import ArchivedEpisode
+from robotouille_server.rooms.recording.recovery import Recovery
 from robotouille_server.rooms.room import Room, RoomObserver
 from robotouille_server.rooms.room_factory import (
     CODE_LENGTH,
@@ -29,10 +32,7 @@ from robotouille_server.rooms.room_factory import (
     Surroundings,
     UnusedCode,
 )
-from robotouille_server.rooms.seat_limits import LOOK_SECONDS
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.sessions import Sessions
-from robotouille_server.rooms.substitutes import BotScheduler
+from robotouille_server.rooms.substitutes.substitute import BotScheduler
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings

@@ -8,12 +8,12 @@ from robotouille.episode import Controller, Departure, Episode, Moderation, Phas
 from robotouille.episode.rules import NO_TREATMENT
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.publisher import SpectatorRosters
-from robotouille_server.rooms.seat_limits import ChatLimits, DisplayNames, SeatTurnover
-from robotouille_server.rooms.session import JoinedRoom, Session
-from robotouille_server.rooms.sessions import Sessions
-from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.rooms.participants.seat_limits import ChatLimits, DisplayNames, SeatTurnover
+from robotouille_server.rooms.participants.session import JoinedRoom, Session
+from robotouille_server.rooms.participants.sessions import Sessions
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
+from robotouille_server.rooms.publishing.publisher import SpectatorRosters
+from robotouille_server.rooms.recording.write_ahead import CommitGate
 
 
 class Membership:

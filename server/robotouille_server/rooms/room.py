@@ -14,18 +14,18 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.presentation.signals import Signal
 from robotouille_server.rooms.action_requests import ActionRequests
-from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.episode_driver import EpisodeDriver, EpisodeParts, Machinery
 from robotouille_server.rooms.membership import Membership
-from robotouille_server.rooms.publisher import SpectatorRosters
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.write_ahead import CommitGate, Readable
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster
+from robotouille_server.rooms.publishing.publisher import SpectatorRosters
+from robotouille_server.rooms.recording.write_ahead import CommitGate, Readable
 
 if TYPE_CHECKING:
     from robotouille.episode import Episode, Seat
     from robotouille.protocol.states import StateWriter
-    from robotouille_server.rooms.journal import EpisodeJournal
-    from robotouille_server.rooms.sessions import Sessions
+    from robotouille_server.rooms.participants.sessions import Sessions
+    from robotouille_server.rooms.recording.journal import EpisodeJournal
 
 
 MAX_GUESTS = 64

@@ -16,18 +16,18 @@ from robotouille.protocol import messages
 from robotouille.replay.file_names import file_name
 from robotouille.replay.recorder import HeaderDetails, Recorder, header
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.archive import ArchivedEpisode
-from robotouille_server.rooms.bot_worker import BotWorker, ProcessBotWorker
 from robotouille_server.rooms.episode_driver import Machinery
 from robotouille_server.rooms.episode_setup import EpisodeSetup
-from robotouille_server.rooms.journal import EpisodeJournal, Journal
+from robotouille_server.rooms.recording.archive import ArchivedEpisode
+from robotouille_server.rooms.recording.journal import EpisodeJournal, Journal
+from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.rooms.room import Room, RoomFacts, RoomKeeper
-from robotouille_server.rooms.storage import Storage
+from robotouille_server.rooms.substitutes.bot_worker import BotWorker, ProcessBotWorker
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import CODE_LETTERS, WorkerSlot, plain_code
 
 if TYPE_CHECKING:
-    from robotouille_server.rooms.sessions import Sessions
+    from robotouille_server.rooms.participants.sessions import Sessions
 
 CODE_LENGTH = 10
 """Letters of a code: 23 ** 10 codes are too many to guess, given the limit on wrong codes."""

@@ -616,15 +616,13 @@ class Episode:
             raise ProtocolError(code, "signals are off in this episode", "intent")
         if fault := signal_fault(signal, player, record.state):
             raise ProtocolError("chat/target", fault, "target")
-        self._post(name, player, self._sentence(signal, player), now, signal)
+        self._post(name, player, self._sentence(signal), now, signal)
 
-    def _sentence(self, signal: Signal, player: str) -> str:
-        record = self.record
+    def _sentence(self, signal: Signal) -> str:
         if self._language is None:
             self._language = language_of(self.world.task)
-        names = {p: seat.name for p, seat in record.seats.items() if seat.name and p != player}
-        wording = Wording(self.world, self._language, names=names)
-        return signal_text(signal, record.state, wording)
+        # Without the names of participants: exports without names keep this text.
+        return signal_text(signal, self.record.state, Wording(self.world, self._language))
 
     def _post(
         self, name: str, player: str, text: str, now: float, signal: Signal | None = None

@@ -18,8 +18,8 @@ from robotouille.protocol.participant_names import likeness
 from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.errors import ConnectionFailedError
-from robotouille_server.rooms.broadcaster import KEPT_SAID
-from robotouille_server.rooms.seat_limits import RESERVED_NAMES
+from robotouille_server.rooms.participants.seat_limits import RESERVED_NAMES
+from robotouille_server.rooms.publishing.broadcaster import KEPT_SAID
 from tests.programs.simulation.loop import Process, current_process
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import Role
 from robotouille_server.cluster.bus import BusError
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.participants.sessions import Sessions
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.sessions import Sessions
 from tests.programs.simulation.cluster_nodes import NodeMachine
 
 if TYPE_CHECKING:

@@ -16,11 +16,11 @@ from robotouille_server.auth import Credentials
 from robotouille_server.cluster.bus import Append, Bucket, BusError, Entry
 from robotouille_server.cluster.members import NodeReport
 from robotouille_server.cluster.node import ClusterNode, NodeParts
-from robotouille_server.rooms.bot_worker import ThreadBotWorker
-from robotouille_server.rooms.bots import Bots
 from robotouille_server.rooms.lobby import Lobby
+from robotouille_server.rooms.participants.sessions import Sessions
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.sessions import Sessions
+from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
+from robotouille_server.rooms.substitutes.bots import Bots
 from robotouille_server.runtime.metrics import ClusterMetrics, Metrics
 from robotouille_server.transport import LoopBudget
 from tests.programs.simulation.disk import Disk

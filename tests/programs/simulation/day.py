@@ -13,7 +13,7 @@ from functools import partial
 from robotouille.world.grounding.goal import Goal
 from robotouille.world.grounding.successors import SuccessorTree
 from robotouille.world.timers import TimerTable
-from robotouille_server.rooms.bots import BotWorld
+from robotouille_server.rooms.substitutes.bots import BotWorld
 from tests.programs.simulation.scenario import (
     FAULTS,
     DrawPlan,

@@ -12,7 +12,7 @@ import random
 from collections.abc import Callable
 from typing import BinaryIO
 
-from robotouille_server.rooms.storage import FileCondition
+from robotouille_server.rooms.recording.storage import FileCondition
 from tests.programs.simulation.loop import Killed, Process, current_process
 
 __all__ = ["Disk", "OpenFile"]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import CannotListenError, Surroundings
-from robotouille_server.rooms.bot_worker import ThreadBotWorker
-from robotouille_server.rooms.bots import Bots, BotWorld
+from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
+from robotouille_server.rooms.substitutes.bots import Bots, BotWorld
 from tests.programs.simulation.clients import PORT
 from tests.programs.simulation.loop import Process
 from tests.support.executors import ImmediateExecutor

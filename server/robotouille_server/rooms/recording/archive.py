@@ -14,8 +14,8 @@ from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restoring
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.journal import EpisodeJournal, name_in
-from robotouille_server.rooms.storage import Storage
+from robotouille_server.rooms.recording.journal import EpisodeJournal, name_in
+from robotouille_server.rooms.recording.storage import Storage
 from robotouille_server.runtime.logs import get_logger
 
 MAX_BYTES = 8 * 1024 * 1024

@@ -29,15 +29,15 @@ from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateWriter
 from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State
-from robotouille_server.rooms.audience import Audience, SharedMessage, SharedStep
-from robotouille_server.rooms.episode_messages import (
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.audience import Audience, SharedMessage, SharedStep
+from robotouille_server.rooms.publishing.episode_messages import (
     EpisodeMessages,
     Snapshots,
     last_seq,
     own_answers,
 )
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.rooms.recording.write_ahead import CommitGate
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget, Peer, frame_of
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Protocol
 from robotouille.episode import Controller, Episode, Stepped
 from robotouille.planning.bot_process import state_row
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.bot_worker import BotWorker, BotWorkerLostError
-from robotouille_server.rooms.bots import BotAnswer, Question
+from robotouille_server.rooms.substitutes.bot_worker import BotWorker, BotWorkerLostError
+from robotouille_server.rooms.substitutes.bots import BotAnswer, Question
 from robotouille_server.runtime.logs import get_logger
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from robotouille.episode import Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.transport import LoopBudget, Peer, frame_of

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import msgpack
 
 from robotouille.planning.bot_process import unpacker
-from robotouille_server.rooms.bots import (
+from robotouille_server.rooms.substitutes.bots import (
     DONE,
     UNKNOWN,
     BotAnswer,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from robotouille.domain.task import Task
 
 # `-P` keeps modules in the server's working directory from replacing installed ones.
-COMMAND = (sys.executable, "-P", "-m", "robotouille_server.rooms.bots")
+COMMAND = (sys.executable, "-P", "-m", "robotouille_server.rooms.substitutes.bots")
 FIRST_BACK_OFF, MAX_BACK_OFF = 0.1, 5.0
 """Seconds before a dead process is replaced: the first value and the maximum."""
 HEALTHY_SECONDS = 10.0

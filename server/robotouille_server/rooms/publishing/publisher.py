@@ -28,10 +28,10 @@ from robotouille.episode import (
     Stepped,
 )
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.broadcaster import Broadcaster, LongWait
-from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.substitutes import BotScheduler, SubstituteBot
-from robotouille_server.rooms.write_ahead import CommitGate
+from robotouille_server.rooms.participants.session import Session
+from robotouille_server.rooms.publishing.broadcaster import Broadcaster, LongWait
+from robotouille_server.rooms.recording.write_ahead import CommitGate
+from robotouille_server.rooms.substitutes.substitute import BotScheduler, SubstituteBot
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
 

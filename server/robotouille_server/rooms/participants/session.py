@@ -9,7 +9,7 @@ from robotouille.episode import Departure, Seat
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import CountedConnection, Role, Visitor
-from robotouille_server.rooms.write_ahead import Readable
+from robotouille_server.rooms.recording.write_ahead import Readable
 from robotouille_server.transport import Peer
 
 

@@ -13,7 +13,7 @@ from robotouille.errors import ProtocolError
 from robotouille.planning.policies.standing import is_out_of_the_way
 from robotouille.protocol import messages
 from robotouille.protocol.participant_names import distinct_name, likeness
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.participants.session import Session
 from robotouille_server.runtime.budgets import TokenBucket
 
 MANY = 200

@@ -13,14 +13,14 @@ from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.archive import Archive, ArchivedEpisode, episode_of
-from robotouille_server.rooms.journal import (
+from robotouille_server.rooms.recording.archive import Archive, ArchivedEpisode, episode_of
+from robotouille_server.rooms.recording.journal import (
     Journal,
     RecordedRoom,
     close_recording,
     name_in,
 )
-from robotouille_server.rooms.storage import Appender, Storage
+from robotouille_server.rooms.recording.storage import Appender, Storage
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import WorkerSlot, plain_code
 

@@ -13,8 +13,8 @@ from robotouille.errors import RecordingError
 from robotouille.replay.container import MAGIC, compress, frame_ends, frame_value, plain
 from robotouille.replay.file_names import CLOSED, OPEN, file_name
 from robotouille.replay.recorder import Recorder
-from robotouille_server.rooms.storage import Appender, FileCondition, Storage
-from robotouille_server.rooms.write_ahead import EventLog
+from robotouille_server.rooms.recording.storage import Appender, FileCondition, Storage
+from robotouille_server.rooms.recording.write_ahead import EventLog
 from robotouille_server.runtime.logs import get_logger
 
 MAX_RECORDING_BYTES = 192 * 1024 * 1024

@@ -16,7 +16,12 @@ from robotouille_server.auth import (
     Visitor,
     check_scope,
 )
-from robotouille_server.rooms.session import NO_LIMITS, JoinedRoom, Session, SessionLimits
+from robotouille_server.rooms.participants.session import (
+    NO_LIMITS,
+    JoinedRoom,
+    Session,
+    SessionLimits,
+)
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 

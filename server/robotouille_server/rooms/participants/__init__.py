@@ -1,0 +1,1 @@
+"""Sessions of participants, and the limits on what a seat may send."""

@@ -1,0 +1,1 @@
+"""Messages to the participants and spectators of a room."""

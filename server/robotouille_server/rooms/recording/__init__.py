@@ -1,0 +1,1 @@
+"""Recordings of episodes: writing before publishing, closing, restoring and finding them."""
