@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 
-from robotouille.domain.rendering import Language, language_of
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode.events import (
     AnnouncementMade,
     ChatPosted,
@@ -33,7 +33,7 @@ from robotouille.episode.record import EpisodeRecord, RandomReversal, no_reversa
 from robotouille.episode.rules import Chat, Rules, SeatTreatment
 from robotouille.episode.seats import ActionRequest, Seat, by_holder
 from robotouille.episode.submissions import Submissions, joint_action
-from robotouille.errors import ProtocolError
+from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Signal, signal_fault, signal_text
 from robotouille.world.presentation.wording import Wording
@@ -620,7 +620,10 @@ class Episode:
 
     def _sentence(self, signal: Signal) -> str:
         if self._language is None:
-            self._language = language_of(self.world.task)
+            try:
+                self._language = language_of(self.world.task)
+            except RobotouilleError:  # The rendering is gone, or has got faults.
+                self._language = NO_WORDS
         # Without the names of participants: exports without names keep this text.
         return signal_text(signal, self.record.state, Wording(self.world, self._language))
 

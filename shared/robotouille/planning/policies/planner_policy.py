@@ -235,6 +235,7 @@ class PlannerPolicy:
             self._steps_left -= 1
             verdict = watch.check(past, self._teammates)
             if verdict.way_is_free:
+                self._talk.give_thanks()
                 self._talk.clear_requests()
             if self.player in verdict.without:
                 self._talk.announce()

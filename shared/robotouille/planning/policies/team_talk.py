@@ -183,10 +183,13 @@ class Talk:
         """Allow the last request again, because other participants have done something."""
         self._allowed = True
 
-    def clear_requests(self) -> None:
-        """Forget the last request, because nothing is in the way any more; give thanks for it."""
+    def give_thanks(self) -> None:
+        """Thank for a place if that was the last request."""
         if self._last_asked.signal is not None:
             self._said.append(Speech(signal=Signal(Intent.THANKS)))
+
+    def clear_requests(self) -> None:
+        """Forget the last request, because nothing is in the way any more."""
         self._last_asked = NOTHING
         self._helpless = False
 
