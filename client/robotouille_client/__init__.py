@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         ObservationReceived,
         RosterChanged,
         StateChanged,
+        TeamTold,
     )
 else:
     from robotouille.lazy_exports import lazy_exports
@@ -62,6 +63,7 @@ __all__ = [
     "RobotouilleError",
     "RosterChanged",
     "StateChanged",
+    "TeamTold",
     "UntrustedRedirectError",
     "connect",
 ]

@@ -89,7 +89,7 @@ class Game(GameReplica):
         self._flush()
 
     def note(self, topic: str, text: str, seat: str | None = None) -> None:
-        """Add a text to the recording that no participant sees.
+        """Add a text to the recording, which people do not see.
 
         Args:
             topic: The topic of the note.

@@ -212,6 +212,10 @@ class IllegalEventError(RobotouilleError):
         super().__init__(f"{whose} in state {state} cannot handle {event}")
 
 
+class GoalTooHardError(RobotouilleError):
+    """A goal with too many choices of objects to check in a step."""
+
+
 class RecordingError(RobotouilleError):
     """A recording is damaged, or its replay gives other states."""
 

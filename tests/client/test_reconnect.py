@@ -8,7 +8,6 @@ from pathlib import Path
 
 from robotouille.planning.policies.policy import Speech
 from robotouille.replay.recording import read_recording
-from robotouille.world.presentation.signals import Signal
 from robotouille_client import ChatReceived, Game, GameEnded, connect
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_server import Server, ServerSettings, serve
@@ -115,8 +114,8 @@ class TalkingPolicy(RandomPolicy):
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
         self.kinds = kinds
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
-        self.received.add(text)
+    def hear(self, player: str, speech: Speech) -> None:
+        self.received.add(speech.text)
 
     def speak(self) -> list[Speech]:
         return [Speech(self.unsaid.pop())] if self.unsaid else []

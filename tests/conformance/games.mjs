@@ -34,7 +34,7 @@ export async function conversation({ url, subprotocol, create, seats, plan }) {
   await settle();
   ada.send({ type: "say", text: 'I take the 🍟 — "déjà vu"\n\u0000\u202e' });
   ada.send({ type: "signal", intent: "look", target: seats[1] });
-  ada.send({ type: "note", topic: "team", text: "I am a bot" });
+  ada.send({ type: "note", topic: "team", text: "planner 2" });
   ada.send({ type: "note", topic: "plan", text: 'first the 🍟', more: true });
   ada.send({ type: "note", topic: "plan", text: ", then nothing" });
   await settle();

@@ -34,7 +34,6 @@ from robotouille.planning.policies.standing import (
 from robotouille.planning.policies.team_plan import BRIEF, HURRIED
 from robotouille.planning.policies.team_talk import requested
 from robotouille.planning.solvers import AnytimePlanner
-from robotouille.world.presentation.signals import Signal
 from robotouille.world.presentation.wording import Wording
 from tests.support.team_games import Idle, TeamGame, play_team
 
@@ -181,7 +180,8 @@ class Newcomer:
     def speak(self) -> list[Speech]:
         return []
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+    def hear(self, player: str, speech: Speech) -> None:
+        text = speech.text
         here = standing_at(self._state, self._player)
         if here is not None and requested(text, here, self._state, self._wording):
             self._asked = int(2 * RATE)

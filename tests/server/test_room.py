@@ -9,7 +9,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from robotouille.episode import Episode
-from robotouille.errors import RobotouilleError
+from robotouille.errors import GoalTooHardError
 from robotouille.replay.recording import read_recording
 from robotouille.replay.timeline import note_lines
 from robotouille_client import ChatReceived, ChatRejected, GameEnded, connect
@@ -274,7 +274,7 @@ async def test_episode_whose_goal_becomes_too_hard_is_aborted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
-        raise RobotouilleError("the goal is too hard to check")
+        raise GoalTooHardError("the goal is too hard to check")
 
     async with serving(tmp_path) as server, raw(server) as ada:
         created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")

@@ -9,8 +9,7 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille.world.presentation.signals import Intent, Signal
-from robotouille_client import ChatReceived, ChatRejected, connect
-from robotouille_client.sansio.game_events import TeamTold
+from robotouille_client import ChatReceived, ChatRejected, TeamTold, connect
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import virtual
 
@@ -110,10 +109,13 @@ async def test_only_bots_receive_what_a_bot_tells_its_team(tmp_path: Path) -> No
     ):
         room = await one.create(TASK, seats=3)
         games = [await client.join(room.code) for client in (one, two, ada)]
-        # A person's note is recorded and sent to nobody.
-        games[2].note("team", "I am a bot")
-        games[0].note("team", "team planner 2")
-        assert await event(games[1], TeamTold) == TeamTold("robot1", "team planner 2")
+        # A person's note is recorded and sent to nobody, and so is a bot's that says more.
+        games[2].note("team", "planner 1")
+        games[0].note("team", "Let us meet at the stove")
+        games[0].note("team", "planner 2")
+        # The sender hears it, too: all bots plan again at the same point of the course.
+        for game in games[:2]:
+            assert await event(game, TeamTold) == TeamTold("robot1", "planner 2")
         games[0].say("done")
         while not isinstance(found := await games[2].next_event(), ChatReceived):
             assert not isinstance(found, TeamTold)

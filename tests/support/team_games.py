@@ -184,11 +184,10 @@ def _deliver(episode: Episode, policies: Mapping[str, Policy], game: TeamGame, n
             elif isinstance(event, ChatPosted):
                 game.said.append((episode.step, event.player, event.text))
                 for talker in _talkers(policies):
-                    talker.hear(event.player, event.text, event.signal)
+                    talker.hear(event.player, Speech(event.text, event.signal))
             elif isinstance(event, Noted):
-                for player, policy in policies.items():
-                    if isinstance(policy, TeamPolicy) and player != event.player:
-                        policy.hear(event.player, event.text)
+                for talker in _talkers(policies):
+                    talker.hear(event.player, Speech(event.text, to_bots=True))
         said = [
             (player, speech)
             for player, policy in policies.items()

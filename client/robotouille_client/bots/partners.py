@@ -6,7 +6,7 @@ a process, which answers requests:
 | request | reply |
 | --- | --- |
 | `["begin", task as JSON, [kind, seed, skill, words as JSON], players, step seconds]` | none |
-| `["meet", kinds, clock]`, `["hear", player, text, signal]`, `["observe", moves]` | `say` |
+| `["meet", kinds, clock]`, `["hear", player, speech]`, `["observe", moves]` | `say` |
 | `["ask", player, state]` | `say`; `["act", player, [name, …arguments], waits]` |
 
 A bot that does nothing answers with nil in place of the action. `["say", player, [text, signal,
@@ -39,7 +39,7 @@ from robotouille.planning.bot_process import (
 )
 from robotouille.planning.policies.policy import Did, Policy, Speech, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.signals import Signal, signal_from
+from robotouille.world.presentation.signals import signal_from
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, BotSetup, bot_maker
 
@@ -67,7 +67,7 @@ class Partners(Protocol):
     def observe(self, did: Did) -> None:
         """Report the actions of a step. Called once for each step, before `ask`."""
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+    def hear(self, player: str, speech: Speech) -> None:
         """Pass on a chat message or a signal of a player."""
 
     def ask(self, player: str, state: State) -> None:
@@ -109,10 +109,9 @@ class PromptPartners:
         for policy in self._policies.values():
             policy.observe(did)
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
-        for each, policy in self._team.items():
-            if each != player:
-                policy.hear(player, text, signal)
+    def hear(self, player: str, speech: Speech) -> None:
+        for policy in self._team.values():
+            policy.hear(player, speech)
 
     def ask(self, player: str, state: State) -> None:
         policy = self._policies[player]
@@ -127,7 +126,7 @@ class PromptPartners:
         said = [(player, speech) for player, each in self._team.items() for speech in each.speak()]
         for player, speech in said:
             if speech.to_bots:
-                self.hear(player, speech.text)
+                self.hear(player, speech)
         return said
 
     def news(self) -> list[str]:
@@ -219,8 +218,8 @@ class PartnerProcess:
         moves = [(player, a.name, a.arguments, applied) for player, a, applied in did]
         self._send("observe", moves)
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
-        self._send("hear", player, text, signal)
+    def hear(self, player: str, speech: Speech) -> None:
+        self._send("hear", player, speech)
 
     def ask(self, player: str, state: State) -> None:
         row = state_row(state)
@@ -233,9 +232,7 @@ class PartnerProcess:
         while self._replies:
             what, player, told, *more = self._replies.popleft()
             if what == "say":
-                text, signal, to_bots = told
-                sent = None if signal is None else signal_from(*signal)
-                self._spoken.append((player, Speech(text, sent, to_bots)))
+                self._spoken.append((player, _speech(*told)))
             elif self._asked.pop(player, None) is not None:
                 action = None if told is None else self._action(*told)
                 found.append(Decision(player, action, *more))
@@ -315,12 +312,16 @@ def replies(
             yield "act", player, did, waiting
 
 
+def _speech(text: str, signal: tuple[str, str] | None, to_bots: bool) -> Speech:
+    return Speech(text, None if signal is None else signal_from(*signal), to_bots)
+
+
 def _apply(partners: PromptPartners, world: World, what: str, *about: Any) -> None:
     if what == "meet":
         partners.meet(*about)
     elif what == "hear":
-        player, text, signal = about
-        partners.hear(player, text, None if signal is None else signal_from(*signal))
+        player, speech = about
+        partners.hear(player, _speech(*speech))
     elif what == "observe":
         partners.observe(read_moves(world, *about))
     else:

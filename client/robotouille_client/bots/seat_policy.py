@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from robotouille.episode import TEAM_TOPIC
-from robotouille.planning.policies.policy import Policy, TeamPolicy, waits
+from robotouille.planning.policies.policy import Policy, Speech, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.game import Game
@@ -117,9 +117,9 @@ class SeatPolicy:
             if not isinstance(policy, TeamPolicy):
                 continue
             if isinstance(event, ChatReceived) and event.seat:
-                policy.hear(event.seat, event.text, event.signal)
+                policy.hear(event.seat, Speech(event.text, event.signal))
             if isinstance(event, TeamTold):
-                policy.hear(event.seat, event.text)
+                policy.hear(event.seat, Speech(event.text, to_bots=True))
             if isinstance(event, RosterChanged):
                 self._meet()
         if unheard:

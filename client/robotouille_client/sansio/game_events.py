@@ -147,7 +147,7 @@ class ChatReceived:
 
 @dataclass(frozen=True, slots=True)
 class TeamTold:
-    """Another bot of the episode sent a note to all bots. People do not receive it."""
+    """A bot of the episode, possibly this one, told its version to all bots."""
 
     seat: str
     text: str

@@ -298,7 +298,7 @@ class GameReplica:
         self._outgoing.append(signal)
 
     def note(self, topic: str, text: str, seat: str | None = None) -> None:
-        """Add a text of any length to the recording that no participant sees.
+        """Add a text of any length to the recording, which people do not see.
 
         Args:
             seat: The client's seat that the note belongs to; its first one by default.

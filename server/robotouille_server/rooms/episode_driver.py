@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotouille.episode import Episode, Event, Phase, Stepped
-from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.errors import GoalTooHardError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.membership import Membership
 from robotouille_server.rooms.participants.seat_limits import RoundTrips
@@ -122,13 +122,14 @@ class EpisodeDriver:
         now = self.now()
         try:
             change(*arguments, now, **options)
-        except ProtocolError:
-            raise
-        except RobotouilleError as error:
-            # For example a goal that takes too long to check, in a kitchen of the operator's own.
-            get_logger().error("the episode failed", episode=self._id, error=str(error))
-            self._episode.abort(now, detail=str(error))
+        except GoalTooHardError as error:
+            self._give_up(error, now)
         self._flush(now)
+
+    def _give_up(self, error: GoalTooHardError, now: float) -> None:
+        """End an episode in a kitchen of the operator's own whose goal cannot be checked."""
+        get_logger().error("the episode failed", episode=self._id, error=str(error))
+        self._episode.abort(now, detail=str(error))
 
     def abort(self, reason: str) -> None:
         """End the episode."""
@@ -180,7 +181,10 @@ class EpisodeDriver:
         try:
             # The maximum is needed, because a timer of the event loop may fire a little before
             # `due`.
-            episode.tick(max(now, due))
+            try:
+                episode.tick(max(now, due))
+            except GoalTooHardError as error:
+                self._give_up(error, now)
             self._flush(now)
         except Exception:
             self._fail()

@@ -262,7 +262,7 @@ class Room:
         session.recorded_bytes += NOTE_BYTES
 
     def note(self, session: Session, request: messages.Note) -> None:
-        """Record a note of a player, which nobody else sees."""
+        """Record a note of a player; bots may receive one for their team."""
         self._gate.check()
         player, text = session.own_seat(request.seat), request.text
         self.driver.apply(self.episode.note, player, request.topic, text, more=request.more)

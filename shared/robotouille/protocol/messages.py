@@ -411,9 +411,10 @@ class Signal(Message):
 
 
 class Note(Message):
-    """Add text to the recording, such as a model's prompt and answer. No participant sees it.
+    """Add text to the recording, such as a model's prompt and answer. People do not see it.
 
-    Only notes of bots with the topic `team` are sent to the other bots of the episode.
+    A bot's note with the topic `team` that is a word and a number, such as `planner 2`, is sent to
+    all bots of the episode.
     """
 
     type: Literal["note"] = "note"
@@ -779,7 +780,7 @@ class Said(FromServer):
 
 
 class Told(FromServer):
-    """A note with the topic `team` of another bot. Only bots receive it."""
+    """A bot's note with the topic `team`. Only bots receive it, its sender included."""
 
     type: Literal["told"] = "told"
     seat: str = Field(description="The sender's seat.")

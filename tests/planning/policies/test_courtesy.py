@@ -8,6 +8,7 @@ from robotouille import State, World
 from robotouille.domain.rendering import language_of
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.courtesy import GIVEN, PAUSING, YIELDING
+from robotouille.planning.policies.policy import Speech
 from robotouille.planning.policies.standing import (
     is_out_of_the_way,
     standing_at,
@@ -59,7 +60,7 @@ def kitchen() -> Kitchen:
 def test_a_bot_waits_when_asked_to(kitchen: Kitchen, by_signal: bool) -> None:
     kitchen.step()
     signal = Signal(Intent.WAIT) if by_signal else None
-    kitchen.bot.hear(PERSON, "wait, please", signal)
+    kitchen.bot.hear(PERSON, Speech("wait, please", signal))
     assert {kitchen.step() for _ in range(PAUSING)} == {""}
     assert any(kitchen.step() for _ in range(5))
 
@@ -68,7 +69,8 @@ def test_a_bot_waits_when_asked_to(kitchen: Kitchen, by_signal: bool) -> None:
 def test_a_bot_hands_over_what_somebody_needs(kitchen: Kitchen, by_signal: bool) -> None:
     held = kitchen.until_it_holds_something()
     kind = kitchen.wording.kind(kitchen.world.thing(held).kind)
-    kitchen.bot.hear(PERSON, f"I need the {kind}", Signal(Intent.NEED, held) if by_signal else None)
+    signal = Signal(Intent.NEED, held) if by_signal else None
+    kitchen.bot.hear(PERSON, Speech(f"I need the {kind}", signal))
     for _ in range(6):
         kitchen.step()
     there = scene(kitchen.state)[held].host
@@ -87,7 +89,7 @@ def test_a_bot_leaves_a_station_that_somebody_needs(kitchen: Kitchen) -> None:
     while is_out_of_the_way(kitchen.state, ME):
         kitchen.step()
     station = standing_at(kitchen.state, ME) or ""
-    kitchen.bot.hear(PERSON, "", Signal(Intent.NEED, station))
+    kitchen.bot.hear(PERSON, Speech("", Signal(Intent.NEED, station)))
     for _ in range(YIELDING):
         kitchen.step()
         assert standing_at(kitchen.state, ME) != station
@@ -97,7 +99,7 @@ def test_a_bot_answers_a_request_with_what_it_does_next(kitchen: Kitchen) -> Non
     kitchen.bot.meet({ME: "bot", PERSON: "human"}, "realtime")
     while not any(said.text.startswith("Next") for said in kitchen.bot.speak()):
         kitchen.step()
-    kitchen.bot.hear(PERSON, "you take it", Signal(Intent.YOURS, "lettuce1"))
+    kitchen.bot.hear(PERSON, Speech("you take it", Signal(Intent.YOURS, "lettuce1")))
     for _ in range(8):
         kitchen.step()
         if any(said.text.startswith("Next") for said in kitchen.bot.speak()):
@@ -126,3 +128,28 @@ def test_sentences_of_signals_are_understood(kitchen: Kitchen, intent: Intent) -
         # A signal that only points needs no answer.
         expected = None if intent is Intent.LOOK else signal
         assert understood(text, kitchen.state, kitchen.wording) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "I'll wait at the stove", "don't stop, we are nearly there", "You don't need to wait",
+        "You need the lettuce", "I don't need the lettuce", "I took the lettuce", "hello",
+    ],
+)  # fmt: skip
+def test_other_sentences_mean_nothing(kitchen: Kitchen, text: str) -> None:
+    assert understood(text, kitchen.state, kitchen.wording) is None
+
+
+def test_a_bot_keeps_what_a_signal_does_not_point_at() -> None:
+    kitchen = Kitchen("synchronous/09")
+    held = kitchen.until_it_holds_something()
+    kind = kitchen.world.thing(held).kind
+    other = next(
+        name for name in kitchen.world.thing_names
+        if name != held and kitchen.world.thing(name).kind == kind
+    )  # fmt: skip
+    kitchen.bot.hear(PERSON, Speech("", Signal(Intent.NEED, other)))
+    action = kitchen.step()
+    assert action
+    assert not action.startswith("place")

@@ -30,7 +30,7 @@ from robotouille.planning.policies.team_talk import (
     requested,
 )
 from robotouille.planning.search.unsolvable import ReachabilityCheck
-from robotouille.world.presentation.signals import Signal, signal_text
+from robotouille.world.presentation.signals import signal_text
 from robotouille.world.presentation.wording import Wording
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, RandomWalker, TeamGame, play_team
@@ -157,9 +157,9 @@ class Asked(Idle):
     def meet(self, kinds: Any, clock: str) -> None:
         pass
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
-        if text.startswith("I need"):
-            self.asked = text
+    def hear(self, player: str, speech: Speech) -> None:
+        if speech.text.startswith("I need"):
+            self.asked = speech.text
 
     def speak(self) -> list[Speech]:
         return []
@@ -227,13 +227,12 @@ class Stranger(RandomWalker):
 
     def __init__(self, player: str, seed: int, *, travel: bool) -> None:
         super().__init__(player, seed, travel=travel)
-        text = f"I plan for all bots of my version (team planner {VERSION + 1})"
-        self._said = [Speech(text, to_bots=True)]
+        self._said = [Speech(f"planner {VERSION + 1}", to_bots=True)]
 
     def meet(self, kinds: Any, clock: str) -> None:
         pass
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+    def hear(self, player: str, speech: Speech) -> None:
         pass
 
     def speak(self) -> list[Speech]:
@@ -251,7 +250,7 @@ def test_bot_makes_way_on_request_and_returns() -> None:
         if station and world.thing(station).kind != "table":
             break
         state = _next(bot, state)
-    bot.hear("robot2", f"please, I need the {world.thing(station).kind}")
+    bot.hear("robot2", Speech(f"please, I need the {world.thing(station).kind}"))
     state = _next(bot, state)
     assert standing_at(state, "robot1") != station
     for _ in range(60):
@@ -271,7 +270,7 @@ def test_requests_are_understood() -> None:
     words, start = Wording(world, language_of(world.task)), world.initial
     sink = next(o.name for o in world.initial.objects if o.type == "station")
     assert announced_version(announcement().text) == VERSION
-    assert announced_version("team planner 1") is None
+    assert announced_version("I am planner 1") is None
     for station in world.floor.stations:
         sent = request(station).signal
         assert sent is not None

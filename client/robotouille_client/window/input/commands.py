@@ -99,6 +99,11 @@ class KeyMap:
         for name, keys in (changed or {}).items():
             if name in set(DEFAULT_KEYS):
                 self._keys[Command(name)] = tuple(k.casefold() for k in keys if k not in FIXED)
+        # A key that the player has chosen loses its default command.
+        chosen = {key for c, keys in self._keys.items() if keys != DEFAULT_KEYS[c] for key in keys}
+        for command, keys in self._keys.items():
+            if keys == DEFAULT_KEYS[command]:
+                self._keys[command] = tuple(key for key in keys if key not in chosen)
         self._commands = {key: command for command, keys in self._keys.items() for key in keys}
 
     def command(self, key: str) -> Command | None:

@@ -173,7 +173,7 @@ class LocalSource(GameSource):
 
     def _show_speech(self, event: ChatPosted) -> None:
         self._feedback.show_speech(event, event.player, self._episode.state, self._wording)
-        self._partners.hear(event.player, event.text, event.signal)
+        self._partners.hear(event.player, Speech(event.text, event.signal))
 
     def _ask_bots(self) -> None:
         """Ask the bots that may act for a decision."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
@@ -43,6 +44,8 @@ from robotouille_server.transport import LoopBudget, Peer, frame_of
 
 KEPT_DELTAS = 64
 """Deltas kept for clients that come back. If more were missed, a snapshot is shorter."""
+_FOR_BOTS = re.compile(r"[a-z-]{1,20} \d{1,6}")
+"""Text that bots may tell each other, such as `planner 2`."""
 KEPT_SAID, KEPT_NOTICES = 200, 20
 
 REPEATED_SAID = 20
@@ -105,6 +108,7 @@ class Broadcaster:
         "_roster_waits",
         "_said",
         "_snapshots",
+        "_told",
         "long_wait",
         "members",
         "mirrored",
@@ -144,6 +148,7 @@ class Broadcaster:
         self._public: tuple[tuple[int, str | None, str], SharedMessage] | None = None
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
+        self._told: deque[tuple[float, messages.Told]] = deque(maxlen=KEPT_NOTICES)
 
     @property
     def spectators(self) -> int:
@@ -241,6 +246,10 @@ class Broadcaster:
         for time, notice in self._notices:
             if time >= session.away_since > 0:
                 peer.send(notice)
+        if session.players and session.kind == Controller.BOT:
+            for time, told in self._told:
+                if time >= session.away_since > 0:
+                    peer.send(told)
         peer.send(self.roster())
 
     def _send_joined(self, session: Session, ref: int | None, resume: str) -> None:
@@ -390,13 +399,18 @@ class Broadcaster:
         self.send_all(said)
 
     def publish_told(self, event: Noted) -> None:
-        """Send a bot's text for its team to the other bots."""
+        """Send a bot's text for its team to all bots, its own included.
+
+        Only a word with a number is sent: bots agree on versions, and nobody can use it as a hidden
+        chat.
+        """
         sender = self.holder(event.player)
-        if sender is None or sender.kind != Controller.BOT:
+        if sender is None or sender.kind != Controller.BOT or not _FOR_BOTS.fullmatch(event.text):
             return
         told = messages.Told(seat=event.player, text=event.text)
+        self._told.append((self._now(), told))
         for session in self.members:
-            if session.players and session is not sender and session.kind == Controller.BOT:
+            if session.players and session.kind == Controller.BOT:
                 self.send(session, told)
 
     def publish_notice(self, text: str) -> None:

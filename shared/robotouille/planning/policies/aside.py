@@ -45,7 +45,12 @@ def put_down(state: State, player: str) -> Sequence[GroundAction]:
 
 def holds(state: State, player: str) -> bool:
     """Return whether a player has an object in hand."""
-    return any(placed.host == player for placed in scene(state).values())
+    return bool(held_by(state, player))
+
+
+def held_by(state: State, player: str) -> list[str]:
+    """Return the objects in a player's hand."""
+    return [name for name, placed in scene(state).items() if placed.host == player]
 
 
 def _frees_hands(state: State, player: str) -> list[GroundAction]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from robotouille.planning.policies.aside import after, put_down
+from robotouille.planning.policies.aside import after, held_by, put_down
 from robotouille.planning.policies.standing import standing_at
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, Signal
@@ -43,18 +43,9 @@ class Courtesy:
             self._yielding = self._pausing = self._giving = 0
         elif intent is Intent.NEED and target == standing_at(state, self._player):
             self._yielding = step + YIELDING
-        elif intent is Intent.NEED and (held := self._held_like(target, state)):
+        elif intent is Intent.NEED and target in held_by(state, self._player):
             self._giving = step + GIVING
-            self._given, self._given_until = held, step + GIVING + GIVEN
-
-    def _held_like(self, target: str, state: State) -> str:
-        """Return the object in this seat's hand that is the target, or of its kind."""
-        if target not in state.world.thing_names:
-            return ""
-        kind = state.world.thing(target).kind
-        found = [n for n, p in scene(state).items() if p.host == self._player]
-        alike = [name for name in found if name == target or state.world.thing(name).kind == kind]
-        return alike[0] if alike else ""
+            self._given, self._given_until = target, step + GIVING + GIVEN
 
     def at_work(self, step: int) -> bool:
         """Return whether the seat does something for others instead of its plan."""
@@ -65,6 +56,8 @@ class Courtesy:
         if self._giving > step:
             if self._holds_given(state):
                 way = put_down(state, self._player)
+                if not way:
+                    self._giving = 0  # There is no empty place.
                 return way[0] if way else None
             # The other participant can now come to the station where it lies.
             self._giving, self._yielding = 0, step + YIELDING

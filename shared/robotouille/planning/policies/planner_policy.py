@@ -24,6 +24,7 @@ from functools import cached_property
 from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
+from robotouille.planning.policies.aside import held_by
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.plan_watch import (
     PastStep,
@@ -182,9 +183,16 @@ class PlannerPolicy:
             elif kind:
                 self._leave_out({player})
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+    def hear(self, player: str, speech: Speech) -> None:
         """Process a bot's announcement of its version, or a request."""
-        version = announced_version(text)
+        if speech.to_bots:
+            self._hear_version(player, announced_version(speech.text))
+        elif player not in self._team and self._state is not None:
+            signal = speech.signal or self._meaning(speech.text, self._state)
+            if signal is not None:
+                self._heed(signal, self._state)
+
+    def _hear_version(self, player: str, version: int | None) -> None:
         if version == VERSION:
             self._unlike.discard(player)
             self._team |= {p for p in self._world.players if self._counted_on(p)}
@@ -194,15 +202,21 @@ class PlannerPolicy:
         elif version is not None:
             self._unlike.add(player)
             self._leave_out({player})
-        elif player not in self._team and self._state is not None:
-            if signal is None:
-                station = standing_at(self._state, self.player)
-                if station is not None and requested(text, station, self._state, self._wording):
-                    signal = Signal(Intent.NEED, station)
-                else:
-                    signal = understood(text, self._state, self._wording)
-            if signal is not None:
-                self._heed(signal, self._state)
+
+    def _meaning(self, text: str, state: State) -> Signal | None:
+        """Return the signal that a chat message amounts to, if there is one."""
+        station = standing_at(state, self.player)
+        if station is not None and requested(text, station, state, self._wording):
+            return Signal(Intent.NEED, station)
+        signal = understood(text, state, self._wording)
+        if signal is None or signal.intent is not Intent.NEED:
+            return signal
+        # A text names a kind. It means the object in this seat's hand, if that is one.
+        kind = state.world.thing(signal.target).kind
+        for name in held_by(state, self.player):
+            if state.world.thing(name).kind == kind:
+                return Signal(Intent.NEED, name)
+        return signal
 
     def _heed(self, signal: Signal, state: State) -> None:
         self._courtesy.asked(signal, state, self._step)

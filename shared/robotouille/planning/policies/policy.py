@@ -56,10 +56,10 @@ class TeamPolicy(Policy, Protocol):
         Kinds are `bot`, `human`, `model`, `absent` and others, or empty for a free seat.
         """
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
-        """Process a chat message, a signal with its sentence, or what a bot tells all bots.
+    def hear(self, player: str, speech: Speech) -> None:
+        """Process a chat message, a signal with its sentence, or a text for bots.
 
-        The policy's own messages are included, except those to bots.
+        The policy's own are included: all bots of a team must hear the same in the same order.
         """
 
     def speak(self) -> list[Speech]:

@@ -11,10 +11,8 @@ from robotouille.planning.policies.planner_policy import (
     PlannerPolicy,
 )
 from robotouille.planning.policies.policy import Did, Speech, waits
-from robotouille.planning.policies.team_talk import announced_version
 from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.signals import Signal
 from robotouille.world.world import State, World
 
 MAX_HEARD = 64
@@ -48,7 +46,7 @@ class ShiftPolicy:
         self._policy: PlannerPolicy | None = None
         self._order = -1
         self._met: tuple[dict[str, str], str] | None = None
-        self._heard: list[tuple[str, str]] = []
+        self._heard: list[tuple[str, Speech]] = []
         self._spoken: set[Speech] = set()
 
     @property
@@ -100,12 +98,12 @@ class ShiftPolicy:
         if self._policy is not None:
             self._policy.meet(kinds, clock)
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+    def hear(self, player: str, speech: Speech) -> None:
         # Requests are for the moment. Only what bots tell each other counts for the next order.
-        if announced_version(text) is not None and (player, text) not in self._heard:
-            self._heard = [*self._heard[-MAX_HEARD:], (player, text)]
+        if speech.to_bots and (player, speech) not in self._heard:
+            self._heard = [*self._heard[-MAX_HEARD:], (player, speech)]
         if self._policy is not None:
-            self._policy.hear(player, text, signal)
+            self._policy.hear(player, speech)
 
     def speak(self) -> list[Speech]:
         """Return new messages; the policy of a later order may repeat earlier ones."""
@@ -146,7 +144,7 @@ def play_shift(
         for player, bot in bots.items():
             for speech in bot.speak():
                 for other in bots.values():
-                    other.hear(player, speech.text, speech.signal)
+                    other.hear(player, speech)
         state = step.state
         watch(state)
     return Plan(tuple(steps)), state

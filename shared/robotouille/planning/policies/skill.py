@@ -14,7 +14,6 @@ from dataclasses import dataclass, fields
 from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.planning.policies.policy import Did, Policy, Speech, TeamPolicy, waits
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.signals import Signal
 from robotouille.world.world import State
 
 
@@ -189,9 +188,9 @@ class SkilledPolicy:
         if isinstance(self._policy, TeamPolicy):
             self._policy.meet(kinds, clock)
 
-    def hear(self, player: str, text: str, signal: Signal | None = None) -> None:
+    def hear(self, player: str, speech: Speech) -> None:
         if isinstance(self._policy, TeamPolicy):
-            self._policy.hear(player, text, signal)
+            self._policy.hear(player, speech)
 
     def speak(self) -> list[Speech]:
         return self._policy.speak() if isinstance(self._policy, TeamPolicy) else []

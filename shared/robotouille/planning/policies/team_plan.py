@@ -34,15 +34,6 @@ EXPANSIONS = 2_000
 ALONE, TOGETHER = Limits(expansions=130), Limits(expansions=500)
 
 # Expansions for the first plan of a single player, without and with a clock. With fewer, the search
-# often finds no plan, and the beam search that follows takes longer. In plain Python they take 1.3
-# and 0.4 s.
-FIRST, FIRST_HURRIED = Limits(expansions=2_000), Limits(expansions=500)
-
-# In real time, a second of planning costs a team more steps than a shorter plan saves
-# (docs/planners.md).
-HURRIED = Limits(expansions=1)
-
-# Expansions for the first plan of a single player, without and with a clock. With fewer, the search
 # often finds no plan, and the beam search that follows takes longer. In plain Python they take at
 # most 5 and 0.4 s. With a clock, a player who has no plan gets the larger number, too.
 FIRST, FIRST_HURRIED = Limits(expansions=8_000), Limits(expansions=500)
@@ -50,10 +41,6 @@ FIRST, FIRST_HURRIED = Limits(expansions=8_000), Limits(expansions=500)
 # In real time, a second of planning costs a team more steps than a shorter plan saves
 # (docs/planners.md).
 HURRIED = Limits(expansions=1)
-
-# Expansions for any plan at all, if a single player has found none. In plain Python they take some
-# seconds. Of 300 generated instances, one needs more than 130, which is 2,300.
-STUBBORN = Limits(expansions=8_000)
 
 BRIEF = 1_500
 """Expansions of the beam search in real time; without a plan, UNSOLVED_FACTOR times as many."""

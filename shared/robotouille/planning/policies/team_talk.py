@@ -28,7 +28,7 @@ TELL_AGAIN, TELL_AGAIN_HURRIED = 6, 25
 ANNOUNCED_ACTIONS = 3
 """Number of actions in an announcement."""
 
-_ANNOUNCED = re.compile(r"\(team planner (\d{1,6})\)\s*$")
+_ANNOUNCED = re.compile(r"planner (\d{1,6})")
 INTENDS = "Next: "
 _APPEAL = re.compile(r"can you\b.*\?\s*$", re.IGNORECASE)
 _REQUEST = re.compile(r"\b(need|make way|please)\b", re.IGNORECASE)
@@ -36,13 +36,12 @@ _REQUEST = re.compile(r"\b(need|make way|please)\b", re.IGNORECASE)
 
 def announcement() -> Speech:
     """Return the text that tells other bots that this one plans for all bots of its version."""
-    text = f"I plan for all bots of my version (team planner {VERSION})"
-    return Speech(text, to_bots=True)
+    return Speech(f"planner {VERSION}", to_bots=True)
 
 
 def announced_version(text: str) -> int | None:
-    """Return the version that a text announces, or None."""
-    found = _ANNOUNCED.search(text)
+    """Return the version that a text for bots announces, or None."""
+    found = _ANNOUNCED.fullmatch(text)
     return int(found[1]) if found else None
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from robotouille.domain.schema import GoalTerm
 from robotouille.domain.task import Task
-from robotouille.errors import RobotouilleError
+from robotouille.errors import GoalTooHardError
 from robotouille.world.grounding.atoms import EXISTS, AtomTable, bits_of
 from robotouille.world.grounding.objects import Atom, Object
 
@@ -253,11 +253,11 @@ class Goal:
         """Narrow the choices, then branch on the variable with the fewest choices left.
 
         Raises:
-            RobotouilleError: The search takes more than MAX_WORK.
+            GoalTooHardError: The search takes more than MAX_WORK.
         """
         work = Counter() if work is None else work
         if work["rows"] > MAX_WORK:
-            raise RobotouilleError(
+            raise GoalTooHardError(
                 "the goal is too hard to check: it has too many choices of objects that meet some "
                 "of its predicates"
             )

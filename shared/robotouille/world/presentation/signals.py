@@ -78,10 +78,10 @@ def signal_text(signal: Signal, state: State, wording: Wording) -> str:
 
 # Patterns of English only: without a signal, a sentence in another language is only chat.
 _SAID = {
-    Intent.THANKS: r"\b(thanks?|thank you|thx|cheers)\b",
-    Intent.WAIT: r"\b(wait|hold on|hang on|one moment|stop)\b",
+    Intent.WAIT: r"^\W*(please\W+)?(wait|stop|hold on|hang on|one moment)\b",
     Intent.YOURS: r"\b((can|could|would) you|you (take|get|do|bring|make))\b",
-    Intent.NEED: r"\b(i need|need|give me|i want|make way|please)\b",
+    Intent.NEED: r"\b(i need|give me|i want)\b",
+    Intent.THANKS: r"\b(thanks?|thank you|thx|cheers)\b",
 }
 
 
