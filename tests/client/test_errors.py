@@ -29,6 +29,7 @@ PUBLIC = [
     "RobotouilleError",
     "RosterChanged",
     "StateChanged",
+    "TeamTold",
     "UntrustedRedirectError",
     "connect",
 ]
