@@ -382,6 +382,17 @@ def test_signals_point_at_what_is_under_the_mouse(team: Table) -> None:
     ]
 
 
+def test_a_signal_at_a_table_means_what_lies_on_it(team: Table) -> None:
+    placed = scene(team.source.state)
+    table, item = next(
+        (each.host, name) for name, each in placed.items()
+        if each.host in team.source.world.floor.plain and each.level == 0
+        and not any(other.host == each.host and other.level > 0 for other in placed.values())
+    )  # fmt: skip
+    team.click(table or "", 2)
+    assert team.source.signals == [Signal(Intent.LOOK, item)]
+
+
 def test_signals_without_a_mouse_are_about_the_own_place(team: Table) -> None:
     team.press(pygame.K_2)
     assert team.source.signals == [Signal(Intent.YOURS, team.here() or "")]

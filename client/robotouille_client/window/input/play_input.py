@@ -250,6 +250,10 @@ class PlayInput:
             hover = None
         if intent not in POINTING:
             return hover if hover in view.world.players else ""
+        if hover in view.world.floor.plain:
+            # A table alone is seldom meant if something lies on it.
+            on_it = [(each.level, name) for name, each in placed.items() if each.host == hover]
+            return max(on_it)[1] if on_it else hover
         if hover is not None:
             return hover
         blocked = (station for player, station, _ in view.blocked if player == view.me and station)

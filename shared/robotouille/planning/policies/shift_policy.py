@@ -11,6 +11,7 @@ from robotouille.planning.policies.planner_policy import (
     PlannerPolicy,
 )
 from robotouille.planning.policies.policy import Did, Speech, waits
+from robotouille.planning.policies.team_talk import no_plan_text
 from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
@@ -108,7 +109,8 @@ class ShiftPolicy:
     def speak(self) -> list[Speech]:
         """Return new messages; the policy of a later order may repeat earlier ones."""
         said = [] if self._policy is None else self._policy.speak()
-        new = [speech for speech in said if speech not in self._spoken]
+        # A shift has no goal. The next order may be possible.
+        new = [s for s in said if s not in self._spoken and s.text != no_plan_text()]
         self._spoken.update(speech for speech in new if speech.to_bots)
         return new
 
