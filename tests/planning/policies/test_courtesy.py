@@ -95,6 +95,18 @@ def test_a_bot_leaves_a_station_that_somebody_needs(kitchen: Kitchen) -> None:
         assert standing_at(kitchen.state, ME) != station
 
 
+def test_a_bot_leaves_the_station_of_an_item_that_somebody_needs(kitchen: Kitchen) -> None:
+    while True:
+        kitchen.step()
+        station = standing_at(kitchen.state, ME)
+        items = [name for name, placed in scene(kitchen.state).items() if placed.host == station]
+        if items and station is not None:
+            break
+    kitchen.bot.hear(PERSON, Speech("", Signal(Intent.NEED, items[0])))
+    kitchen.step()
+    assert standing_at(kitchen.state, ME) != station
+
+
 def test_a_bot_answers_a_request_with_what_it_does_next(kitchen: Kitchen) -> None:
     kitchen.bot.meet({ME: "bot", PERSON: "human"}, "realtime")
     while not any(said.text.startswith("Next") for said in kitchen.bot.speak()):

@@ -41,7 +41,7 @@ class Courtesy:
             self._pausing = step + PAUSING
         elif intent is Intent.YOURS:
             self._yielding = self._pausing = self._giving = 0
-        elif intent is Intent.NEED and target == standing_at(state, self._player):
+        elif intent is Intent.NEED and _place(target, state) == standing_at(state, self._player):
             self._yielding = step + YIELDING
         elif intent is Intent.NEED and target in held_by(state, self._player):
             self._giving = step + GIVING
@@ -76,3 +76,9 @@ class Courtesy:
         if placed is not None and action.destination is not None:
             return action.destination == placed.host
         return self._given in action.arguments and self._holds_given(after(state, action))
+
+
+def _place(target: str, state: State) -> str | None:
+    """Return a station, or the station on which an object lies."""
+    placed = scene(state).get(target)
+    return target if placed is None or placed.host is None else placed.host
