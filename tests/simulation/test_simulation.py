@@ -39,6 +39,11 @@ def test_episodes_survive_all_faults(start: int) -> None:
     assert compared > 15 and broken > compared, "the simulation has checked too little"
 
 
+def test_give_way_to_others_works_without_a_socket() -> None:
+    report = run_seed(198_195_520)
+    assert report.ok, failure_text(report)
+
+
 @pytest.mark.process
 @pytest.mark.slow
 def test_seed_gives_the_same_course_in_every_process() -> None:

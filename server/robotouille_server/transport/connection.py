@@ -532,11 +532,12 @@ def _has_hung_up(transport: asyncio.Transport) -> bool:
 
     The event loop finds that out only when it reads. Only Linux tells earlier.
     """
-    number = transport.get_extra_info("socket").fileno()
-    if not HANG_UP or number < 0:
+    # A transport need not have a socket; that of the simulation has none.
+    sock = transport.get_extra_info("socket")
+    if not HANG_UP or sock is None or sock.fileno() < 0:
         return False
     poll = select.poll()
-    poll.register(number, HANG_UP)
+    poll.register(sock.fileno(), HANG_UP)
     return bool(poll.poll(0))
 
 
