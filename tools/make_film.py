@@ -1,4 +1,4 @@
-"""Make the film at the top of README: a team of planners cooks in simulated time.
+"""Make the film at the top of README: planners serve orders in simulated time.
 
     python tools/make_film.py                  write docs/images/kitchen.gif
     python tools/make_film.py OUT.gif          write another file
@@ -21,6 +21,8 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 from robotouille import World, load_task
 from robotouille.episode import ActionRequest, Clock, Episode, Rules, Stepped
 from robotouille.planning.policies import PlannerOptions, PlannerPolicy
+from robotouille.planning.policies.shift_policy import ShiftPolicy
+from robotouille.planning.shift import DishPlanner
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import recording_of
@@ -28,28 +30,27 @@ from robotouille_client.window.replay.film import film
 from robotouille_client.window.replay.recorded_history import RecordedHistory
 
 FILM = Path(__file__).resolve().parents[1] / "docs" / "images" / "kitchen.gif"
-TASK, SEED = "multi_agent/07@3", 3
+TASK, SEED = "shifts/06_rush_hour@3", 3
 NAMES = ("Ada", "Björn", "Chen", "Dara")
-STEP_RATE, MAX_STEPS = 5.0, 300
+STEP_RATE, MAX_STEPS = 5.0, 600
 HASTE = 0.9
 """Probability that a player acts in a step, since people hesitate."""
 SPEED, SIZE = 4.0, "800x500"
 """Steps a second in the film, and its size in pixels."""
+SPAN = (214, 292)
+"""Steps of the shift that the film shows, in 20 seconds."""
 
 
-def record() -> bytes:
-    """Play the episode and return its recording."""
-    world = World(load_task(TASK, timing="people"))
-    dice, planner = random.Random(SEED), AnytimePlanner(world)
+def record(task: str = TASK) -> bytes:
+    """Play an episode and return its recording."""
+    world = World(load_task(task, timing="people"))
+    dice = random.Random(SEED)
     rules = Rules(clock=Clock.REALTIME, step_rate=STEP_RATE, max_steps=MAX_STEPS)
     episode, recorder = Episode(world, rules), Recorder(world, wall=lambda: 0.0)
     created = "2026-01-01T12:00:00Z"
     head = header(world.task, rules, episode="film", seed=SEED, created=created)
     stream = recorder.begin(head)
-    bots = {
-        p: PlannerPolicy(world, p, PlannerOptions(seed=SEED), anytime=planner)
-        for p in world.players
-    }
+    bots = _bots(world)
     for player, name in zip(world.players, NAMES, strict=False):
         episode.join(player, name, "bot", 0.0)
         bots[player].meet(dict.fromkeys(bots, "bot"), rules.clock.value)
@@ -74,6 +75,15 @@ def record() -> bytes:
     return stream
 
 
+def _bots(world: World) -> dict[str, PlannerPolicy] | dict[str, ShiftPolicy]:
+    options = PlannerOptions(seed=SEED)
+    if world.shift is not None:
+        dishes: dict[str, DishPlanner] = {}
+        return {p: ShiftPolicy(world, p, options, dishes=dishes) for p in world.players}
+    planner = AnytimePlanner(world)
+    return {p: PlannerPolicy(world, p, options, anytime=planner) for p in world.players}
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play the episode and write the film."""
     parser = argparse.ArgumentParser(
@@ -82,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("output", type=Path, nargs="?", default=FILM, metavar="OUT.gif")
     output = parser.parse_args(arguments).output
     history = RecordedHistory(recording_of(record(), "film"))
-    frames = film(history, output, SPEED, SIZE)
+    frames = film(history, output, SPEED, SIZE, SPAN)
     print(f"{output}: {history.length} steps, {frames} frames, {output.stat().st_size:,} bytes")
 
 

@@ -68,7 +68,7 @@ def test_an_idle_game_creates_only_a_few_texts_per_step(monkeypatch: pytest.Monk
         timer.now += 1 / 60
         window.frame(source)
 
-    for _ in range(60):
+    for _ in range(300):  # Until all players have blinked.
         frame()
     busy, step = [], source.view().step
     with made(monkeypatch) as pictures:

@@ -14,6 +14,7 @@ import pygame
 from robotouille.domain.rendering import RenderingFile
 from robotouille.errors import MissingExtraError
 from robotouille.world.world import State
+from robotouille_client.window.drawing.gestures import CHEER_SECONDS
 from robotouille_client.window.drawing.painter import Painter, paint
 from robotouille_client.window.view import Bubble, SeatView, View
 
@@ -32,6 +33,7 @@ class FilmOptions:
     Attributes:
         size: Width and height in pixels.
         frames_per_step: Frames for each step.
+        fps: Frames for each second.
         hold: Frames for which the last state stays, with the outcome.
         seats: Seats at each state; the last ones also stand for any further states.
         bubbles: Speech bubbles by step.
@@ -44,6 +46,7 @@ class FilmOptions:
 
     size: tuple[int, int] = (1280, 720)
     frames_per_step: int = 6
+    fps: int = 24
     hold: int = 12
     seats: Sequence[Sequence[SeatView]] = ()
     bubbles: Mapping[int, tuple[Bubble, ...]] = field(default_factory=dict)
@@ -63,8 +66,14 @@ def frames_of(
     """
     painter = Painter(options.rendering, options.pictures)
     surface, seats = pygame.Surface(options.size), options.seats
+    frames = itertools.count()
     previous: State | None = None
     view: View | None = None
+
+    def painted(view: View) -> pygame.Surface:
+        painter.paint(surface, replace(view, seconds=next(frames) / options.fps))
+        return surface
+
     for index, (step, state) in enumerate(states):
         view = View(
             world=state.world,
@@ -75,19 +84,19 @@ def frames_of(
             seats=tuple(seats[min(index, len(seats) - 1)]) if seats else (),
             bubbles=options.bubbles.get(step, ()),
             notice=options.notices.get(step, ""),
+            step_seconds=options.frames_per_step / options.fps,
         )
         for frame in range(options.frames_per_step):
-            phase = (frame + 1) / options.frames_per_step
-            painter.paint(surface, _at(view, phase))
-            yield surface
+            yield painted(replace(view, phase=(frame + 1) / options.frames_per_step))
         previous = state
-    if view is not None and options.hold:
-        painter.paint(surface, _at(view, 1.0, options.outcome, won=view.state.goal_reached))
-        yield from itertools.repeat(surface, options.hold)
-
-
-def _at(view: View, phase: float, outcome: str = "", *, won: bool = False) -> View:
-    return replace(view, phase=phase, outcome=outcome, won=won, lost=bool(outcome) and not won)
+    if view is not None:
+        won = view.state.goal_reached
+        lost = bool(options.outcome) and not won
+        for frame in range(options.hold):
+            since = frame / options.fps if options.outcome else None
+            # The outcome would cover the players while they cheer.
+            outcome = "" if since is None or since < CHEER_SECONDS else options.outcome
+            yield painted(replace(view, outcome=outcome, won=won, lost=lost, since_end=since))
 
 
 def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> Iterator[int]:

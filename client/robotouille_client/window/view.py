@@ -143,6 +143,8 @@ class View:
         starts_in: Seconds of the countdown to the start; None without a countdown.
         offline: Seconds since the connection was lost; None while connected.
         farewell: Why the local player was removed from the game.
+        seconds: Time of a clock, for movements between steps; None for still pictures.
+        since_end: Seconds since the end of the game; None while it runs, or if unknown.
     """
 
     world: World
@@ -175,6 +177,8 @@ class View:
     spectator_names: tuple[str, ...] = ()
     blocked: tuple[tuple[str, str, str], ...] = ()
     step_seconds: float | None = None
+    seconds: float | None = None
+    since_end: float | None = None
 
     @property
     def over(self) -> bool:

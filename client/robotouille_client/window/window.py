@@ -20,7 +20,7 @@ from robotouille_client.window.options import DisplayOptions, TimeSource, Window
 from robotouille_client.window.sources.texts import path_words
 from robotouille_client.window.view import GameSource, View
 
-_Drawn = tuple[tuple[int, int], object, int, object, UiOverlay, tuple[str, bool]]
+_Drawn = tuple[tuple[int, int], object, int, object, UiOverlay, tuple[str, bool, float]]
 PRELOAD_SECONDS = 0.0004
 """Time after each frame for drawing pictures that later frames may need."""
 _IDLE_SECONDS = 0.02
@@ -64,7 +64,8 @@ class Window:
         self._gamepads = devices.gamepads or Gamepads()
         self._sounds = devices.sounds
         keys = KeyMap(style.preferences.keys)
-        self._cards = CardSlot(cards, keys, clock, self._take_input_for_card)
+        still = style.preferences.reduced_motion
+        self._cards = CardSlot(cards, keys, clock, self._take_input_for_card, still=still)
         self._painter = style.painter or Painter(
             style.look.rendering if style.look else None,
             style.look.pictures if style.look else None,

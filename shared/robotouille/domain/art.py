@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from math import ceil
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -170,22 +170,59 @@ class Feet(Schema):
                 yield f"{side}[{i}]", file
 
 
+class ShutEyes(Schema):
+    """Pictures of shut eyes, drawn over a player's face. From the back no eyes are visible."""
+
+    front: FileName
+    left: FileName
+    right: FileName
+
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Yield every picture with its place."""
+        for side in ("front", "left", "right"):
+            yield side, getattr(self, side)
+
+
 class Facings(Sides):
-    """A player's pictures; `carrying` for full hands, `feet` drawn below."""
+    """A player's pictures.
+
+    Attributes:
+        carrying: Pictures for full hands.
+        cheering: Picture with raised arms, facing the viewer.
+        feet: Pictures drawn below those of the player.
+        shut: Pictures drawn over the face when the player blinks.
+    """
 
     carrying: Sides | None = None
+    cheering: FileName | None = None
     feet: Feet | None = None
+    shut: ShutEyes | None = None
 
     def pictures(self) -> Iterator[tuple[str, str]]:
         """Yield every picture with its place."""
         yield from super().pictures()
-        for name in ("carrying", "feet"):
+        if self.cheering is not None:
+            yield "cheering", self.cheering
+        for name in ("carrying", "feet", "shut"):
             part = getattr(self, name)
             for place, file in part.pictures() if part is not None else ():
                 yield f"{name}.{place}", file
 
 
 Size = Annotated[float, Field(gt=0, le=2, allow_inf_nan=False)]
+
+
+class Tool(Schema):
+    """Tool that moves over an object while an action goes on with it.
+
+    Attributes:
+        motion: `chop` moves the tool up and down, `scrub` from side to side.
+        size: Side of the picture, in tiles.
+    """
+
+    asset: FileName
+    motion: Literal["chop", "scrub"] = "chop"
+    size: Size = 0.5
 
 
 class ParticleEffect(Schema):

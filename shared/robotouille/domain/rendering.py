@@ -20,6 +20,7 @@ from robotouille.domain.art import (
     FileName,
     ParticleEffect,
     Ratio,
+    Tool,
     as_listed,
     as_named,
     as_pictured,
@@ -67,11 +68,18 @@ class EntityGroup(Schema):
 
 
 class FloorArt(Schema):
-    """Pictures of floor tiles by their letter in a problem's `ground`, and of the wall."""
+    """Pictures of the room: floor tiles by their letter in a problem's `ground`, and the wall.
+
+    Attributes:
+        on_wall: Pictures that hang on the wall, from left to right.
+        beside: Pictures that stand in the room to the left and right of the kitchen.
+    """
 
     default: FileName | None = None
     tiles: dict[Annotated[str, Field(min_length=1, max_length=1)], FileName] = Field(default={})
     wall: FileName | None = None
+    on_wall: Annotated[tuple[FileName, ...], Field(max_length=16)] = ()
+    beside: Annotated[tuple[FileName, ...], Field(max_length=16)] = ()
     ground: tuple[str, ...] = ()
     furniture: tuple[str, ...] = ()
 
@@ -230,6 +238,7 @@ class RenderingFile(Schema):
         redraws: Shipped renderings that it does not extend and for which its folder has pictures.
         during: Particle effect by action, shown while that action goes on with an object.
         moments: Particle effect of the players when the game is won or lost.
+        tools: Tool by action, moved over an object while that action goes on with it.
     """
 
     schema_uri: str | None = Field(default=None, alias="$schema")
@@ -251,6 +260,7 @@ class RenderingFile(Schema):
     effects: dict[str, ParticleEffect] = Field(default={}, max_length=50)
     during: dict[str, str] = Field(default={})
     moments: dict[Literal["goal", "lost"], str] = Field(default={})
+    tools: dict[str, Tool] = Field(default={}, max_length=50)
 
     @model_validator(mode="after")
     def _known_effects(self) -> RenderingFile:
@@ -305,6 +315,11 @@ class RenderingFile(Schema):
         for field in ("default", "wall"):
             if getattr(self.floor, field) is not None:
                 yield f"floor.{field}", getattr(self.floor, field)
+        for field in ("on_wall", "beside"):
+            for i, file in enumerate(getattr(self.floor, field)):
+                yield f"floor.{field}[{i}]", file
+        for name, tool in self.tools.items():
+            yield f"tools.{name}", tool.asset
         for role, group in self._groups().items():
             for kind, entity in group.entities.items():
                 yield from entity.assets.pictures(f"{role}.entities.{kind}.assets")
@@ -331,6 +346,7 @@ _fields = each(
     effects=each(),
     during=each(),
     moments=each(),
+    tools=each(),
     **{
         group: each(constants=each(), entities=each()) for group in ("item", "station", "container")
     },

@@ -20,8 +20,8 @@ def test_progress_ends_with_the_complete_file(recording: Recording, tmp_path: Pa
     written = list(filming(RecordedHistory(recording), output, 24, "160x120", (0, 3)))
     counts = [done for done, _ in written]
     assert counts == sorted(counts)
-    assert [total for _, total in written] == [4 + 48] * len(written)
-    assert written[-1] == (52, 52)
+    assert [total for _, total in written] == [4 + 4 * 24] * len(written)
+    assert written[-1] == (100, 100)
     assert written[-2] == (51, 52), "the last frame counts when the file is complete"
     with av.open(str(output)) as film:
         assert sum(1 for _ in film.decode(video=0)) == 52
@@ -45,7 +45,7 @@ def test_stopping_leaves_earlier_files_alone(
 @pytest.mark.parametrize("ending", ["gif", "GIF"])
 def test_a_gif_has_fewer_frames(recording: Recording, tmp_path: Path, ending: str) -> None:
     written = filming(RecordedHistory(recording), tmp_path / f"a.{ending}", 12, "160x120", (0, 3))
-    assert next(written)[1] == 4 + 24
+    assert next(written)[1] == 4 + 4 * 12
     written.close()
 
 

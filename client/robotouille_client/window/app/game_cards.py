@@ -86,28 +86,51 @@ class ShareRow(Row):
             y += context.text.height(context.size - 2)
 
 
+# Seconds until the points have been counted, between two stars, and of a star's stamp.
+_COUNTED, _BETWEEN, _STAMPED = 0.9, 0.4, 0.22
+# Size of a star when its stamp begins, as a multiple.
+_STAMP = 2.4
+
+
 class StarsRow(Row):
-    """Stars of a finished game, of three, with what three of them take."""
+    """Stars of a finished game, of three, with what three of them take.
+
+    While the card is new, the points are counted up, and the stars are stamped one by one.
+
+    Args:
+        points: Points of a shift; None for other games.
+    """
 
     focusable = False
 
-    def __init__(self, stars: int, words: str) -> None:
+    def __init__(self, stars: int, words: str, points: int | None = None) -> None:
         super().__init__(words)
         self.stars = stars
+        self._points = points
 
     def lines(self, context: DrawContext, width: int) -> int:
-        return 2 + len(context.text.wrap(self.label, context.size, width))
+        points = 0 if self._points is None else 2
+        return 2 + points + len(context.text.wrap(self.label, context.size, width))
 
     def draw(self, target: pygame.Surface, area: pygame.Rect, context: DrawContext) -> None:
-        side = context.text.height(context.size) * 3 // 2
+        line, y, age = context.text.height(context.size), area.y, context.age
+        if self._points is not None:
+            counted = round(self._points * min(1.0, age / _COUNTED))
+            total = context.text.line(f"{counted} points", round(context.size * 1.6), TEXT)
+            target.blit(total, (area.x, y))
+            y, age = y + 2 * line, age - _COUNTED
+        side = line * 3 // 2
         for number in range(3):
-            colour = ACCENT if number < self.stars else TRACK
-            middle = area.x + side // 2 + number * (side + side // 4), area.y + side // 2
-            pygame.draw.polygon(target, colour, _star(middle, side / 2))
-        y = area.y + context.text.height(context.size) * 2 - context.size // 3
+            middle = area.x + side // 2 + number * (side + side // 4), y + side // 2
+            pygame.draw.polygon(target, TRACK, _star(middle, side / 2))
+            began = age - (number + 1) * _BETWEEN
+            if number < self.stars and began > 0:
+                size = 1 + (_STAMP - 1) * max(0.0, 1 - began / _STAMPED)
+                pygame.draw.polygon(target, ACCENT, _star(middle, size * side / 2))
+        y += line * 2 - context.size // 3
         for words in context.text.wrap(self.label, context.size, area.width):
             target.blit(context.text.line(words, context.size, TEXT), (area.x, y))
-            y += context.text.height(context.size)
+            y += line
 
 
 def _star(middle: tuple[int, int], radius: float) -> list[tuple[float, float]]:
@@ -134,7 +157,8 @@ def end_card(
         limits, scores = _limits(view), score_limits(view.world.task.problem, len(view.seats))
         if scores is not None:
             points = points_of(outcome) or 0
-            rows.append(StarsRow(scores.stars(points), f"Three stars take {scores.three} points."))
+            three = f"Three stars take {scores.three} points."
+            rows.append(StarsRow(scores.stars(points), three, points))
         elif view.won and limits is not None:
             three = f"Three stars take at most {limits.three} steps."
             rows.append(StarsRow(limits.stars(int(outcome.get("steps", 0))), three))

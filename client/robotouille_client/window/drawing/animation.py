@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import pygame
 
-from robotouille.domain.art import ParticleEffect
+from robotouille.domain.art import ParticleEffect, Tool
 from robotouille.domain.rendering import RenderingFile
 from robotouille.world.world import State
 from robotouille_client.window.drawing.spots import Spot
@@ -33,18 +33,30 @@ class Emission:
 
 
 @dataclass(frozen=True, slots=True)
+class ToolInUse:
+    """Tool that moves over an object."""
+
+    tool: Tool
+    target: str
+
+
+@dataclass(frozen=True, slots=True)
 class StepAnimation:
     """Everything that moves during a step.
 
     Attributes:
         travels: Objects that a player takes, puts or pours.
-        working: Players whose repeated work advanced.
+        working: Players whose repeated work advanced, or who started something that takes time.
+        shaken: Objects with which something goes on by itself, such as cooking.
         emissions: Visible particle effects.
+        tools: Tools in use.
     """
 
     travels: frozenset[str] = frozenset()
     working: frozenset[str] = frozenset()
+    shaken: frozenset[str] = frozenset()
     emissions: tuple[Emission, ...] = ()
+    tools: tuple[ToolInUse, ...] = ()
 
 
 def step_animation(
@@ -55,10 +67,18 @@ def step_animation(
     `lost` says that the game ended without its goal.
     """
     advanced = set(_advanced(now.state, before.state)) if before is not None else set()
+    running = {row.subject for row in now.state.progress() if row.timed and row.running}
+    began = set() if before is None else running - {r.subject for r in before.state.progress()}
     return StepAnimation(
         frozenset(_travels(now.stage, before.stage)) if before is not None else frozenset(),
-        frozenset(_working(now, advanced)),
-        (*_emissions(rendering, now, before, advanced), *_at_the_end(rendering, now, before, lost)),
+        frozenset(_working(now, {subject for _, subject in advanced} | began)),
+        frozenset(running),
+        (*_emissions(rendering, now, advanced), *_at_the_end(rendering, now, before, lost)),
+        tuple(
+            ToolInUse(rendering.tools[action], subject)
+            for action, subject in _under_way(now, advanced)
+            if action in rendering.tools
+        ),
     )
 
 
@@ -82,20 +102,25 @@ def _travels(stage: SceneSprites, earlier: SceneSprites) -> Iterator[str]:
                 yield piece.name
 
 
-def _working(now: Moment, advanced: set[tuple[str, str]]) -> Iterator[str]:
-    """Yield players at a station where repeated work advanced."""
-    stations = {_carrier(now.stage, subject) for _, subject in advanced}
+def _working(now: Moment, subjects: set[str]) -> Iterator[str]:
+    """Yield players at a station where one of these objects is."""
+    stations = {_carrier(now.stage, subject) for subject in subjects}
     for name in now.state.world.players:
         placed = now.stage.placed.get(name)
         if placed is not None and placed.at is not None and placed.at in stations:
             yield name
 
 
+def _under_way(now: Moment, advanced: set[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+    """Yield actions that go on, each with its object: timed ones, and repeated ones done now."""
+    yield from ((r.action, r.subject) for r in now.state.progress() if r.timed and r.running)
+    yield from sorted(advanced)
+
+
 def _emissions(
-    rendering: RenderingFile, now: Moment, before: Moment | None, advanced: set[tuple[str, str]]
+    rendering: RenderingFile, now: Moment, advanced: set[tuple[str, str]]
 ) -> Iterator[Emission]:
-    timed = ((r.action, r.subject) for r in now.state.progress() if r.timed and r.running)
-    for action, subject in (*timed, *sorted(advanced)):
+    for action, subject in _under_way(now, advanced):
         name = rendering.during.get(action)
         if name is not None:
             yield Emission(rendering.effects[name], subject)

@@ -5,18 +5,21 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pygame
 
 from robotouille.domain.art import SIDES, ParticleEffect
-from robotouille.world.grounding.objects import Object, Tile
+from robotouille.world.grounding.objects import Object
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import (
     StepAnimation,
+    ToolInUse,
     draw_particles,
     particle_looks,
 )
+from robotouille_client.window.drawing.gestures import Gesture
+from robotouille_client.window.drawing.room import Room
 from robotouille_client.window.drawing.spots import RAISED, Pose, Spot, size_in, sizes_of_tiles
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import (
@@ -25,9 +28,8 @@ from robotouille_client.window.pictures.appearance import (
     SceneSprites,
     SpritePiece,
 )
-from robotouille_client.window.pictures.shapes import box, ellipse, seat_colour
+from robotouille_client.window.pictures.shapes import ellipse, seat_colour
 from robotouille_client.window.pictures.sprites import Sprites
-from robotouille_client.window.pictures.theme import BACKGROUND, INK
 
 # File, size and opacity; None leaves the opacity as it is.
 Picture = tuple[str, int, int | None]
@@ -106,6 +108,10 @@ class Preloader:
                     if asset is not None:
                         yield asset
                 yield from self._resolver.feet(kind, index, side)
+                if shut := self._resolver.shut_eyes(kind, index, side):
+                    yield shut
+            if cheering := self._resolver.cheering(kind, index).asset:
+                yield cheering
 
     def _effects(self, names: dict[str, None]) -> Iterator[ParticleEffect]:
         """Yield the effects of pictures, actions and the end of the game."""
@@ -117,14 +123,14 @@ class Preloader:
             yield rendering.effects[name]
 
 
-# Footsteps of a player on each tile.
-_STRIDES = 4
+# Strokes of a tool in a step; its height over an object and the length of a stroke, in tiles.
+_BEATS, _TOOL, _STROKE = 2, 0.18, 0.16
 
-# Times in a step at which a working player stretches its arms.
-_BEATS = 2
+# Movements of an object that cooks, in a step, and how far it moves, in tiles.
+_SHAKES, _SHAKEN = 1.5, 0.012
 
-# Height of a walker's hops, and of the arc of a taken object, in tiles.
-_HOP, _ARC = 0.03, 0.18
+# Height of the arc of a taken object, in tiles.
+_ARC = 0.24
 
 # Visible share of an object that swims in another.
 _ABOVE = 0.7
@@ -140,6 +146,7 @@ class SceneFrame:
     Attributes:
         spots: Places of players, stations and objects.
         earlier: Their places before the step.
+        gestures: How each player holds itself.
         phase: Share of the step that has passed.
         time: Time in steps.
         lively: True if more moves than objects and players on their way.
@@ -150,6 +157,7 @@ class SceneFrame:
     spots: dict[str, Spot]
     earlier: dict[str, Spot]
     animation: StepAnimation
+    gestures: dict[str, Gesture]
     phase: float = 1.0
     time: float = 0.0
     lively: bool = True
@@ -160,7 +168,8 @@ class KitchenLayer:
 
     def __init__(self, world: World, resolver: AppearanceResolver, sprites: Sprites) -> None:
         self._world = world
-        self._rendering = resolver.rendering
+        ground = world.task.problem.ground or ()
+        self._room = Room(resolver.rendering.floor, ground, sprites)
         self._sprites = sprites
         self._resolver = resolver
         self._background: pygame.Surface | None = None
@@ -175,14 +184,14 @@ class KitchenLayer:
         """Return everything behind what moves."""
         floor_of = (layout, self._sprites.revision)
         if self._background is None or self._floor_of != floor_of:
-            self._background = self._empty(layout)
+            self._background = self._room.draw(layout)
             self._floor_of, self._stations = floor_of, {}
         # Stations are part of the background; only those with a new look are drawn again.
         changed = [n for n, a in stage.stations.items() if self._stations.get(n) != a]
         for name in changed:
             tile = stage.placed[name].tile
             if tile is not None:
-                self._tile(self._background, layout, tile)
+                self._room.tile(self._background, layout, tile)
                 picture = self._sprites.of(stage.stations[name], layout.tile)
                 self._background.blit(picture, layout.cell(tile))
         self._stations = stage.stations
@@ -203,14 +212,16 @@ class KitchenLayer:
             if is_player:
                 self._player(target, layout, frame, name, own=name == me)
             else:
-                self._pile(target, layout, frame, name)
-        self._travels(target, layout, frame)
+                self._pile(target, frame, name)
+        self._travels(target, frame)
+        for work in frame.animation.tools:
+            self._tool(target, frame, work)
         for emission in frame.animation.emissions:
             spot = frame.spots.get(emission.source)
             if spot is not None and frame.lively:
                 draw_particles(target, self._sprites, emission, spot, frame.time)
 
-    def _travels(self, target: pygame.Surface, layout: Layout, frame: SceneFrame) -> None:
+    def _travels(self, target: pygame.Surface, frame: SceneFrame) -> None:
         """Draw objects on their way between two places, in a low arc."""
         share = _eased(frame.phase)
         for pieces in frame.stage.piles.values():
@@ -221,43 +232,32 @@ class KitchenLayer:
                     arc = _ARC * math.sin(math.pi * share)
                     self._piece(target, piece, start.towards(end, share).up(arc))
 
-    def _empty(self, layout: Layout) -> pygame.Surface:
-        """Return the window with its wall and floor."""
-        surface = pygame.Surface(layout.size)
-        surface.fill(BACKGROUND)
-        frame = layout.kitchen.inflate(12, 12)
-        surface.blit(box(frame.size, INK, 10), frame)
-        wall = self._sprites.file(self._rendering.floor.wall, layout.tile)
-        for x in range(layout.columns):
-            foot = layout.cell((x, layout.rows - 1)).top
-            area = pygame.Rect(
-                layout.cell((x, 0)).left, foot - layout.wall, layout.tile, layout.wall
-            )
-            if wall is None:
-                surface.fill((196, 214, 202), area)
-            else:
-                surface.blit(wall, area, (0, layout.tile - layout.wall, *area.size))
-            for y in range(layout.rows):
-                self._tile(surface, layout, (x, y))
-        return surface
+    def _tool(self, target: pygame.Surface, frame: SceneFrame, work: ToolInUse) -> None:
+        """Draw a tool over the object that it works on."""
+        spot = frame.spots.get(work.target)
+        if spot is None:
+            return
+        tool, size = work.tool, round(work.tool.size * spot.tile)
+        wave = math.sin(math.tau * _BEATS * frame.time) if frame.lively else 0.0
+        lift, side = _TOOL + _STROKE * abs(wave), 0.0
+        if tool.motion == "scrub":
+            lift, side = _TOOL, _STROKE * wave
+        at = Spot(spot.x + (_TOOL / 2 + side) * spot.tile, spot.y - lift * spot.tile, spot.tile)
+        self._picture(target, tool.asset, at, size)
 
-    def _tile(self, surface: pygame.Surface, layout: Layout, tile: Tile) -> None:
-        art, ground = self._rendering.floor, self._world.task.problem.ground or ()
-        x, row = tile[0], layout.rows - 1 - tile[1]
-        letter = ground[row][x : x + 1] if row < len(ground) else ""
-        picture = self._sprites.file(art.tiles.get(letter, art.default), layout.tile)
-        if picture is None:
-            colour = (236, 226, 206) if (x + row) % 2 else (226, 214, 192)
-            surface.fill(colour, layout.cell(tile))
-        else:
-            surface.blit(picture, layout.cell(tile))
-
-    def _pile(self, target: pygame.Surface, layout: Layout, frame: SceneFrame, host: str) -> None:
+    def _pile(
+        self, target: pygame.Surface, frame: SceneFrame, host: str, lift: float = 0.0
+    ) -> None:
+        """Draw the objects on a station or in a player's hands, some tiles higher."""
         pieces = frame.stage.piles.get(host, ())
         for piece in pieces:
             spot = frame.spots.get(piece.name)
-            if spot is not None and piece.name not in frame.animation.travels:
-                self._piece(target, piece, spot, whole=piece is pieces[-1])
+            if spot is None or piece.name in frame.animation.travels:
+                continue
+            if frame.lively and piece.name in frame.animation.shaken:
+                aside = _SHAKEN * spot.tile * math.sin(math.tau * _SHAKES * frame.time)
+                spot = replace(spot, x=spot.x + aside)
+            self._piece(target, piece, spot.up(lift), whole=piece is pieces[-1])
 
     def _piece(
         self, target: pygame.Surface, piece: SpritePiece, spot: Spot, *, whole: bool = True
@@ -289,27 +289,28 @@ class KitchenLayer:
     def _player(
         self, target: pygame.Surface, layout: Layout, frame: SceneFrame, name: str, *, own: bool
     ) -> None:
-        size, pose, spot = layout.tile, frame.poses[name], frame.spots[name]
+        size, spot = layout.tile, frame.spots[name]
         index = self._world.players.index(name)
         if own:
             self._light(target, spot, index)
-        kind, held = self._world.thing(name).kind, bool(frame.stage.piles.get(name))
-        feet, stride = self._resolver.feet(kind, index, pose.facing), 0
-        hop = reach = 0.0
-        if frame.lively and pose.walking:
-            stride = int(pose.stride * _STRIDES)
-            hop = _HOP * abs(math.sin(math.pi * _STRIDES / 2 * pose.stride))
-        elif frame.lively and name in frame.animation.working:
-            reach = math.sin(math.tau * _BEATS * frame.phase)
-            hop = _HOP * abs(reach)
+        kind, gesture = self._world.thing(name).kind, frame.gestures[name]
+        body = Spot(spot.x + gesture.lean * size, spot.y - gesture.lift * size, spot.tile)
+        feet = self._resolver.feet(kind, index, gesture.facing)
         if feet:
-            self._picture(target, feet[stride % len(feet)], spot, size)
-        arms = held or reach > 0 or (name in frame.animation.working and not frame.lively)
-        appearance = self._resolver.player(kind, index, pose.facing, carrying=arms)
-        self._centred(target, appearance, spot.x, spot.y - hop * size, size)
-        self._pile(target, layout, frame, name)
+            self._picture(target, feet[gesture.stride % len(feet)], spot, size)
+        if gesture.arms == "up":
+            appearance = self._resolver.cheering(kind, index)
+        else:
+            carrying = gesture.arms == "out"
+            appearance = self._resolver.player(kind, index, gesture.facing, carrying=carrying)
+        picture = self._sprites.squashed(appearance, size, gesture.squash)
+        foot = round(body.y + size / 2)
+        target.blit(picture, picture.get_rect(midbottom=(round(body.x), foot)))
+        if gesture.shut and not gesture.squash:
+            self._picture(target, self._resolver.shut_eyes(kind, index, gesture.facing), body, size)
+        self._pile(target, frame, name, gesture.lift)
 
-    def _picture(self, target: pygame.Surface, name: str, spot: Spot, size: int) -> None:
+    def _picture(self, target: pygame.Surface, name: str | None, spot: Spot, size: int) -> None:
         picture = self._sprites.file(name, size)
         if picture is not None:
             target.blit(picture, (round(spot.x - size / 2), round(spot.y - size / 2)))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import pygame
 
 from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.shift import OpenOrder, Orders
 from robotouille.world.world import State
+from robotouille_client.window.drawing.pops import Pop
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 from robotouille_client.window.pictures.dishes import dishes
@@ -46,6 +47,9 @@ class OrderSlips:
         }
         self._prose = view.world.task.goal_description
         self._rows: list[tuple[pygame.Rect, str]] = []
+        self._before: Orders | None = None
+        self.pops: dict[Hashable, Pop] = {}
+        """Points of the last order, by their step."""
 
     def tooltip(self, point: tuple[int, int]) -> tuple[str, ...]:
         """Return what a dish is worth, or the purpose of the shift."""
@@ -107,7 +111,13 @@ class OrderSlips:
         self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, orders: Orders
     ) -> int:
         points = self._text.line(f"{orders.score} points", layout.text + 4, TEXT)
-        surface.blit(points, area.topleft)
+        place = surface.blit(points, area.topleft)
+        before, self._before = self._before, orders
+        gain = 0 if before is None else orders.score - before.score
+        if gain:
+            words = self._text.line(f"{gain:+}", layout.text + 8, GOOD if gain > 0 else BAD)
+            middle = (place.right + words.get_width(), place.centery)
+            self.pops = {orders.time: Pop(words, middle, rises=True)}
         parts = [f"{orders.served} served"]
         if orders.expired:
             parts.append(f"{orders.expired} lost")

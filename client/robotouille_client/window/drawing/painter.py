@@ -11,6 +11,7 @@ import pygame
 from robotouille.domain.rendering import NO_WORDS, Language, RenderingFile, rendering_of
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
+from robotouille_client.window.drawing.gestures import Gesture, Gestures
 from robotouille_client.window.drawing.interruptions import (
     Interruptions,
     Notices,
@@ -96,6 +97,8 @@ class Painter:
         ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
         view = with_readable_names(view, self._text)
+        if self._preferences.reduced_motion:
+            view = replace(view, seconds=None)
         self._lesson = view.lesson
         place = self.layout(surface.get_size(), view.world)
         frame = self._frame(view, place)
@@ -168,13 +171,16 @@ class Painter:
         """Return the visible part of a view. Views with equal keys look the same."""
         self._prepare(view.world)
         pause, offline = view.pause, view.offline
-        return replace(
+        shown = replace(
             view,
             phase=self._moment(view),
+            seconds=None,
+            since_end=None,
             pause=None if pause is None else visible_pause(pause),
             offline=None if offline is None else visible_offline(offline),
             starts_in=None if view.starts_in is None else float(ceil(view.starts_in)),
         )
+        return shown, self._gestures_of(view), self._panel.moving(view.seconds)
 
     def collect_pictures(self) -> int:
         """Take what another thread has drawn; return the number of such pictures so far."""
@@ -187,14 +193,13 @@ class Painter:
             return 1.0
         self._poses(view)
         animation = self._animation(view)
-        lively = (
-            bool(animation.working or animation.emissions) and not self._preferences.reduced_motion
-        )
+        moving = animation.working or animation.emissions or animation.tools
+        lively = bool(moving) and not self._preferences.reduced_motion
         if (
             self._motion.walking(view.step)
             or animation.travels
             or before.progress() != view.state.progress()
-            or (lively and animation.working)
+            or (lively and (animation.working or animation.tools))
         ):
             return view.phase
         # Nothing moves, so that one picture serves for the whole step.
@@ -209,9 +214,15 @@ class Painter:
         if animation.travels and view.previous is not None:
             earlier = spots(place, self.stage(view.previous), poses)
         return SceneFrame(
-            stage, poses, spots(place, stage, poses), earlier, animation, view.phase,
-            view.step + view.phase, not self._preferences.reduced_motion,
+            stage, poses, spots(place, stage, poses), earlier, animation,
+            self._gestures_of(view), view.phase, view.step + view.phase,
+            not self._preferences.reduced_motion,
         )  # fmt: skip
+
+    def _gestures_of(self, view: View) -> dict[str, Gesture]:
+        poses, piles = self._poses(view), self.stage(view.state).piles
+        held = {name for name in poses if piles.get(name)}
+        return self._gestures.of(view, poses, self._animation(view), held)
 
     def _animation(self, view: View) -> StepAnimation:
         """Return what moves in the step of a view; the newest answer is cached."""
@@ -293,6 +304,7 @@ class Painter:
         self._resolver = resolver = AppearanceResolver(world.task.domain, self._art)
         self._kitchen = KitchenLayer(world, resolver, self._sprites)
         self._motion = Motion(world.floor)
+        self._gestures = Gestures(still=self._preferences.reduced_motion)
         self._overlays = Overlays(self._art, self._sprites, self._text)
         self._labels = Labels(self._text, self._sprites)
         self._panel = Panel(resolver, self._sprites, self._text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import replace
 from math import ceil
 
@@ -9,6 +10,7 @@ import pygame
 
 from robotouille.world.world import State
 from robotouille_client.window.drawing.order_slips import OrderSlips
+from robotouille_client.window.drawing.pops import Pop, Pops
 from robotouille_client.window.drawing.seat_cards import SeatCards
 from robotouille_client.window.drawing.ticket import Ticket
 from robotouille_client.window.drawing.window_layout import Layout
@@ -67,6 +69,7 @@ class Panel:
         self._ticket_drawn: tuple[tuple[object, ...], pygame.Surface] | None = None
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
+        self._pops = Pops()
         self.free = pygame.Rect(0, 0, 0, 0)
         self._settled: State
 
@@ -91,7 +94,22 @@ class Panel:
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
             self._shown = shown
+            self._pops.follow(self._pops_in_window(), view.seconds)
         target.blit(self._surface, layout.panel)
+        self._pops.draw(target, view.seconds)
+
+    def _pops_in_window(self) -> dict[Hashable, Pop]:
+        """Return what may pop up, with its places in the window."""
+        left, top = self._ticket_area.topleft
+        found = {} if self._ticket is None else self._ticket.pops
+        return {
+            key: replace(pop, middle=(pop.middle[0] + left, pop.middle[1] + top))
+            for key, pop in found.items()
+        }
+
+    def moving(self, seconds: float | None) -> tuple[float, ...]:
+        """Return a value that changes as long as something moves in the panel."""
+        return self._pops.moving(seconds)
 
     def _render(self, layout: Layout, view: View) -> pygame.Surface:
         surface = self._surface

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import pygame
 
@@ -15,7 +17,11 @@ from robotouille_client.window.pictures.appearance import SceneSprites, SpritePi
 
 Point = tuple[float, float]
 
+# Tiles between players that share a tile.
 _SIDE_BY_SIDE = 0.5
+
+# Distance in tiles at which walkers begin to step aside, and how far they do so.
+_CLOSE, _ASIDE = 1.0, 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +136,12 @@ class Motion:
 
 
 def _apart(poses: dict[str, Pose]) -> dict[str, Pose]:
-    """Place players that share a tile side by side."""
+    """Place players that share a tile side by side, and let walkers pass each other.
+
+    The world lets players walk through each other. On the screen, each of two that come close steps
+    aside: more, the closer they are, and across the walk.
+    """
+    found = dict(poses)
     sharing: dict[Point, list[str]] = {}
     for name, pose in poses.items():
         sharing.setdefault(pose.at, []).append(name)
@@ -139,8 +150,26 @@ def _apart(poses: dict[str, Pose]) -> dict[str, Pose]:
             gap = _SIDE_BY_SIDE / (len(names) - 1)
             for i, name in enumerate(names):
                 at = (x - _SIDE_BY_SIDE / 2 + i * gap, y)
-                poses[name] = replace(poses[name], at=at)
-    return poses
+                found[name] = replace(poses[name], at=at)
+    for one, other in combinations(poses, 2):
+        if poses[one].at != poses[other].at:
+            _pass(found, poses, one, other)
+    return found
+
+
+def _pass(found: dict[str, Pose], poses: dict[str, Pose], one: str, other: str) -> None:
+    """Move two players apart if at least one of them walks close to the other."""
+    first, second = poses[one], poses[other]
+    if not (first.walking or second.walking):
+        return
+    dx, dy = second.at[0] - first.at[0], second.at[1] - first.at[1]
+    aside = _ASIDE * max(0.0, 1.0 - math.hypot(dx, dy) / _CLOSE)
+    walker = first if first.walking else second
+    across = walker.facing in ("left", "right")
+    for name, side in ((one, -aside), (other, aside)):
+        x, y = found[name].at
+        at = (x, y - side) if across else (x + side, y)
+        found[name] = replace(found[name], at=at)
 
 
 # Tiles by which a player is drawn above its tile.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -12,6 +12,7 @@ from robotouille.world.grounding.goal import Fit, Order
 from robotouille.world.presentation.work import work_towards
 from robotouille.world.scene import scene
 from robotouille.world.world import State
+from robotouille_client.window.drawing.pops import Pop
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.dishes import Dish, Layer, Variable, dishes
@@ -200,6 +201,8 @@ class Ticket:
         self._fitted: tuple[State, Fit] | None = None
         self._at_first = self._fit(view.world.initial).holding
         self._rows: list[tuple[pygame.Rect, Layer, LayerProgress]] = []
+        self.pops: dict[Hashable, Pop] = {}
+        """Ticks by dish and layer, with their places in the ticket."""
         self._holding: tuple[bool, ...] = ()
         self._shares: tuple[float, ...] = ()
         self._prose = view.world.task.goal_description or "This game has no goal."
@@ -243,7 +246,7 @@ class Ticket:
         """
         now = self._arrange(state)
         shape = self._shape(area, layout, free)
-        self._rows = []
+        self._rows, self.pops = [], {}
         if shape is None:
             return self._in_words(surface, area, layout)
         below, size = shape
@@ -255,12 +258,12 @@ class Ticket:
         surface.blit(box((area.width, high + 2 * pad), PAPER, layout.text // 2), area.topleft)
         column = pygame.Rect(area.x + pad, area.y + pad, area.width - 2 * pad, high)
         column.width //= 1 if below else len(counts)
-        for number, dish in enumerate(self._dishes):
+        for number in range(len(self._dishes)):
             if below:
                 column.height = counts[number] * step
             if number:
                 self._seam(surface, column, pad, below=below)
-            self._column(surface, column, step, dish, size, layout.text)
+            self._column(surface, column, step, number, size, layout.text)
             column.move_ip((0, column.height + pad) if below else (column.width, 0))
         return high + 2 * pad
 
@@ -312,10 +315,11 @@ class Ticket:
         surface: pygame.Surface,
         column: pygame.Rect,
         step: int,
-        dish: Dish,
+        number: int,
         size: int,
         text: int,
     ) -> None:
+        dish = self._dishes[number]
         top = column.bottom - len(dish.layers) * step
         small, mark = max(10, round(text * 0.85)), max(8, min(round(text * 0.95), step - 4))
         room = column.width - size - 16 - mark
@@ -331,7 +335,9 @@ class Ticket:
             surface.blit(picture, picture.get_rect(center=(row.x + 2 + size // 2, row.centery)))
             if layer.terms:
                 sign = self._sign(far, mark)
-                surface.blit(sign, sign.get_rect(midright=(row.right - 2, row.centery)))
+                place = surface.blit(sign, sign.get_rect(midright=(row.right - 2, row.centery)))
+                if far.settled:
+                    self.pops[number, i] = Pop(sign, place.center)
             if in_words:
                 words = self._text.line(layer.words, small, INK)
                 surface.blit(words, words.get_rect(midleft=(row.x + size + 6, row.centery)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
@@ -37,6 +38,8 @@ QUIET_SECONDS = 0.7
 
 A player still presses keys of the game when the card opens.
 """
+MOVING_SECONDS = 2.5
+"""Time for which something moves on a card that opened by itself, such as stars."""
 _WINDOW_COMMANDS = (Command.FULLSCREEN, Command.SCREENSHOT, Command.SOUND)
 """Commands of the window, which work whatever is shown."""
 _NOT_REPEATED = (Command.ENTER, Command.CANCEL)
@@ -66,6 +69,7 @@ class ShownCard:
         self.form = form
         self.by_itself = by_itself
         self._clock = clock
+        self._moves_from = clock() if by_itself and not at_once else -math.inf
         self._held = set(held)
         patience = QUIET_SECONDS if by_itself and not at_once else 0.0
         self._mouse_from = self._keys_from = clock() + patience
@@ -74,6 +78,12 @@ class ShownCard:
     def listens(self) -> bool:
         """True if the card accepts keys and buttons now."""
         return self._clock() >= self._keys_from
+
+    @property
+    def age(self) -> float:
+        """Seconds since the card opened; infinite if nothing on it moves any more."""
+        age = self._clock() - self._moves_from
+        return age if age < MOVING_SECONDS else math.inf
 
     def wait(self) -> None:
         """Wait a moment longer, because the player pressed a key of the game."""
@@ -125,6 +135,7 @@ class CardSlot:
 
     Args:
         opened: Function called when a card opens.
+        still: True if nothing on a card moves.
     """
 
     def __init__(
@@ -133,7 +144,10 @@ class CardSlot:
         keys: KeyMap,
         clock: Callable[[], float],
         opened: Callable[[], None],
+        *,
+        still: bool = False,
     ) -> None:
+        self._still = still
         self.answer: object = None
         self._cards = cards
         self._keys = keys
@@ -150,10 +164,10 @@ class CardSlot:
         return None if self._card is None else self._card.form
 
     @property
-    def seen(self) -> tuple[str, bool]:
-        """Message and state of the card, which decide whether it must be drawn again."""
+    def seen(self) -> tuple[str, bool, float]:
+        """Message, state and age of the card, which decide whether it must be drawn again."""
         form = self.form
-        return ("", False) if form is None else (form.message, form.listens)
+        return ("", False, 0.0) if form is None else (form.message, form.listens, form.age)
 
     # Cards
 
@@ -191,6 +205,7 @@ class CardSlot:
         if self._card is not None and self._cards is not None:
             form = self._card.form
             form.message = self._cards.message() or form.message
+            form.age = math.inf if self._still else self._card.age
             form.listens = self._card.listens and not (typing and self._card.by_itself)
 
     # Events

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -46,7 +47,7 @@ class Form:
     """Title with rows, one of which has the focus.
 
     `result` is None until the player chooses a row or cancels. The focus is marked while the form
-    `listens`.
+    `listens`. `age` is the time in seconds for which it has been shown, if something in it moves.
 
     Args:
         cancel: Result of Escape; None if the form cannot be cancelled.
@@ -72,6 +73,7 @@ class Form:
         self.message = ""
         self.result: object = None
         self.listens = True
+        self.age = math.inf
         self.idle = idle
         self._shrinks = layout.shrinks
         self._main = main
@@ -263,7 +265,8 @@ class Form:
         bottom = inner.bottom - text.height(size) * len(foot)
         room = bottom - inner.y - (size // 2 if foot else 0)
         place = pygame.Rect(inner.x, inner.y, inner.width, room)
-        self._list.draw(target, place, self.rows, self._focus, text, size, marked=self.listens)
+        context = DrawContext(text, size, focused=False, age=self.age)
+        self._list.draw(target, place, self.rows, self._focus, context, marked=self.listens)
         for i, line in enumerate(foot):
             at = (inner.x, bottom + i * text.height(size))
             target.blit(text.line(line, size, ACCENT), at)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from enum import StrEnum
 
 import pygame
 
 from robotouille_client.window.forms.widgets import DrawContext, Row
 from robotouille_client.window.pictures.shapes import box
-from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import FAINT, TRACK
 
 
@@ -73,14 +73,13 @@ class RowList:
         area: pygame.Rect,
         rows: Sequence[Row],
         focus: int,
-        text: Typesetter,
-        size: int,
+        context: DrawContext,
         *,
         marked: bool = True,
     ) -> None:
         """Draw the rows that fit, including the focused one."""
+        size = context.size
         gap = max(3, size // 4)
-        context = DrawContext(text, size, focused=False)
         ends = rows[max(0, len(rows) - self._pinned) :]
         count = len(rows) - len(ends)
         below = sum(row.height(context, area.width) + gap for row in ends)
@@ -125,7 +124,7 @@ class RowList:
             if seen.height < context.size // 2:
                 return
             target.set_clip(seen.clip(clip))
-            rows[index].draw(target, place, DrawContext(context.text, context.size, index == mark))
+            rows[index].draw(target, place, replace(context, focused=index == mark))
             target.set_clip(clip)
             yield seen, index
             y += place.height + gap

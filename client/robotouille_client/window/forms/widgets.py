@@ -5,6 +5,7 @@ A row draws itself and handles commands, letters and clicks. It does not know th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -32,11 +33,16 @@ _TRACK, _BESIDE = (0.4, 0.75), 0.08
 
 @dataclass(frozen=True, slots=True)
 class DrawContext:
-    """Text renderer, text size and focus with which a row is drawn."""
+    """Text renderer, text size and focus with which a row is drawn.
+
+    Attributes:
+        age: Seconds for which the form has been shown; infinite if nothing in it moves.
+    """
 
     text: Typesetter
     size: int
     focused: bool
+    age: float = math.inf
 
 
 class Row:

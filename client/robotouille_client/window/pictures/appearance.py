@@ -192,6 +192,21 @@ class AppearanceResolver:
         sides = facings.carrying if carrying and facings.carrying is not None else facings
         return Appearance(kind, "player", getattr(sides, facing), "", facing)
 
+    def cheering(self, kind: str, index: int) -> Appearance:
+        """Return the look of a player with raised arms, or else from the front."""
+        facings = self._facings(kind, index)
+        if facings is None or facings.cheering is None:
+            return self.player(kind, index, "front", carrying=True)
+        return Appearance(kind, "player", facings.cheering, "", "front")
+
+    def shut_eyes(self, kind: str, index: int, facing: str) -> str | None:
+        """Return the picture of a player's shut eyes from one side; None if there is none."""
+        facings = self._facings(kind, index)
+        if facings is None or facings.shut is None or facing == "back":
+            return None
+        file: str = getattr(facings.shut, facing)
+        return file
+
     def feet(self, kind: str, index: int, facing: str) -> tuple[str, ...]:
         """Return the pictures of a player's stride from one side."""
         facings = self._facings(kind, index)

@@ -91,6 +91,8 @@ def _label(tile: pygame.Surface, appearance: Appearance, text: Typesetter) -> No
         tile.blit(words, words.get_rect(center=(side // 2, round(y))))
 
 
+SQUASH = 0.05
+"""Share by which a squat or stretched picture is wider or narrower."""
 # Largest side of a picture in pixels, whatever size a rendering asks for.
 MAX_SIDE = 2048
 
@@ -197,6 +199,19 @@ class Sprites:
             faded = self._kept.keep(key, picture.copy())
             faded.fill((255, 255, 255, opacity), special_flags=pygame.BLEND_RGBA_MULT)
         return faded
+
+    def squashed(self, appearance: Appearance, size: int, squash: int) -> pygame.Surface:
+        """Return an object's picture as for `of`: squat for 1, stretched for -1."""
+        if not squash:
+            return self.of(appearance, size)
+        key = (appearance, size, squash)
+        made = self._kept.get(key)
+        if made is None:
+            change = round(SQUASH * squash * size)
+            plain = self.of(appearance, size)
+            made = pygame.transform.smoothscale(plain, (size + change, size - change))
+            self._kept.keep(key, made)
+        return made
 
     def of(self, appearance: Appearance, size: int) -> pygame.Surface:
         """Return the picture of an object as a square of `size` pixels."""

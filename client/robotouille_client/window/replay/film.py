@@ -22,6 +22,8 @@ from robotouille_client.window.video import VIDEOS, FilmOptions, frames_of, writ
 
 FPS = 24
 GIF_FPS = 12
+HOLD_SECONDS = 4
+"""Time for the end of a game: the players cheer, then the outcome is shown."""
 
 _Span = tuple[int | None, int | None]
 
@@ -80,10 +82,12 @@ def filming(
     fps = GIF_FPS if output.suffix.lower() == ".gif" else FPS
     frames_per_step = max(1, round(fps / speed))
     ended = last == history.length and history.outcome is not None
+    hold = HOLD_SECONDS * fps if ended else fps
     options = FilmOptions(
         size=parse_size(size),
         frames_per_step=frames_per_step,
-        hold=2 * fps,
+        fps=fps,
+        hold=hold,
         seats=[history.seats(step) for step in range(first, last + 1)],
         bubbles={step: bubbles_at(history, step) for step in range(first, last + 1)},
         notices=notices_at(history.interludes, round(speed * NOTICE_SECONDS)),
@@ -93,7 +97,9 @@ def filming(
         pictures=look.pictures if look else None,
     )
     frames = frames_of(_states(history, first, last), options)
-    yield from _written(frames, output, fps, (last - first + 1) * frames_per_step + 2 * fps)
+    yield from _written(
+        frames, output, fps, (last - first + 1) * frames_per_step + HOLD_SECONDS * fps
+    )
 
 
 def _written(

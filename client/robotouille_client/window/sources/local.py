@@ -146,6 +146,9 @@ class LocalSource(GameSource):
             waits_for=self._waits_for(),
             thinking=self._thinking(),
             blocked=self._blockages.at(episode.state) if episode.running else (),
+            seconds=self._now(),
+            # The clock of steps ends with the episode.
+            since_end=elapsed if episode.ended else None,
         )
 
     def _status(self) -> str:

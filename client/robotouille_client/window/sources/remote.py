@@ -109,6 +109,7 @@ class RemoteSource(GameSource):
         self._shown = ShownStep(game.step, game.state, None) if game.has_state else None
         self._playout: Playout | None = None
         self._lost_at: float | None = None
+        self._ended_at: float | None = None
         self._farewell: FarewellView | None = None
 
     def view(self) -> View:
@@ -141,6 +142,8 @@ class RemoteSource(GameSource):
             pause=self._pause(),
             offline=self._offline(),
             farewell=self._farewell,
+            seconds=self._now(),
+            since_end=None if self._ended_at is None else self._now() - self._ended_at,
         )
 
     def _take_events(self) -> None:
@@ -168,7 +171,9 @@ class RemoteSource(GameSource):
                     self._seats = event.seats
                 case Announced():
                     self._chat_log.announced(event.text)
-                case GameEnded() if not event.outcome:
+                case GameEnded() if event.outcome:
+                    self._ended_at = self._now()
+                case GameEnded():
                     self._farewell = farewell(event.code, event.reason)
                 case _:
                     pass

@@ -1,0 +1,126 @@
+"""How players and the panel move between two states: joy, work, glances, breath, ticks, stars."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pygame
+import pytest
+from tests.support.scripted import planned
+
+from robotouille import State, World, load_task
+from robotouille.planning.policies.shift_policy import play_shift
+from robotouille_client.window.app.game_cards import end_card
+from robotouille_client.window.drawing.gestures import CHEER_SECONDS
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.preferences import Preferences
+from robotouille_client.window.view import Bubble, SeatView, View
+
+SIZE = (1280, 720)
+STILL = Preferences(reduced_motion=True)
+
+
+@pytest.fixture(scope="module")
+def course() -> list[State]:
+    return planned("asynchronous/04", 1)
+
+
+@pytest.fixture(scope="module")
+def served() -> tuple[State, State, State]:
+    """Return the states before, at, and after the first order that is served."""
+    states: list[State] = []
+    play_shift(World(load_task("shifts/01_sandwich_bar@1")), watch=states.append)
+    first = next(n for n, state in enumerate(states) if state.orders and state.orders.served)
+    return states[first - 1], states[first], states[first + 1]
+
+
+def at(states: list[State], step: int, **fields: object) -> View:
+    state = states[step]
+    shown = View(state.world, state, states[step - 1], step, me=state.world.players[0])
+    return replace(shown, **fields)  # type: ignore[arg-type]
+
+
+def picture(painter: Painter, view: View) -> bytes:
+    surface = pygame.Surface(SIZE)
+    painter.paint(surface, view)
+    return pygame.image.tobytes(surface, "RGB")
+
+
+def looks(painter: Painter, views: list[View]) -> int:
+    """Return the number of different pictures, which must be those announced as different."""
+    painter.paint(pygame.Surface(SIZE), views[0])
+    keys = [str(painter.redraw_key(view)) for view in views]
+    pictures = [picture(painter, view) for view in views]
+    assert len(set(pictures)) <= len(set(keys))
+    return len(set(pictures))
+
+
+def test_players_cheer_for_two_seconds_when_the_game_is_won(course) -> None:
+    last = len(course) - 1
+    ends = [at(course, last, won=True, seconds=9.0 + s, since_end=s) for s in (0.05, 0.15, 0.3)]
+    assert looks(Painter(), ends) == 3
+    assert looks(Painter(preferences=STILL), ends) == 1
+    late = CHEER_SECONDS + 0.1
+    over = at(course, last, won=True, seconds=9.0, since_end=late)
+    assert picture(Painter(), over) == picture(Painter(), replace(over, since_end=late + 9.0))
+
+
+def test_idle_players_breathe_and_blink_but_not_in_a_pause(course) -> None:
+    shown = at(course, 1, previous=None)
+    moments = [replace(shown, seconds=n / 20) for n in range(80)]
+    assert 3 <= looks(Painter(), moments) <= 12, "few pictures cost little"
+    assert looks(Painter(preferences=STILL), moments) == 1
+    assert looks(Painter(), [replace(view, offline=0.0) for view in moments]) == 1
+
+
+def test_teammates_look_at_who_speaks() -> None:
+    world = World(load_task("multi_agent/01@2"))
+    one, other = world.players
+    quiet = View(world, world.initial, me=one, seconds=5.0)
+    speaks = replace(quiet, bubbles=(Bubble(one, "Hello", "chat"),))
+    painter = Painter()
+    painter.paint(pygame.Surface(SIZE), quiet)
+
+    def gestures(view: View) -> object:
+        return painter.redraw_key(view)[1]  # type: ignore[index]
+
+    calm, listening = gestures(quiet), gestures(speaks)
+    assert listening[one].facing == calm[one].facing  # type: ignore[index]
+    assert listening[other].facing != calm[other].facing  # type: ignore[index]
+    assert (
+        gestures(replace(speaks, seconds=8.0))[other]
+        == gestures(  # type: ignore[index]
+            replace(quiet, seconds=8.0)
+        )[other]
+    )  # type: ignore[index]
+
+
+def test_a_served_dish_is_cheered_and_its_points_rise(served) -> None:
+    before, now, after = served
+    painter = Painter()
+    shown = View(now.world, before, None, 1, seconds=1.0)
+    painter.paint(pygame.Surface(SIZE), shown)
+    moments = [
+        replace(shown, state=now, previous=before, step=2, seconds=1.2 + n / 10) for n in range(4)
+    ]
+    assert looks(painter, moments) == 4
+    later = replace(shown, state=after, previous=now, step=3, seconds=4.0, phase=1.0)
+    assert picture(painter, later) == picture(Painter(), later)
+
+
+def test_stars_are_stamped_one_by_one_and_points_are_counted() -> None:
+    world = World(load_task("shifts/01_sandwich_bar@1"))
+    outcome = {"reason": "shift_over", "steps": 600, "score": {"points": 9_000, "served": 9}}
+    seats = (SeatView("robot1", "ada"),)
+    card = end_card(View(world, world.initial, seats=seats, won=True), outcome, [("Menu", "menu")])
+
+    def drawn(age: float) -> bytes:
+        surface = pygame.Surface((300, 400))
+        card.age = age
+        card.draw(surface, surface.get_rect(), Typesetter(), 14)
+        return pygame.image.tobytes(surface, "RGB")
+
+    moving = [drawn(age) for age in (0.2, 0.6, 1.4, 1.9, 2.4)]
+    assert len(set(moving)) == len(moving)
+    assert moving[-1] == drawn(float("inf"))
