@@ -200,7 +200,7 @@ class AppearanceResolver:
         return Appearance(kind, "player", facings.cheering, "", "front")
 
     def shut_eyes(self, kind: str, index: int, facing: str) -> str | None:
-        """Return the picture of a player's shut eyes from one side; None if there is none."""
+        """Return the picture of a player's shut eyes from one side, or None."""
         facings = self._facings(kind, index)
         if facings is None or facings.shut is None or facing == "back":
             return None

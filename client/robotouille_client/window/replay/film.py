@@ -97,9 +97,7 @@ def filming(
         pictures=look.pictures if look else None,
     )
     frames = frames_of(_states(history, first, last), options)
-    yield from _written(
-        frames, output, fps, (last - first + 1) * frames_per_step + HOLD_SECONDS * fps
-    )
+    yield from _written(frames, output, fps, (last - first + 1) * frames_per_step + hold)
 
 
 def _written(
