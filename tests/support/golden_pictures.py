@@ -117,7 +117,7 @@ MOMENTS: dict[str, dict[str, Any]] = {
     "hands": {
         "ui": UiOverlay(
             prompt="Nothing to do here", keys=KEYS, choices=CHOICES, chosen=2, more="9 more",
-            mark=ActionMark("stove1", "rejected"),
+            marks=(ActionMark("stove1", "rejected"),),
         )
     },
     "typing": {"ui": UiOverlay(typing="I shall take the pot")},

@@ -284,7 +284,7 @@ def test_a_pause_card_covers_the_mark_of_the_last_action() -> None:
     middle_of_card.center = (layout.panel.left // 2, layout.size[1] // 2)
     for station in world.floor.stations:
         pictures = []
-        for overlay in (UiOverlay(), UiOverlay(mark=ActionMark(station, "asked"))):
+        for overlay in (UiOverlay(), UiOverlay(marks=(ActionMark(station, "asked"),))):
             surface = pygame.Surface(size)
             painter.paint(surface, view, overlay)
             pictures.append(pygame.image.tobytes(surface.subsurface(middle_of_card), "RGB"))

@@ -218,7 +218,7 @@ class Window:
         overlay = self._input.overlay(view, hover)
         if self.card is None:
             return overlay
-        return dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None, pointer=None)
+        return dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, marks=(), pointer=None)
 
     # Events
 
@@ -233,6 +233,11 @@ class Window:
             return
         self._input.show_notice(self._gamepads.notice(event))
         pressed = self._gamepads.read(event)
+        if view.guest is not None and self.card is None and self._gamepads.for_guest(event):
+            self._input.guest_command(pressed, source, view)
+            if self._gamepads.let_go(event):
+                self._input.guest.release()
+            return
         self._run_command(self._dispatch(event, pressed, source, view), view)
         if self._gamepads.let_go(event):
             self._input.controller.release()

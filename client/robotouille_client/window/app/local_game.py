@@ -26,6 +26,8 @@ from robotouille_client.bots.kinds import BotSetup, given_names
 from robotouille_client.bots.partners import MakePartners, PartnerProcess, Partners, PromptPartners
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 
+GUEST = "guest"
+"""Name of the second person at a window."""
 KEPT_RECORDINGS = 50
 NO_CERTIFICATE = 1000
 """Step limit of tasks without a known plan."""
@@ -40,6 +42,7 @@ class GameSetup:
         timing: Timing profile; None for `people` in real time and else `benchmark`.
         max_steps: Step limit; None for six times the shortest plan, but at least three minutes.
         countdown: Seconds before a real-time game starts.
+        people: People at this window, 1 or 2; the other seats have bots.
     """
 
     task: str
@@ -51,6 +54,7 @@ class GameSetup:
     max_steps: int | None = None
     seed: int = 0
     countdown: float = 3.0
+    people: int = 1
 
     @property
     def profile(self) -> str:
@@ -90,6 +94,8 @@ class LocalGame:
         # A person who only watches at first must not block the bots.
         me = seat_out_of_the_way(self.world.initial)
         others = [player for player in self.world.players if player != me]
+        guest = others.pop(0) if setup.people > 1 and others else ""
+        guest_name = GUEST if name.casefold() != GUEST else f"{GUEST} 2"
         # Equal names could not be distinguished in the chat.
         names = [n for n in given_names(setup.seed) if n.casefold() != name.casefold()]
         bots = BotSetup.named(setup.partner, setup.seed, words)
@@ -105,7 +111,9 @@ class LocalGame:
         episode = Episode(self.world, rules, now())
         self.source = LocalSource(
             episode,
-            LocalSeats(me, dict(zip(others, names, strict=False)), name, bots.agent),
+            LocalSeats(
+                me, dict(zip(others, names, strict=False)), name, bots.agent, (guest, guest_name)
+            ),
             self._partners,
             now,
             record=self._record,

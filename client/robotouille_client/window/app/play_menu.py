@@ -155,6 +155,10 @@ def _task(name: str) -> Task:
 Ask = Callable[[Form], Awaitable[object]]
 """Function that shows a form until it has a result."""
 
+TWO_PEOPLE = (
+    "You walk with WASD and use E. The second person walks with the arrow keys and uses the right "
+    "Shift key, or has a gamepad."
+)
 PARTNERS = (
     ("partners: human pace", "partner"),
     ("learners: slow and unsure", "learner"),
@@ -197,6 +201,10 @@ class TaskChoice:
         self._goal = Words("")
         self._seats = Choice("Players", [("1", None)], changed=lambda _: changed())
         self._offer(settings.seats)
+
+    def describe(self) -> None:
+        """Describe the numbers of players again, which mean something else now."""
+        self._offer(self.seats)
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -255,9 +263,11 @@ class PlayMenu:
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
         self._partner = Choice("Bots", PARTNERS, settings.partner)
+        people = [("one: you", 1), ("two at this keyboard", 2)]
+        self._people = Choice("People", people, 1, lambda _: self._describe())
         self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
         self._ends = (Button("Start", "start"), Button("Back", "back"))
-        self._task = TaskChoice(settings, _team_words, self._arrange, seat_out_of_the_way)
+        self._task = TaskChoice(settings, self._team_words, self._arrange, seat_out_of_the_way)
         self.form = self._made()
 
     @property
@@ -268,7 +278,13 @@ class PlayMenu:
             seats=self._task.seats,
             partner=str(self._partner.value),
             rate=self._rate.value,
+            people=self._guests + 1,
         )
+
+    @property
+    def _guests(self) -> int:
+        """Number of people besides the first one."""
+        return min(int(str(self._people.value)), self._task.seats) - 1
 
     async def ask(self, ask: Ask) -> GameSetup | None:
         """Show the menu until the player starts a game, and remember it; None to go back."""
@@ -291,9 +307,18 @@ class PlayMenu:
 
     def _rows(self) -> tuple[Row, ...]:
         start, back = self._ends
-        partners = (self._partner,) if self._task.seats > 1 else ()
-        return (start, *self._task.rows, *partners, self._rate, back)
+        people = (self._people,) if self._task.seats > 1 else ()
+        partners = (self._partner,) if self._task.seats > self._guests + 1 else ()
+        return (start, *self._task.rows, *people, *partners, self._rate, back)
 
+    def _describe(self) -> None:
+        self._task.describe()
+        self._arrange()
+        self.form.message = TWO_PEOPLE if self._guests else ""
 
-def _team_words(seats: int) -> str:
-    return {1: "just you", 2: "you and a bot"}.get(seats, f"you and {seats - 1} bots")
+    def _team_words(self, seats: int) -> str:
+        people = min(int(str(self._people.value)), seats)
+        who, bots = "just you" if seats == 1 else "you", seats - people
+        if people == 2:
+            who = "you two"
+        return who + {0: "", 1: " and a bot"}.get(bots, f" and {bots} bots")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import pygame
@@ -198,9 +198,13 @@ class KitchenLayer:
         return self._background
 
     def draw(
-        self, target: pygame.Surface, layout: Layout, frame: SceneFrame, me: str | None
+        self, target: pygame.Surface, layout: Layout, frame: SceneFrame, own: Collection[str | None]
     ) -> None:
-        """Draw everything that moves, row by row from the top, then objects on their way."""
+        """Draw everything that moves, row by row from the top, then objects on their way.
+
+        Args:
+            own: Players of the people at the window, who stand in a patch of light.
+        """
         stage, poses = frame.stage, frame.poses
         # Rows nearer to the viewer cover those behind; in a row, players cover objects.
         rows: list[tuple[float, int, str]] = [(-pose.at[1], 1, n) for n, pose in poses.items()]
@@ -210,7 +214,7 @@ class KitchenLayer:
                 rows.append((-tile[1], 0, host))
         for _, is_player, name in sorted(rows):
             if is_player:
-                self._player(target, layout, frame, name, own=name == me)
+                self._player(target, layout, frame, name, own=name in own)
             else:
                 self._pile(target, frame, name)
         self._travels(target, frame)

@@ -105,7 +105,7 @@ class Painter:
         stage, poses = frame.stage, frame.poses
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._overlays.highlight(surface, place, stage, view.hover)
-        self._kitchen.draw(surface, place, frame, view.me)
+        self._kitchen.draw(surface, place, frame, (view.me, view.guest))
         signs = self._overlays.draw(surface, place, view, stage, poses)
         # Objects on their way have not arrived: until then the ticket shows the state before.
         under_way = frame.animation.travels and view.phase < 1.0
@@ -113,8 +113,8 @@ class Painter:
         ground = self._ground(place, view, frame)
         own = ground.own
         # Cards cover what is marked in the kitchen.
-        if ui_overlay.mark is not None:
-            self._key_strip.mark(surface, place, stage, ui_overlay.mark)
+        for mark in ui_overlay.marks:
+            self._key_strip.mark(surface, place, stage, mark)
         cards = self._interruptions.draw(surface, place, view, ground)
         choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
         if not ui_overlay.tips:

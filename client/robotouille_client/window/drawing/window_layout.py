@@ -63,6 +63,7 @@ class UiOverlay:
         keys: Key strip: keys that are always there.
         queued: Key strip: actions that wait.
         choices: Numbered actions of the open list; None if it is closed.
+        marks: Stations of the newest actions of the people at this window.
         chosen: Index of the marked action.
         more: Line below the list if the list goes on.
     """
@@ -75,7 +76,7 @@ class UiOverlay:
     hints: KeyRows = ()
     keys: KeyRows = ()
     queued: tuple[str, ...] = ()
-    mark: ActionMark | None = None
+    marks: tuple[ActionMark, ...] = ()
     choices: tuple[str, ...] | None = None
     chosen: int = 0
     more: str = ""

@@ -164,11 +164,21 @@ They differ so that a stick that trembles near one of them does not press repeat
 
 
 class Gamepads:
-    """All connected gamepads, treated as one. `held` is the direction being held."""
+    """All connected gamepads. Without a guest, they are treated as one."""
 
     def __init__(self) -> None:
-        self.held: Command | None = None
+        self._held: dict[int, Command] = {}
         self._open: dict[int, Any] = {}
+
+    @property
+    def held(self) -> Command | None:
+        """The direction that is held, on any gamepad."""
+        return next(iter(self._held.values()), None)
+
+    @property
+    def plugged(self) -> tuple[int, ...]:
+        """Numbers of the connected gamepads, the first one first."""
+        return tuple(self._open)
 
     def open(self) -> None:
         """Start listening to gamepads, if the system supports them."""
@@ -185,19 +195,32 @@ class Gamepads:
         if event.type == pygame.CONTROLLERBUTTONDOWN:
             command = _BUTTONS.get(event.button)
             # Other buttons neither repeat nor end a direction that is still held.
-            self.held = command if command in DIRECTIONS else self.held
+            if command is not None and command in DIRECTIONS:
+                self._held[_pad(event)] = command
             return command
         if event.type == pygame.CONTROLLERBUTTONUP:
-            if _BUTTONS.get(event.button) == self.held:
-                self.held = None
+            if _BUTTONS.get(event.button) == self._held.get(_pad(event)):
+                self._held.pop(_pad(event), None)
         elif event.type == pygame.CONTROLLERAXISMOTION:
-            return self._tilt(event.axis, event.value)
+            return self._tilt(_pad(event), event.axis, event.value)
         return None
 
     def let_go(self, event: pygame.Event) -> bool:
-        """Return whether the event released the last direction held."""
+        """Return whether the event released the last direction that its gamepad held."""
         released = (pygame.CONTROLLERBUTTONUP, pygame.CONTROLLERAXISMOTION)
-        return self.held is None and event.type in (*released, pygame.CONTROLLERDEVICEREMOVED)
+        ended = event.type in (*released, pygame.CONTROLLERDEVICEREMOVED)
+        return ended and _pad(event) not in self._held
+
+    def for_guest(self, event: pygame.Event) -> bool:
+        """Return whether an event comes from the guest's gamepad.
+
+        The only gamepad is the guest's; of several, the first one is the first person's.
+        """
+        playing = (
+            pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP, pygame.CONTROLLERAXISMOTION,
+        )  # fmt: skip
+        first = self.plugged[: len(self.plugged) > 1]
+        return event.type in playing and _pad(event) not in first
 
     def notice(self, event: pygame.Event) -> str:
         """Return a message if a gamepad was connected or disconnected."""
@@ -208,20 +231,20 @@ class Gamepads:
         if event.type == pygame.CONTROLLERDEVICEREMOVED:
             # A removed gamepad does not report that its buttons were released.
             self._open.pop(event.instance_id, None)
-            self.held = None
+            self._held.pop(event.instance_id, None)
             return "Gamepad disconnected. Use the keyboard or mouse"
         return ""
 
-    def _tilt(self, axis: int, value: int) -> Command | None:
+    def _tilt(self, pad: int, axis: int, value: int) -> Command | None:
         sides = _AXES.get(axis)
         if sides is None:
             return None
-        command = sides[value > 0]
-        if abs(value) >= PRESSED and self.held is not command:
-            self.held = command
+        command, held = sides[value > 0], self._held.get(pad)
+        if abs(value) >= PRESSED and held is not command:
+            self._held[pad] = command
             return command
-        if abs(value) < RELEASED and self.held in sides:
-            self.held = None
+        if abs(value) < RELEASED and held in sides:
+            self._held.pop(pad, None)
         return None
 
     def _plug(self, index: int) -> None:
@@ -231,3 +254,8 @@ class Gamepads:
             pad = controller.Controller(index)
             # SDL reports events of open controllers only, so each one is kept open.
             self._open[pad.as_joystick().get_instance_id()] = pad
+
+
+def _pad(event: pygame.Event) -> int:
+    """Return the number of the gamepad that an event comes from."""
+    return int(getattr(event, "instance_id", 0))
