@@ -227,7 +227,7 @@ def test_the_list_by_arrows_and_enter(table: Table) -> None:
     table.press(pygame.K_TAB, pygame.K_DOWN, pygame.K_DOWN, pygame.K_UP)
     wanted = table.possible()[1]
     assert table.overlay().chosen == 1
-    assert table.overlay().mark.station == goes_to(wanted), "where it leads is seen"
+    assert table.overlay().marks[0].station == goes_to(wanted), "where it leads is seen"
     table.press(pygame.K_RETURN)
     assert table.source.acted == [wanted]
     table.press(pygame.K_TAB, pygame.K_ESCAPE)
@@ -287,7 +287,7 @@ def test_no_actions_in_the_lobby(table: Table, monkeypatch: pytest.MonkeyPatch) 
     table.press(pygame.K_LEFT)
     assert table.source.acted == []
     assert table.overlay().prompt == "The game hasn't started yet"
-    assert table.overlay().mark is None
+    assert table.overlay().marks == ()
 
 
 def test_a_slow_action_is_replaced_by_the_next(slow: Table) -> None:
@@ -309,19 +309,19 @@ def test_an_action_after_a_walk_waits_for_it(slow: Table) -> None:
 
 def test_an_action_is_marked_at_once_and_confirmed(slow: Table) -> None:
     slow.press(pygame.K_LEFT)
-    mark = slow.overlay().mark
+    (mark,) = slow.overlay().marks
     assert (mark.station, mark.fate) == (goes_to(slow.source.acted[0]), "asked")
     slow.step()
-    assert slow.overlay().mark.fate == "done"
+    assert slow.overlay().marks[0].fate == "done"
     slow.timer.now += 1.0
-    assert slow.overlay().mark is None
+    assert slow.overlay().marks == ()
 
 
 def test_a_rejection_marks_the_station_and_clears_the_queue(slow: Table) -> None:
     slow.press(pygame.K_LEFT, pygame.K_e)
     slow.source.bubbles = (Bubble("robot1", "Needs: something."),)
     slow.window.frame(slow.source)
-    assert slow.overlay().mark.fate == "rejected"
+    assert slow.overlay().marks[0].fate == "rejected"
     assert slow.overlay().queued == ()
 
 
@@ -429,9 +429,9 @@ def test_a_mark_may_expire_during_a_frame(slow: Table) -> None:
     slow.step()
 
     slow.timer.pace = 0.03
-    marks = [slow.overlay().mark for _ in range(60)]
-    assert marks[0] is not None
-    assert marks[-1] is None
+    marks = [slow.overlay().marks for _ in range(60)]
+    assert marks[0]
+    assert not marks[-1]
 
 
 def test_a_hint_warns_before_interrupting_work() -> None:
