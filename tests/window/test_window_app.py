@@ -144,7 +144,7 @@ async def test_an_easy_pace_is_offered_after_a_lost_first_game(
 
 
 def test_the_tutorial_is_not_the_first_choice_once_it_is_finished() -> None:
-    for learned, answer in ((False, MenuChoice.TUTORIAL), (True, MenuChoice.PLAY)):
+    for learned, answer in ((False, MenuChoice.TUTORIAL), (True, MenuChoice.LEVELS)):
         form = main_menu(Settings(learned=learned), chosen=MenuChoice.TUTORIAL)
         assert form.focused is not None
         assert form.focused.answer == answer
@@ -213,9 +213,11 @@ def test_the_best_result_is_saved(session: WindowSession) -> None:
     ]:  # fmt: skip
         world = World(load_task("synchronous/01", timing=timing))
         source = SimpleNamespace(outcome={"reason": reason, "steps": steps})
-        session.app.local._note_best(SimpleNamespace(world=world, source=source))
+        game = SimpleNamespace(world=world, source=source, step_seconds=0.2)
+        session.app.local._note_best(game)
     assert best == {"synchronous/01_cheese_sandwich@1": 30}
     assert session.remembered.best == best
+    assert session.remembered.stars == {"synchronous/01_cheese_sandwich@1": 3}
 
 
 async def test_settings_are_applied_and_saved(session: WindowSession) -> None:

@@ -74,6 +74,8 @@ def show_help(session: WindowSession) -> Steps:
 
 
 FROM_MENU = {
+    "levels": choose("Levels"),
+    "all tasks": choose("Levels", "All tasks"),
     "play": choose("Play here"),
     "join": choose("Join with a code"),
     "open": choose("Open a kitchen"),

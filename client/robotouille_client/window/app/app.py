@@ -77,6 +77,7 @@ class App:
         self.remote = RemoteGames(self.ui, self.replays, recordings, token=token, menu=menu)
         self._menu = menu
         self._places: dict[object, Callable[[], Awaitable[object]]] = {
+            MenuChoice.LEVELS: self.local.choose_level,
             MenuChoice.PLAY: self.local.choose,
             MenuChoice.JOIN: self.remote.choose_code,
             MenuChoice.OPEN: self.remote.choose_task,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import pygame
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.certification.stars import StarLimits, score_limits, star_limits
+from robotouille.certification.stars import score_limits, star_limits
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
@@ -18,9 +17,9 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Button, DrawContext, Row, Words
-from robotouille_client.window.pictures.shapes import box
+from robotouille_client.window.pictures.shapes import box, star_points
 from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, TEXT, TRACK, Colour
-from robotouille_client.window.sources.texts import outcome_words, points_of
+from robotouille_client.window.sources.texts import outcome_words, points_of, won
 from robotouille_client.window.view import View
 
 _KINDS: tuple[tuple[str, str, Colour], ...] = (
@@ -92,21 +91,32 @@ _COUNTED, _BETWEEN, _STAMPED = 0.9, 0.4, 0.22
 _STAMP = 2.4
 
 
+@dataclass(frozen=True, slots=True)
+class Rating:
+    """Stars of a finished game, of three.
+
+    Attributes:
+        words: What three stars take.
+        points: Points of a shift; None for other games.
+    """
+
+    stars: int
+    words: str
+    points: int | None = None
+
+
 class StarsRow(Row):
-    """Stars of a finished game, of three, with what three of them take.
+    """Stars of a finished game, with what three of them take.
 
     While the card is new, the points are counted up, and the stars are stamped one by one.
-
-    Args:
-        points: Points of a shift; None for other games.
     """
 
     focusable = False
 
-    def __init__(self, stars: int, words: str, points: int | None = None) -> None:
-        super().__init__(words)
-        self.stars = stars
-        self._points = points
+    def __init__(self, rating: Rating) -> None:
+        super().__init__(rating.words)
+        self.stars = rating.stars
+        self._points = rating.points
 
     def lines(self, context: DrawContext, width: int) -> int:
         points = 0 if self._points is None else 2
@@ -122,23 +132,15 @@ class StarsRow(Row):
         side = line * 3 // 2
         for number in range(3):
             middle = area.x + side // 2 + number * (side + side // 4), y + side // 2
-            pygame.draw.polygon(target, TRACK, _star(middle, side / 2))
+            pygame.draw.polygon(target, TRACK, star_points(middle, side / 2))
             began = age - (number + 1) * _BETWEEN
             if number < self.stars and began > 0:
                 size = 1 + (_STAMP - 1) * max(0.0, 1 - began / _STAMPED)
-                pygame.draw.polygon(target, ACCENT, _star(middle, size * side / 2))
+                pygame.draw.polygon(target, ACCENT, star_points(middle, size * side / 2))
         y += line * 2 - context.size // 3
         for words in context.text.wrap(self.label, context.size, area.width):
             target.blit(context.text.line(words, context.size, TEXT), (area.x, y))
             y += line
-
-
-def _star(middle: tuple[int, int], radius: float) -> list[tuple[float, float]]:
-    corners = []
-    for number in range(10):
-        far, angle = radius * (0.45 if number % 2 else 1.0), math.pi * (number / 5 - 0.5)
-        corners.append((middle[0] + far * math.cos(angle), middle[1] + far * math.sin(angle)))
-    return corners
 
 
 def end_card(
@@ -154,14 +156,9 @@ def end_card(
     rows: list[Row] = []
     if outcome is not None:
         rows.append(Words(f"{outcome_words(outcome)}."))
-        limits, scores = _limits(view), score_limits(view.world.task.problem, len(view.seats))
-        if scores is not None:
-            points = points_of(outcome) or 0
-            three = f"Three stars take {scores.three} points."
-            rows.append(StarsRow(scores.stars(points), three, points))
-        elif view.won and limits is not None:
-            three = f"Three stars take at most {limits.three} steps."
-            rows.append(StarsRow(limits.stars(int(outcome.get("steps", 0))), three))
+        rating = rate_game(view.world.task, len(view.seats), view.step_seconds, outcome)
+        if rating is not None:
+            rows.append(StarsRow(rating))
         if words := best_words(view.world.task):
             rows.append(Words(words))
         names = {seat.player: seat.name for seat in view.seats}
@@ -177,11 +174,29 @@ def end_card(
     return Form(title, rows, cancel=MenuChoice.MENU, layout=layout)
 
 
-def _limits(view: View) -> StarLimits | None:
-    """Return the limits for stars in a game; None if no plan is known."""
-    shipped = _shipped(view.world.task)
-    rate = None if not view.step_seconds else 1 / view.step_seconds
-    return None if shipped is None else star_limits(shipped, rate)
+def rate_game(
+    task: Task, seats: int, step_seconds: float | None, outcome: Mapping[str, Any]
+) -> Rating | None:
+    """Return the stars of a game that has ended.
+
+    Returns:
+        None for an unfinished order, and if the task has no limits or no known plan.
+    """
+    scores = score_limits(task.problem, seats)
+    if scores is not None:
+        points = points_of(outcome) or 0
+        words = f"Three stars take {scores.three} points."
+        return Rating(scores.stars(points), words, points)
+    shipped = _shipped(task) if won(outcome) else None
+    limits = (
+        None
+        if shipped is None
+        else star_limits(shipped, 1 / step_seconds if step_seconds else None)
+    )
+    if limits is None:
+        return None
+    words = f"Three stars take at most {limits.three} steps."
+    return Rating(limits.stars(int(outcome.get("steps", 0))), words)
 
 
 def _shipped(task: Task) -> Task | None:

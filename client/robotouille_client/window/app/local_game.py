@@ -91,6 +91,7 @@ class LocalGame:
         task = sound_task(setup.load())
         self.world = World(task)
         rules = _rules(setup, task)
+        self.step_seconds = rules.period if rules.scheduled else None
         # A person who only watches at first must not block the bots.
         me = seat_out_of_the_way(self.world.initial)
         others = [player for player in self.world.players if player != me]

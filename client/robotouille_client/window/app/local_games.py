@@ -21,7 +21,13 @@ from robotouille.world.presentation.work import work_in_progress
 from robotouille.world.scene import scene
 from robotouille.world.world import State, World
 from robotouille_client.bots.partners import MakePartners
-from robotouille_client.window.app.game_cards import LEAVE_BUTTONS, REVIEW_BUTTONS, GameCards
+from robotouille_client.window.app.game_cards import (
+    LEAVE_BUTTONS,
+    REVIEW_BUTTONS,
+    GameCards,
+    rate_game,
+)
+from robotouille_client.window.app.level_map import ALL_TASKS, LevelMap
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.app.play_menu import PlayMenu
 from robotouille_client.window.app.replays import Replays
@@ -198,6 +204,23 @@ class LocalGames:
         setup = await PlayMenu(self._ui.settings).ask(self._ui.ask)
         return None if setup is None else await self.play(setup)
 
+    async def choose_level(self) -> object:
+        """Let the player choose a level on the map, set up the game, and play it."""
+        last = ""
+        while True:
+            self._ui.splash("Loading …")
+            picked = await self._ui.ask(LevelMap(self._ui.settings, last))
+            if picked == MenuChoice.TUTORIAL:
+                return picked
+            if picked == ALL_TASKS:
+                return await self.choose()
+            if picked == "back":
+                return None
+            last = self._ui.settings.task = str(picked)
+            setup = await PlayMenu(self._ui.settings).ask(self._ui.ask)
+            if setup is not None:
+                return await self.play(setup)
+
     async def play(self, setup: GameSetup) -> object:
         """Play a task, and play it again or continue with the next one until the player stops."""
         answer: object = MenuChoice.AGAIN
@@ -298,7 +321,11 @@ class LocalGames:
         # share a name.
         if outcome is None or task.timing is not Timing.PEOPLE or task.name not in task_names():
             return
-        best, name, points = self._ui.settings.best, f"{task.name}@{task.seats}", points_of(outcome)
+        settings, name, points = self._ui.settings, f"{task.name}@{task.seats}", points_of(outcome)
+        rating = rate_game(task, task.seats, game.step_seconds, outcome)
+        if rating is not None:
+            settings.stars[name] = max(settings.stars.get(name, 0), rating.stars)
+        best = settings.best
         if points is not None:
             best[name] = max(best.get(name, 0), points)
         elif outcome["reason"] == "goal":

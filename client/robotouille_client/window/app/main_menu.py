@@ -26,6 +26,7 @@ def main_menu(settings: Settings, message: str = "", chosen: object = None) -> F
     never the first choice again once it is finished.
     """
     rows = [
+        Button("Levels", MenuChoice.LEVELS),
         Button("Play here", MenuChoice.PLAY),
         Button("Join with a code", MenuChoice.JOIN),
         Button("Open a kitchen", MenuChoice.OPEN),
@@ -42,12 +43,12 @@ def main_menu(settings: Settings, message: str = "", chosen: object = None) -> F
         layout=FormLayout(picture=_emblem),
     )
     if chosen == MenuChoice.TUTORIAL and settings.learned:
-        chosen = MenuChoice.PLAY
+        chosen = MenuChoice.LEVELS
     last = next((row for row in rows if row.answer == chosen), None)
     if last is not None:
         form.focus(last)
     elif not settings.learned:
-        form.focus(rows[5])
+        form.focus(next(row for row in rows if row.answer == MenuChoice.TUTORIAL))
     form.message = message
     return form
 

@@ -37,6 +37,7 @@ class Settings(BaseModel):
         code: Code of the last kitchen that was joined.
         learned: True if the player has finished the tutorial.
         best: Fewest steps, or most points of a shift, by `NAME@PLAYERS` of each task.
+        stars: Most stars by `NAME@PLAYERS` of each task.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -50,6 +51,7 @@ class Settings(BaseModel):
     code: Word = ""
     learned: bool = False
     best: dict[str, Annotated[int, Field(ge=0)]] = Field(default={}, max_length=1000)
+    stars: dict[str, Annotated[int, Field(ge=0, le=3)]] = Field(default={}, max_length=1000)
 
     def prefer(self, **changes: object) -> None:
         """Change preferences."""

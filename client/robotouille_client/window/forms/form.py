@@ -228,7 +228,8 @@ class Form:
         # This does not use `_give_focus`, because a field must not select its text when the mouse
         # passes.
         if found is not None and self.rows[found[1]].focusable:
-            self._focus = found[1]
+            area, self._focus = found
+            self.rows[self._focus].point((pos[0] - area.x) / area.width)
 
     def _click(self, pos: tuple[int, int]) -> None:
         if self._list.bar.collidepoint(pos):

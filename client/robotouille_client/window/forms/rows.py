@@ -19,6 +19,7 @@ class MenuChoice(StrEnum):
     Results that only one form has are strings of their own, or the picked object.
     """
 
+    LEVELS = "levels"
     PLAY = "play"
     JOIN = "join"
     OPEN = "open"

@@ -87,6 +87,9 @@ class Row:
         """Handle a key before it counts as a command; return whether the row used it."""
         return False
 
+    def point(self, share: float) -> None:
+        """Handle the mouse at a share of the width."""
+
     def click(self, share: float) -> bool:
         """Handle a click at a share of the width; return whether it chooses the row."""
         return self.command(Command.USE)

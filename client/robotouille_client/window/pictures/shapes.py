@@ -310,3 +310,12 @@ def badge(seat: int, size: int, fill: Colour | None = None) -> pygame.Surface:
         ]
         pygame.draw.polygon(large, ink, points)
     return pygame.transform.smoothscale(large, (max(1, size), max(1, size)))
+
+
+def star_points(middle: tuple[int, int], radius: float) -> list[tuple[float, float]]:
+    """Return the corners of a star with five points."""
+    corners = []
+    for number in range(10):
+        far, angle = radius * (0.45 if number % 2 else 1.0), math.pi * (number / 5 - 0.5)
+        corners.append((middle[0] + far * math.cos(angle), middle[1] + far * math.sin(angle)))
+    return corners
