@@ -6,11 +6,13 @@ import asyncio
 import os
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pygame
 
+from robotouille.installation import data_folder
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.input.commands import Command, Gamepads, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -165,6 +167,8 @@ class Devices:
     sounds: Sounds | None = None
 
 
+TITLE = "title.svg"
+"""Picture of the name of the game, in the assets."""
 FIRST, NEXT = 24, 3
 """Frames until a held key repeats for the first time, and between later repetitions."""
 _KEYS = (
@@ -243,7 +247,9 @@ class Screen:
         self.display.open()
         surface = self.display.surface
         if surface is not None:
-            self._background(surface, words)
+            self._background(surface, titled=True)
+            line = self._typesetter().line(words, 2 * text_size(surface.get_size(), 1.0), ACCENT)
+            surface.blit(line, line.get_rect(center=surface.get_rect().center))
             self.display.flip()
 
     async def ask(self, form: Form, until: asyncio.Future[Any] | None = None) -> object:
@@ -303,7 +309,7 @@ class Screen:
             return
         width, height = surface.get_size()
         size = text_size((width, height), self._preferences.text_scale)
-        self._background(surface, "Robotouille" if height >= HIGH * size else "")
+        self._background(surface, titled=height >= HIGH * size)
         above = 4 * size if height >= HIGH * size else size // 2
         below = size if height >= HIGH * size else size // 2
         area = pygame.Rect(0, 0, min(width - size, form.width(size)), height - above - below)
@@ -311,15 +317,15 @@ class Screen:
         form.draw(surface, area, self._typesetter(), size)
         self.display.flip()
 
-    def _background(self, surface: pygame.Surface, words: str) -> None:
+    def _background(self, surface: pygame.Surface, *, titled: bool) -> None:
         surface.fill(BACKGROUND)
         width, height = surface.get_size()
         size = text_size((width, height), 1.0)
         text = self._typesetter()
-        if not words:
+        if not titled:
             return
-        title = text.line(words, size * 2, ACCENT)
-        surface.blit(title, title.get_rect(midtop=(width // 2, size)))
+        title = _title(size * 3) or text.line("Robotouille", size * 2, ACCENT)
+        surface.blit(title, title.get_rect(midtop=(width // 2, size // 2)))
         foot = text.line("F11: full screen", max(10, size - 4), FAINT)
         # In a narrow window, the hint would cover the title.
         if title.get_width() + 2 * (foot.get_width() + size) < width:
@@ -330,6 +336,16 @@ class Screen:
             self._text = Typesetter()
         self._text.strong = self._preferences.strong_contrast
         return self._text
+
+
+# The picture is drawn again only when the size of the window changes.
+@lru_cache(maxsize=4)
+def _title(height: int) -> pygame.Surface | None:
+    """Return the name of the game as a picture; None if the installation is incomplete."""
+    try:
+        return pygame.image.load_sized_svg(data_folder("assets") / TITLE, (20 * height, height))
+    except (pygame.error, OSError):
+        return None
 
 
 def _give_back(events: list[pygame.Event]) -> None:
