@@ -1,4 +1,4 @@
-"""Make the window's sounds, a few soft tones made of sine waves.
+"""Make the window's sounds and its music, from soft tones made of sine waves.
 
 python tools/make_sounds.py [--out FOLDER]
 """
@@ -45,15 +45,51 @@ SOUNDS: dict[str, tuple[Tone, ...]] = {
 }  # fmt: skip
 
 
-def samples(tones: tuple[Tone, ...]) -> list[int]:
-    """Return a sound as 16-bit samples."""
-    whole = max(tone.rest + tone.length for tone in tones)
-    mixed = [0.0] * round(whole * RATE)
+BEAT = 0.6
+"""Seconds of a beat of the music. A bar has four."""
+CHORDS = ((60, 64, 67), (57, 60, 64), (53, 57, 60), (55, 59, 62)) * 2
+"""Chord of each bar, as MIDI notes. The first one is also the bass, an octave lower."""
+MELODY = (
+    "76 . 79 . 76 74 72 .", "69 . 72 . 76 . 72 .", "77 . 76 . 74 . 72 .", "74 . 67 . 71 74 . .",
+    "76 . 79 . 81 79 76 .", "72 . 76 . 69 . 76 .", "72 . 69 . 65 69 72 .", "71 . 74 . 67 . . .",
+)  # fmt: skip
+"""Notes of each bar, eight to a bar; a dot is a rest."""
+
+
+def music() -> Iterator[Tone]:
+    """Yield the tones of the music, which begins again after its last bar."""
+    for bar, (chord, melody) in enumerate(zip(CHORDS, MELODY, strict=True)):
+        begin = bar * 4 * BEAT
+        for beat, note in ((0, chord[0]), (2, chord[2] - 12)):
+            yield _note(note - 12, 1.6 * BEAT, begin + beat * BEAT, 0.5)
+        for beat in (1, 3):
+            for note in chord:
+                yield _note(note, 0.8 * BEAT, begin + beat * BEAT, 0.16)
+        for eighth, played in enumerate(melody.split()):
+            if played != ".":
+                yield _note(int(played), 1.2 * BEAT, begin + eighth * BEAT / 2, 0.45)
+
+
+def _note(number: int, length: float, rest: float, loud: float) -> Tone:
+    """Return a MIDI note, in equal temperament with A at 440 Hz."""
+    frequency = 440 * 2 ** ((number - 69) / 12)
+    return Tone(frequency, frequency, length, rest, loud)
+
+
+def samples(tones: tuple[Tone, ...], whole: float | None = None) -> list[int]:
+    """Return a sound as 16-bit samples.
+
+    Args:
+        whole: Seconds of a sound that is repeated: what goes on at its end is heard at its start.
+            Default: the sound ends with its last tone.
+    """
+    length = whole or max(tone.rest + tone.length for tone in tones)
+    mixed = [0.0] * round(length * RATE)
     for tone in tones:
         start = round(tone.rest * RATE)
         for i, value in enumerate(_wave(tone)):
-            if start + i < len(mixed):
-                mixed[start + i] += value
+            if whole or start + i < len(mixed):
+                mixed[(start + i) % len(mixed)] += value
     return [round(32767 * max(-1.0, min(1.0, value))) for value in mixed]
 
 
@@ -68,7 +104,7 @@ def _wave(tone: Tone) -> Iterator[float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write all sounds."""
+    """Write all sounds, and the music."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -77,8 +113,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     out = parser.parse_args(arguments).out
     out.mkdir(parents=True, exist_ok=True)
-    for name, tones in SOUNDS.items():
-        values = samples(tones)
+    sounds = {name: samples(tones) for name, tones in SOUNDS.items()}
+    sounds["music"] = samples(tuple(music()), whole=4 * BEAT * len(CHORDS))
+    for name, values in sounds.items():
         with wave.open(str(out / f"{name}.wav"), "wb") as file:
             file.setnchannels(1)
             file.setsampwidth(2)

@@ -53,10 +53,30 @@ def test_sounds_of_rejections_chat_and_the_end() -> None:
 
 
 def test_all_sounds_exist_and_are_small() -> None:
-    files = list((data_folder("assets") / "sounds").glob("*.wav"))
-    names = {"walk", "take", "put", "work", "ready", "refused", "said", "won", "lost"}
-    assert {path.stem for path in files} == names
-    assert sum(path.stat().st_size for path in files) < 100_000
+    sizes = {
+        path.stem: path.stat().st_size for path in (data_folder("assets") / "sounds").iterdir()
+    }
+    assert sizes.pop("music") < 450_000
+    assert set(sizes) == {
+        "walk", "take", "put", "work", "ready", "refused", "said", "won", "lost",
+    }  # fmt: skip
+    assert sum(sizes.values()) < 100_000
+
+
+def test_music_plays_at_its_volume_until_it_is_turned_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_AUDIODRIVER", "dummy")
+    sounds = Sounds()
+    try:
+        for music, on, playing in ((0.3, True, 1), (0.6, True, 1), (0.6, False, 0), (0.6, True, 1),
+                                   (0.0, True, 0)):  # fmt: skip
+            sounds.tune(0.5, music, on=on)
+            assert pygame.mixer.get_busy() == bool(playing)
+        sounds.tune(0.5, 0.4, on=True)
+        assert pygame.mixer.Channel(0).get_sound().get_volume() == pytest.approx(0.4, abs=0.01)
+        assert sounds.toggle() == "Sound off"
+        assert not pygame.mixer.get_busy()
+    finally:
+        sounds.close()
 
 
 def test_no_error_without_a_sound_card(monkeypatch: pytest.MonkeyPatch) -> None:

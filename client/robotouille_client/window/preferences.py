@@ -11,6 +11,7 @@ Word = Annotated[str, Field(max_length=40)]
 Side = Annotated[int, Field(ge=160, le=8192)]
 MAX_SERVER = 2000
 """Maximum length of the server's address. It may name several nodes."""
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Preferences(BaseModel):
@@ -22,6 +23,8 @@ class Preferences(BaseModel):
         size: Window size in pixels.
         rendering: Name of the rendering for kitchens that support it.
         language_file: File with the player's own words.
+        volume: Volume of the sound effects, from 0 to 1.
+        music: Volume of the music, from 0 to 1.
         reduced_motion: True if only the animations that carry information run.
         keys: Keys that differ from the defaults.
         server: Server to use unless another is given; several nodes are separated by commas.
@@ -33,6 +36,8 @@ class Preferences(BaseModel):
     size: tuple[Side, Side] = (1280, 720)
     fullscreen: bool = False
     sound: bool = True
+    volume: Share = 0.5
+    music: Share = 0.2
     reduced_motion: bool = False
     strong_contrast: bool = False
     rendering: Annotated[str, Field(max_length=64)] = ""

@@ -116,6 +116,8 @@ class SettingsMenu:
             self._choice("rendering", "Look", looks),
             self._choice("strong_contrast", "Contrast", contrasts),
             self._choice("sound", "Sound", [("on", True), ("off", False)]),
+            self._share("volume", "Volume of sounds"),
+            self._share("music", "Volume of music"),
             self._choice("reduced_motion", "Animation", motion),
             self._choice("fullscreen", "Full screen", [("off", False), ("on", True)]),
             Slider(
@@ -137,6 +139,13 @@ class SettingsMenu:
 
         value = str(getattr(self._settings.preferences, field))
         return TextField(label, value, length, may_be_empty, changed)
+
+    def _share(self, field: str, label: str) -> Slider:
+        value = float(getattr(self._settings.preferences, field))
+        return Slider(
+            label, value, 0.0, 1.0, 0.1,
+            lambda x: f"{round(x * 100)} %", lambda share: self._set(field, share),
+        )  # fmt: skip
 
     def _choice(self, field: str, label: str, options: Sequence[tuple[str, object]]) -> Choice:
         value = getattr(self._settings.preferences, field)

@@ -94,7 +94,7 @@ class UserInterface:
         preferences = self.preferences
         self._screen.prefer(preferences)
         if self._sounds is not None:
-            self._sounds.on = preferences.sound
+            self._sounds.tune(preferences.volume, preferences.music, on=preferences.sound)
         if preferences.language_file != self._words_file:
             self._read_words(preferences.language_file)
         if preferences.rendering != self._look:

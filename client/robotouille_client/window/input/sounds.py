@@ -15,17 +15,31 @@ from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.view import View
 
-VOLUME = 0.5
+MUSIC = "music"
+"""Name of the music among the sounds."""
 
 
 class Sounds:
-    """Player of sound effects; silent without a sound card. `on` may change at any time."""
+    """Player of sound effects and music; silent without a sound card. `on` turns both on or off."""
 
     def __init__(self, *, on: bool = True) -> None:
         self.on = on
+        self._volume, self._music = 0.5, 0.0
         self._last: View | None = None
         self._loaded: dict[str, Any] = {}
         self._broken = False
+
+    def tune(self, volume: float, music: float, *, on: bool) -> None:
+        """Set the volumes of effects and music, from 0 to 1, and start or stop the music."""
+        self._volume, self._music, self.on = volume, music, on
+        playing = self._loaded.get(MUSIC)
+        for sound in self._loaded.values():
+            sound.set_volume(music if sound is playing else volume)
+        if not (on and music):
+            if playing is not None:
+                playing.stop()
+        elif playing is None or not playing.get_num_channels():
+            self._play(MUSIC)
 
     def begin(self) -> None:
         """Start a new game: its first view plays no sounds."""
@@ -43,7 +57,7 @@ class Sounds:
 
     def toggle(self) -> str:
         """Turn sound on or off; return a message for the player."""
-        self.on = not self.on
+        self.tune(self._volume, self._music, on=not self.on)
         return f"Sound {'on' if self.on else 'off'}"
 
     def _play(self, name: str) -> None:
@@ -58,8 +72,8 @@ class Sounds:
             if sound is None:
                 path = data_folder("assets") / "sounds" / f"{name}.wav"
                 sound = self._loaded[name] = pygame.mixer.Sound(path)
-                sound.set_volume(VOLUME)
-            sound.play()
+                sound.set_volume(self._music if name == MUSIC else self._volume)
+            sound.play(loops=-1 if name == MUSIC else 0)
         except (pygame.error, OSError, NotImplementedError):
             # After one failure, sounds stay off: further attempts could delay frames.
             self._broken = True
