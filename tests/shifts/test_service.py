@@ -113,6 +113,24 @@ async def test_two_bots_serve_a_shift_over_a_server_with_a_crash(tmp_path: Path)
     assert final.orders.score == score["points"] == scores(recording)[-1]
 
 
+@virtual
+async def test_who_comes_late_sees_the_orders(tmp_path: Path) -> None:
+    folder = tmp_path / "tasks"
+    folder.mkdir()
+    shutil.copy(EXAMPLE, folder / "first_shift.json")
+    async with with_clients(tmp_path / "games", "ada", "eve", tasks=folder) as (_, ada, eve):
+        created = await ada.create("first_shift@1", clock="realtime", timing="benchmark")
+        game = await ada.join(created.code)
+        while game.state.orders.arrived < 3 and not game.ended:
+            await asyncio.sleep(0.5)
+        watched = await eve.join(created.code, role="spectator")
+        game._resync()
+        await asyncio.sleep(1.0)
+        assert not game.ended
+        assert watched.state.orders == game.state.orders
+        assert watched.state.digest == game.state.digest
+
+
 def test_altered_score_of_a_recording_is_found(tmp_path: Path) -> None:
     recording = played_alone(tmp_path, 130)
     assert recording.verify().ok

@@ -448,7 +448,7 @@ class GameReplica:
             world = self._reader.world
         else:
             raise ProtocolError(ErrorCode.STATE_MISMATCH, "the first snapshot contains no task")
-        values = message.model_dump(include={"facts", "timers", "busy"})
+        values = message.model_dump(include={"facts", "timers", "busy", "orders"})
         tables = message.model_dump(include={"predicates", "objects", "atoms"})
         reader = StateReader(world, tables, values)
         if reader.state.digest != message.hash:
