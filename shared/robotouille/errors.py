@@ -212,8 +212,16 @@ class IllegalEventError(RobotouilleError):
         super().__init__(f"{whose} in state {state} cannot handle {event}")
 
 
-class GoalTooHardError(RobotouilleError):
+class TooHardError(RobotouilleError):
+    """A kitchen that cannot be played any further."""
+
+
+class GoalTooHardError(TooHardError):
     """A goal with too many choices of objects to check in a step."""
+
+
+class TooManyObjectsError(TooHardError, ValueError):
+    """More created objects than the facts about them have room for."""
 
 
 class RecordingError(RobotouilleError):

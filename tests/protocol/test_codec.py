@@ -185,3 +185,16 @@ def test_msgpack_decoding_refuses_infinite_numbers(name: str, number: float) -> 
 def test_settings_refuse_infinite_numbers(name: str, text: str) -> None:
     with pytest.raises(ValidationError, match="finite"):
         ServerSettings(**{name: text})
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_messages_of_servers_are_limited_in_values_and_errors(codec: Codec) -> None:
+    """A million errors would need gigabytes."""
+    head = {"type": "episodes", "episodes": []}
+    many = codec.pack({**head, "later": [[0] * 1000] * 1001})
+    with pytest.raises(ProtocolError, match=r"more than 1,000,000 values in one message"):
+        codec.decode_server(many)
+    wrong = codec.pack({**head, "episodes": [0] * 100_000})
+    with pytest.raises(ProtocolError) as caught:
+        codec.decode_server(wrong)
+    assert caught.value.field == "episodes.0"

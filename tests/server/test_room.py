@@ -9,7 +9,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from robotouille.episode import Episode
-from robotouille.errors import GoalTooHardError
+from robotouille.errors import GoalTooHardError, TooHardError, TooManyObjectsError
 from robotouille.replay.recording import read_recording
 from robotouille.replay.timeline import note_lines
 from robotouille_client import ChatReceived, ChatRejected, GameEnded, connect
@@ -269,12 +269,13 @@ async def test_note_is_recorded_and_not_sent(tmp_path: Path) -> None:
     assert any("robot1 notes (plan): !" in line for line in note_lines(recording))
 
 
+@pytest.mark.parametrize("error", [GoalTooHardError, TooManyObjectsError])
 @virtual
-async def test_episode_whose_goal_becomes_too_hard_is_aborted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+async def test_episode_that_cannot_be_played_any_further_is_aborted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[TooHardError]
 ) -> None:
     def fail(*_: object) -> None:
-        raise GoalTooHardError("the goal is too hard to check")
+        raise error("the goal is too hard to check")
 
     async with serving(tmp_path) as server, raw(server) as ada:
         created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")

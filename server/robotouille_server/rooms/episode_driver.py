@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotouille.episode import Episode, Event, Phase, Stepped
-from robotouille.errors import GoalTooHardError
+from robotouille.errors import TooHardError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.membership import Membership
 from robotouille_server.rooms.participants.seat_limits import RoundTrips
@@ -122,12 +122,12 @@ class EpisodeDriver:
         now = self.now()
         try:
             change(*arguments, now, **options)
-        except GoalTooHardError as error:
+        except TooHardError as error:
             self._give_up(error, now)
         self._flush(now)
 
-    def _give_up(self, error: GoalTooHardError, now: float) -> None:
-        """End an episode in a kitchen of the operator's own whose goal cannot be checked."""
+    def _give_up(self, error: TooHardError, now: float) -> None:
+        """End an episode whose goal cannot be checked, or that has created too many objects."""
         get_logger().error("the episode failed", episode=self._id, error=str(error))
         self._episode.abort(now, detail=str(error))
 
@@ -183,7 +183,7 @@ class EpisodeDriver:
             # `due`.
             try:
                 episode.tick(max(now, due))
-            except GoalTooHardError as error:
+            except TooHardError as error:
                 self._give_up(error, now)
             self._flush(now)
         except Exception:

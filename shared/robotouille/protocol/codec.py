@@ -26,6 +26,8 @@ from robotouille.protocol.messages import (
 
 MAX_CLIENT_BYTES = 64 * 1024
 MAX_SERVER_BYTES = 8 * 1024 * 1024
+MAX_SERVER_ITEMS = 1_000_000
+"""Values in a server's message. The largest snapshot has about 200,000."""
 MAX_DEPTH = 16
 MAX_FIELDS = 32
 """Fields of a client's message, and of each object in it."""
@@ -145,6 +147,9 @@ class Codec:
             message = f"{size:,} bytes; the limit is {limit:,}"
             raise ProtocolError("message/too-large", message)
         if isinstance(payload, str):
+            # Each value but the first needs a comma or a bracket of its own.
+            if sum(map(payload.count, ",[{")) > MAX_SERVER_ITEMS:
+                raise _too_many(MAX_SERVER_ITEMS)
             return _unpack_json(payload)
         return _unpack_msgpack(payload, limit)
 
@@ -186,7 +191,26 @@ def _unpack_json(payload: str) -> Any:
         raise ProtocolError("message/malformed", error.faults[0].message) from None
 
 
+def _too_many(limit: int) -> ProtocolError:
+    return ProtocolError("message/malformed", f"more than {limit:,} values in one message")
+
+
+class _Tally:
+    """Count of the values in a long message while it is decoded, as a hook of MessagePack."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def add(self, inner: T) -> T:
+        self._count += 1 + len(inner)  # type: ignore[arg-type]
+        if self._count > MAX_SERVER_ITEMS:
+            raise _too_many(MAX_SERVER_ITEMS)
+        return inner
+
+
 def _unpack_msgpack(payload: bytes, limit: int) -> Any:
+    # A value needs at least a byte, so shorter messages need no count.
+    hook = _Tally().add if len(payload) > MAX_SERVER_ITEMS else None
     try:
         plain = msgpack.unpackb(
             payload,
@@ -194,8 +218,10 @@ def _unpack_msgpack(payload: bytes, limit: int) -> Any:
             max_str_len=limit,
             max_bin_len=0,
             max_ext_len=0,
-            max_array_len=MAX_LIST if limit == MAX_CLIENT_BYTES else limit,
+            max_array_len=MAX_LIST if limit == MAX_CLIENT_BYTES else MAX_SERVER_ITEMS,
             max_map_len=MAX_FIELDS if limit == MAX_CLIENT_BYTES else 10_000,
+            list_hook=hook,
+            object_hook=hook,
         )
     except RecursionError:
         raise ProtocolError("message/malformed", "nested too deeply") from None
@@ -219,8 +245,7 @@ def _check_items(value: Any) -> None:
             continue
         found += len(inner)
         if found > MAX_ITEMS:
-            message = f"more than {MAX_ITEMS} values in one message"
-            raise ProtocolError("message/malformed", message)
+            raise _too_many(MAX_ITEMS)
         waiting.extend(inner)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import product
+from math import prod
 
 from robotouille.domain.derived import fluents
 from robotouille.domain.schema import DomainFile
@@ -75,6 +76,15 @@ class AtomTable:
         self._patterns.clear()
         if first:
             self._needed = {atom: self._existence(atom) for atom in self.static}
+
+    def size_with(self, objects: Iterable[Object]) -> int:
+        """Return the number of atoms after adding new objects."""
+        count = {kind: len(names) for kind, names in self.by_type.items()}
+        for thing in objects:
+            count[thing.type] += 1
+        transient = sum(count[kind] for kind in self.transient)
+        facts = (prod(count[kind] for kind in self.types[name]) for name in self.fluents)
+        return 2 * transient + sum(facts)
 
     def _append(self, atom: Atom) -> int:
         mask = 1 << len(self.atoms)

@@ -13,12 +13,23 @@ from functools import cached_property
 from robotouille.domain.derived import parameter_types
 from robotouille.domain.schema import Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
-from robotouille.errors import UnknownNameError, WrongWorldError, did_you_mean
+from robotouille.errors import (
+    TooManyObjectsError,
+    UnknownNameError,
+    WrongWorldError,
+    did_you_mean,
+)
 from robotouille.world.grounding.atoms import EXISTS, USED, AtomTable
 from robotouille.world.grounding.objects import Floor, Object, initial_facts, place_objects
 
 MAX_CREATED = 500
 """Largest number of one created kind that names from outside can make a world reserve."""
+MAX_ATOMS = 30_000
+"""Largest number of atoms to which created objects can make a world grow.
+
+The table needs 60 MB then, and a step that creates an object takes 0.1 s. In a domain with a
+predicate of two created objects, the number of atoms grows with the square of the objects.
+"""
 
 
 class GroundObjects:
@@ -181,12 +192,18 @@ class GroundObjects:
             self.make_room_for_another()
 
     def _add_generation(self) -> None:
-        new = []
+        new: list[Object] = []
         for kind, type_ in self._creations:
-            number = 1 + sum(thing.kind == kind for thing in self._things.values())
-            thing = Object(f"{kind}{number}", kind, type_)
-            self._things[thing.name] = thing
-            new.append(thing)
+            things = (*self._things.values(), *new)
+            number = 1 + sum(thing.kind == kind for thing in things)
+            new.append(Object(f"{kind}{number}", kind, type_))
+        if self.table.size_with(new) > MAX_ATOMS:
+            kinds = ", ".join(sorted({thing.kind for thing in new}))
+            raise TooManyObjectsError(
+                f"too many objects have been created ({kinds}): the facts about them exceed "
+                f"{MAX_ATOMS:,}"
+            )
+        self._things.update((thing.name, thing) for thing in new)
         self.table.add(new)
         self._sizes.append(len(self.table.atoms))
         self.__dict__.pop("_transient_masks", None)
