@@ -30,6 +30,34 @@ MAX_KEPT = 20_000
 MAX_WORK = 60_000
 """Rows of `Rows` that a search looks at before its next answer: about 0.1 s, because servers check
 the goal in every step. Shipped tasks need 3,000 at most."""
+MAX_FIT_WORK = 3 * MAX_WORK
+"""Rows at which `Goal.fit` looks in all its searches together."""
+
+
+class _Work:
+    """Rows at which searches have looked, up to a limit. With `each`, every answer starts anew."""
+
+    def __init__(self, limit: int = MAX_WORK, *, each: bool = True) -> None:
+        self._limit = limit
+        self._each = each
+        self._rows = 0
+
+    def add(self, rows: int) -> None:
+        """Count rows.
+
+        Raises:
+            GoalTooHardError: There are more than the limit.
+        """
+        self._rows += rows
+        if self._rows > self._limit:
+            raise GoalTooHardError(
+                "the goal is too hard to check: it has too many choices of objects that meet some "
+                "of its predicates"
+            )
+
+    def answered(self) -> None:
+        """Note that a search has an answer."""
+        self._rows = 0 if self._each else self._rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +119,11 @@ class Goal:
         """Include objects that have been added to the world."""
         self._candidates = {v.id: self._candidates_of(v) for v in self.variables.values()}
         self._mask = {term: self._possible(term) for term in self.terms}
-        self._static = {
-            term: sorted(atom for atom in self._table.static if atom[0] == term.predicate)
-            for term in self.terms
-        }
+        named = {term.predicate for term in self.terms}
+        # By predicate, because a goal may have a thousand terms of one.
+        self._static: dict[str, list[Atom]] = {predicate: [] for predicate in named}
+        for atom in sorted(atom for atom in self._table.static if atom[0] in named):
+            self._static[atom[0]].append(atom)
         self.relevant = 0
         # No facts have a bit under the mask 0.
         self._necessary: list[int] = [0] if self._never else []
@@ -156,14 +185,19 @@ class Goal:
     def _find_fit(self, facts: int, order: Order) -> Fit:
         held: Rows = []
         chosen: Binding = {}
+        work = _Work(MAX_FIT_WORK, each=False)
         holding = [False] * len(self.terms)
         for number, needs in order:
             if not all(holding[each] for each in needs):
                 continue
             term = self.terms[number]
-            rows = [*held, (term, self._rows(term, facts))]
-            # Usually the earlier choices can stay; otherwise all of them are reconsidered.
-            found = self._extended(chosen, *rows[-1]) or self._choice(rows)
+            try:
+                rows = [*held, (term, self._rows(term, facts, work))]
+                # Usually the earlier choices can stay; otherwise all of them are reconsidered.
+                found = self._extended(chosen, *rows[-1]) or self._choice(rows, work)
+            except GoalTooHardError:
+                # What cannot be decided in time counts as not true.
+                continue
             if found is not None:
                 held, chosen = rows, found
                 holding[number] = True
@@ -186,16 +220,18 @@ class Goal:
         kind = self.variables[identifier].kind
         return all(name != taken or self.variables[i].kind != kind for i, taken in chosen.items())
 
-    def _choice(self, rows: Rows) -> Binding | None:
+    def _choice(self, rows: Rows, work: _Work) -> Binding | None:
         """Return a choice of objects that makes these predicates true, or None."""
         names = dict.fromkeys(identifier for term, _ in rows for identifier in term.ids)
         domains: Domains = {name: frozenset(self._candidates[name]) for name in names}
-        return next(self._search(domains, rows), None)
+        return next(self._search(domains, rows, work), None)
 
     def assignments(self, facts: int) -> Iterator[Binding]:
         """Yield every choice of objects that makes the goal true."""
-        rows = [(term, self._rows(term, facts)) for term in self.terms]
-        yield from self._search({i: frozenset(c) for i, c in self._candidates.items()}, rows)
+        work = _Work()
+        rows = [(term, self._rows(term, facts, work)) for term in self.terms]
+        work.answered()
+        yield from self._search({i: frozenset(c) for i, c in self._candidates.items()}, rows, work)
 
     def candidates(self, identifier: int | str) -> tuple[str, ...]:
         """Return the objects to which a variable can be bound."""
@@ -231,12 +267,20 @@ class Goal:
             if (o.type if variable.is_type else o.kind) == variable.kind
         )
 
-    def _rows(self, term: GoalTerm, facts: int) -> list[tuple[str, ...]]:
-        """Return the arguments for which a predicate of the goal is true."""
+    def _rows(self, term: GoalTerm, facts: int, work: _Work) -> list[tuple[str, ...]]:
+        """Return the arguments for which a predicate of the goal is true.
+
+        Raises:
+            GoalTooHardError: There are more of them than `work` has left.
+        """
         if term.predicate in self._table.static_predicates:
-            atoms = [atom for atom in self._static[term] if self._table.holds(atom, facts)]
+            static = self._static[term.predicate]
+            work.add(len(static))
+            atoms = [atom for atom in static if self._table.holds(atom, facts)]
         else:
-            atoms = [self._table.atoms[i] for i in bits_of(facts & self._mask[term])]
+            true = facts & self._mask[term]
+            work.add(true.bit_count())
+            atoms = [self._table.atoms[i] for i in bits_of(true)]
         return [atom[1:] for atom in atoms if self._suits(term, atom[1:])]
 
     def _suits(self, term: GoalTerm, names: tuple[str, ...]) -> bool:
@@ -247,27 +291,20 @@ class Goal:
                 return False
         return True
 
-    def _search(
-        self, domains: Domains, rows: Rows, work: Counter[str] | None = None
-    ) -> Iterator[Binding]:
+    def _search(self, domains: Domains, rows: Rows, work: _Work | None = None) -> Iterator[Binding]:
         """Narrow the choices, then branch on the variable with the fewest choices left.
 
         Raises:
             GoalTooHardError: The search takes more than MAX_WORK.
         """
-        work = Counter() if work is None else work
-        if work["rows"] > MAX_WORK:
-            raise GoalTooHardError(
-                "the goal is too hard to check: it has too many choices of objects that meet some "
-                "of its predicates"
-            )
+        work = _Work() if work is None else work
         narrowed = self._narrow(domains, rows, work)
         if narrowed is None:
             return
         domains, rows = narrowed
         undecided = [identifier for identifier, names in domains.items() if len(names) > 1]
         if not undecided:
-            work.clear()
+            work.answered()
             yield {identifier: name for identifier, (name,) in domains.items()}
             return
         chosen = min(undecided, key=lambda identifier: len(domains[identifier]))
@@ -275,9 +312,7 @@ class Goal:
             if name in domains[chosen]:
                 yield from self._search({**domains, chosen: frozenset((name,))}, rows, work)
 
-    def _narrow(
-        self, domains: Domains, rows: Rows, work: Counter[str]
-    ) -> tuple[Domains, Rows] | None:
+    def _narrow(self, domains: Domains, rows: Rows, work: _Work) -> tuple[Domains, Rows] | None:
         """Remove choices that contradict another predicate; return None if none is left.
 
         Together with the test that there are enough objects of each kind, this keeps the search
@@ -288,7 +323,7 @@ class Goal:
         while before != domains:
             before = dict(domains)
             for position, (term, choices) in enumerate(rows):
-                work["rows"] += len(choices)
+                work.add(len(choices))
                 pools = [domains[identifier] for identifier in term.ids]
                 kept = [
                     names
