@@ -126,6 +126,22 @@ def test_listed_names_are_no_formulas() -> None:
     assert (row["detail"], row["label.group"]) == ("'=cmd() left", "'@a")
 
 
+def test_lists_control_no_terminal_and_odd_times_are_left_out(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    info = messages.EpisodeInfo(
+        episode="0011223344556677", code="KQXZB-MHTWA", task="a\x1b[2J", clock="turn",
+        phase="ended", step=3, max_steps=9, seats=[], closes=1e300, labels={"group": "b"},
+        reason="abandoned", detail="left\x07",
+    )  # fmt: skip
+    row = listed_row(info, datetime.now(UTC))
+    assert row["closes"] == ""
+    write_table([row], None, secret=False)
+    shown = capsys.readouterr().out
+    assert "\x1b" not in shown and "\x07" not in shown
+    assert "a\N{REPLACEMENT CHARACTER}[2J" in shown
+
+
 @pytest.mark.process
 def test_commands_reach_all_workers(tmp_path: Path) -> None:
     rows = "".join(f"multi_agent/01,{'ab'[number % 4 > 1]}\n" for number in range(8))

@@ -37,6 +37,7 @@ DOMAINS: list[tuple[tuple[Any, ...], Any, str]] = [
         "predicate_defs[2].language_descriptors.0: unknown argument '3'",
     ),
     (("predicate_defs", 2, "language_descriptors"), {"0": "{0"}, "the braces do not match"),
+    (("predicate_defs", 2, "language_descriptors"), {"0": "{0}" * 17}, "17 names in braces"),
     (
         ("predicate_defs", 2, "language_descriptors"),
         {"0": "{0:>9999}"},

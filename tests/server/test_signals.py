@@ -113,10 +113,18 @@ async def test_only_bots_receive_what_a_bot_tells_its_team(tmp_path: Path) -> No
         # A person's note is recorded and sent to nobody, and so is a bot's that says more.
         games[2].note("team", "planner 1")
         games[0].note("team", "Let us meet at the stove")
+        games[0].note("team", "meet-at-the-stove 2")
         games[0].note("team", "planner 2")
         # The sender hears it, too: all bots plan again at the same point of the course.
         for game in games[:2]:
             assert await event(game, TeamTold) == TeamTold("robot1", "planner 2")
+        # Repetition is no way to talk, either.
+        for _ in range(60):
+            games[0].note("team", "planner 3")
         games[0].say("done")
+        told = 0
+        while not isinstance(found := await games[1].next_event(), ChatReceived):
+            told += isinstance(found, TeamTold)
+        assert told < 20
         while not isinstance(found := await games[2].next_event(), ChatReceived):
             assert not isinstance(found, TeamTold)

@@ -116,3 +116,18 @@ def test_goal_of_many_equal_objects_is_matched_quickly(last_is_cut: bool) -> Non
         goal=goal,
     )
     assert world.initial.goal_reached is last_is_cut
+
+
+def test_display_of_a_hard_goal_ends() -> None:
+    """Each of a thousand conditions would search through all others."""
+    held = [{"predicate": "item_at", "args": ["bread", "table"], "ids": [1, 2]}] * 500
+    never = [{"predicate": "atop", "args": ["bread", "bread"], "ids": [3, 4]}] * 500
+    places = [(x, y) for x in range(0, 60, 2) for y in range(0, 60, 2)][:60]
+    world = kitchen(
+        width=60, height=60, goal=held + never,
+        stations=[{"name": "table", "x": x, "y": y} for x, y in places],
+        items=[{"name": "bread", "x": x, "y": y} for x, y in places],
+        players=[{"name": "robot", "x": 1, "y": 1, "direction": [0, -1]}],
+    )  # fmt: skip
+    shown = [holds for _, holds in world.goal_terms(world.initial)]
+    assert shown == [True] * 500 + [False] * 500

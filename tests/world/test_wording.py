@@ -185,6 +185,15 @@ def test_templates_with_unknown_fields_are_ignored() -> None:
     assert received.startswith("needs: ")
 
 
+@pytest.mark.parametrize("template", ["{i1:>999999999}", "{i1!r}", "{i1.name}", "{i1[0]}"])
+def test_templates_with_formats_are_ignored(template: str) -> None:
+    """A width of a thousand million letters would fill the memory."""
+    language = Language.model_validate({"actions": {"cut": template}})
+    cut = KITCHEN.action("cut", "robot1", "onion1", "board1")
+    wording = Wording(KITCHEN, language, "robot1")
+    assert wording.action(cut, START) == "make a cut in the onion at the board"
+
+
 def test_place_words_are_replaced_one_by_one() -> None:
     own = Language.model_validate({"places": {"left": "by the door"}, "other": "another {noun}"})
     world = World("multi_agent/01")

@@ -24,6 +24,7 @@ from robotouille_client.client import DEFAULT_URL, Client, connect
 from robotouille_client.console import TokenOption, explain, fail, failing, name_and_value
 
 MAX_ROWS = 10_000
+MAX_CLOSES = 366 * 86_400
 UNITS = {"": 1, "s": 1, "m": 60, "h": 3600, "d": 86_400}
 NUMBERS = {
     "seats": int, "max_steps": int, "seed": int, "step_rate": float, "move_budget": float,
@@ -171,7 +172,8 @@ def _number(kind: type[int] | type[float], name: str, value: str) -> float:
 def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
     """Return the row of an episode in a list that was received at `now`."""
     closes = ""
-    if info.closes is not None:
+    # Servers keep episodes open for a year at most, and later times have no date.
+    if info.closes is not None and 0 <= info.closes <= MAX_CLOSES:
         closes = (now + timedelta(seconds=info.closes)).strftime("%Y-%m-%dT%H:%M:%SZ")
     seats = (f"{seat.player}: {seat.name}" for seat in info.seats if seat.name)
     row = {
@@ -203,6 +205,8 @@ def write_table(rows: Iterable[Mapping[str, Any]], path: Path | None, *, secret:
     Args:
         secret: Make the file readable by its owner only, because codes and tokens grant access.
 
+    On standard output, which may be a terminal, control characters are replaced.
+
     Raises:
         TableError: The file cannot be written.
     """
@@ -210,11 +214,19 @@ def write_table(rows: Iterable[Mapping[str, Any]], path: Path | None, *, secret:
     columns = list(dict.fromkeys(name for row in rows for name in row))
     try:
         with _opened(path, secret=secret) as file:
-            writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+            names = columns if path is not None else list(map(printable, columns))
+            writer = csv.DictWriter(file, names, restval="", lineterminator="\n")
             writer.writeheader()
-            writer.writerows(rows)
+            writer.writerows(rows if path is not None else map(_printable, rows))
     except OSError as error:
         raise TableError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _printable(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        printable(name): printable(value) if isinstance(value, str) else value
+        for name, value in row.items()
+    }
 
 
 @contextmanager

@@ -27,6 +27,9 @@ from robotouille.domain.schema import (
 )
 from robotouille.errors import Fault, bounded, did_you_mean
 
+MAX_PLACEHOLDERS = 16
+"""Largest number of names in braces in a sentence. Hundreds would make texts of gigabytes."""
+
 
 def unknown(path: str, what: str, name: str, valid: Iterable[str]) -> Fault:
     """Return the fault of an unknown name, with the most similar valid name."""
@@ -188,6 +191,9 @@ def _check_words(path: str, text: str, what: str, valid: Collection[str]) -> lis
         names = placeholders(text)
     except ValueError as error:
         return [Fault(path, f"the braces do not match: {error}")]
+    if len(names) > MAX_PLACEHOLDERS:
+        message = f"{len(names)} names in braces; at most {MAX_PLACEHOLDERS} are allowed"
+        return [Fault(path, message)]
     return [unknown(path, what, name, valid) for name in names if name not in valid]
 
 

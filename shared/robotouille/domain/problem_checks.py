@@ -285,6 +285,10 @@ def _check_size(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         if predicate.name in changing
     )
     faults = []
+    own = sum(len(thing.predicates) for objects in problem.objects.values() for thing in objects)
+    if own > MAX_FACTS:
+        message = f"{own:,} predicates of objects; at most {MAX_FACTS:,} are allowed"
+        faults.append(Fault("", f"too many objects: {message}"))
     if facts > MAX_FACTS:
         message = f"{facts:,} possible facts; at most {MAX_FACTS:,} are allowed"
         faults.append(Fault("", f"too many objects: {message}"))

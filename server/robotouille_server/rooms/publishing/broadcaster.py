@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from itertools import chain, islice
@@ -44,8 +44,10 @@ from robotouille_server.transport import LoopBudget, Peer, frame_of
 
 KEPT_DELTAS = 64
 """Deltas kept for clients that come back. If more were missed, a snapshot is shorter."""
-_FOR_BOTS = re.compile(r"[a-z-]{1,20} \d{1,6}")
-"""Text that bots may tell each other, such as `planner 2`."""
+_FOR_BOTS = re.compile(r"planner \d{1,3}")
+"""Text that bots may tell each other: the version by which they plan together."""
+MAX_TOLD = 20
+"""Number of such texts from one seat in an episode."""
 KEPT_SAID, KEPT_NOTICES = 200, 20
 
 REPEATED_SAID = 20
@@ -109,6 +111,7 @@ class Broadcaster:
         "_said",
         "_snapshots",
         "_told",
+        "_told_by",
         "long_wait",
         "members",
         "mirrored",
@@ -149,6 +152,7 @@ class Broadcaster:
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
         self._told: deque[tuple[float, messages.Told]] = deque(maxlen=KEPT_NOTICES)
+        self._told_by: Counter[str] = Counter()
 
     @property
     def spectators(self) -> int:
@@ -401,11 +405,13 @@ class Broadcaster:
     def publish_told(self, event: Noted) -> None:
         """Send a bot's text for its team to all bots, its own included.
 
-        Only a word with a number is sent: bots agree on versions, and nobody can use it as a hidden
-        chat.
+        Only a version is sent, a few times, so that nobody can use it as a hidden chat.
         """
         sender = self.holder(event.player)
         if sender is None or sender.kind != Controller.BOT or not _FOR_BOTS.fullmatch(event.text):
+            return
+        self._told_by[event.player] += 1
+        if self._told_by[event.player] > MAX_TOLD:
             return
         told = messages.Told(seat=event.player, text=event.text)
         self._told.append((self._now(), told))

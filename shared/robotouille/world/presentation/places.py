@@ -9,16 +9,40 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from string import Formatter
-from typing import Literal
+from typing import Any, Literal
 
 from robotouille.domain.rendering import PlaceWords
 from robotouille.world.grounding.objects import Floor, Tile
 
 
+class _PlainFormatter(Formatter):
+    """Formatter for templates from servers: fields have names only.
+
+    A width such as `{noun:>999999999}` would fill the memory.
+    """
+
+    def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
+        key = int(field_name) if field_name.isdecimal() else field_name
+        return self.get_value(key, args, kwargs), key
+
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        if conversion:
+            raise ValueError("a field has no conversion")
+        return value
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec:
+            raise ValueError("a field has no format")
+        return str(value)
+
+
+_fill = _PlainFormatter().vformat
+
+
 def filled(template: str, *called: str, **words: str) -> str:
-    """Fill a template. Return an empty string if it names unknown fields."""
+    """Fill a template. Return an empty string if it names unknown fields, or has formats."""
     try:
-        return template.format(*called, **words)
+        return _fill(template, called, words)
     except (AttributeError, LookupError, ValueError):
         return ""
 
