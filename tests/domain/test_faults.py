@@ -18,6 +18,7 @@ REPEAT = (*CUT, "sfx", 0)
 CREATE = (*CUT, "sfx", 1)
 
 
+EMPTY = {"type": "conditional", "param": "i", "conditions": [], "fx": [], "sfx": []}
 DOMAINS: list[tuple[tuple[Any, ...], Any, str]] = [
     (("name",), ..., "name: Field required"),
     (("name",), 7, "name: input should be a valid string, found 7"),
@@ -69,6 +70,7 @@ DOMAINS: list[tuple[tuple[Any, ...], Any, str]] = [
     ((*CREATE, "created_obj", "type"), "itme", "unknown object type 'itme'; did you mean 'item'?"),
     ((*CREATE, "created_obj"), ..., "created_obj: Field required"),
     ((*CREATE, "created_obj", "param"), "i", "'i' is created by this action"),
+    ((*CUT, "sfx"), [{**EMPTY, "sfx": [EMPTY] * 64}] * 4, "260 effects; at most 200"),
     ((*CUT, "travel"), ["s", "n"], "action_defs[0].travel: unknown parameter 'n'"),
     ((*CUT, "language_description"), "Cut {x}", "unknown parameter 'x'"),
     ((*CUT, "language_description"), "Cut {n}", "unknown parameter 'n'"),

@@ -27,6 +27,8 @@ from robotouille.domain.schema import (
 )
 from robotouille.errors import Fault, bounded, did_you_mean
 
+MAX_EFFECTS = 200
+"""Largest number of effects of an action, at any depth."""
 MAX_PLACEHOLDERS = 16
 """Largest number of names in braces in a sentence. Hundreds would make texts of gigabytes."""
 
@@ -111,6 +113,10 @@ def _check_layout(
 def _check_action(
     path: str, action: ActionDef, predicates: Mapping[str, PredicateDef], domain: DomainFile
 ) -> list[Fault]:
+    count = sum(1 for _ in effects_of(f"{path}.sfx", action.sfx))
+    if count > MAX_EFFECTS:
+        message = f"{count:,} effects; at most {MAX_EFFECTS} are allowed"
+        return [Fault(f"{path}.sfx", message)]
     faults = []
     types: dict[str, str] = {}
     for created in created_by(action.sfx):
