@@ -12,6 +12,7 @@ from robotouille.domain.pictures import MAX_OUTLINES, MAX_PICTURE_BYTES, MAX_SHA
 from robotouille.episode import quota, rules
 from robotouille.protocol import codec, messages
 from robotouille.replay import container
+from robotouille.world.grounding import ground_objects
 from robotouille.world.text import MAX_SENTENCE
 from robotouille_server.auth import revocation
 from robotouille_server.auth.visitors import SITE_FACTOR, WRONG_CODES_A_MINUTE
@@ -143,6 +144,10 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "1009.", "message/too-large"),
         Limit("Size of a message before `welcome`", _size(MAX_HELLO_BYTES), REFUSED,
               "message/too-large"),
+        Limit("Values in a server's message", f"{codec.MAX_SERVER_ITEMS:,}",
+              "Clients close the connection.", "message/malformed"),
+        Limit("Facts about objects that play has created", f"{ground_objects.MAX_ATOMS:,}",
+              "The episode ends: `aborted`."),
         Limit("Size of a server's message", _size(codec.MAX_SERVER_BYTES),
               "The client library closes the connection."),
         Limit("Nesting of a message", f"{codec.MAX_DEPTH} levels in MessagePack, {MAX_NESTING} in "
