@@ -53,5 +53,18 @@ async def test_bots_come_to_each_kitchen_and_leave_with_the_player(tmp_path: Pat
                 for code in rooms:
                     crew.come(code)
                     await until(code, ["bot", "bot"])
-                assert await names_of(rooms[0]) == []
+                await until(rooms[0], [])
+                assert not list(crew.news())
             await until(rooms[1], [])
+
+
+@pytest.mark.process
+async def test_a_bot_that_cannot_come_is_reported_once(tmp_path: Path) -> None:
+    with server_process(tmp_path) as server:
+        with bot_crew(server.url, None, CrewOptions(1)) as crew:
+            crew.come("AAAAA-AAAAA")
+            async with asyncio.timeout(PATIENCE):
+                while not (found := list(crew.news())):
+                    await asyncio.sleep(0.1)
+            assert found == ["A bot could not join the game. The terminal shows why."]
+            assert not list(crew.news())

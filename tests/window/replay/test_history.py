@@ -17,6 +17,7 @@ from robotouille.episode.tallies import Activity
 from robotouille.planning.policies.team_talk import announcement
 from robotouille.replay.controllers import seatings
 from robotouille.replay.recording import Recording
+from robotouille.world.presentation.signals import Intent, Signal
 from robotouille_client.window.replay.history import EntryKind, History, bubbles_at, notices_at
 from robotouille_client.window.replay.recorded_history import RecordedHistory
 from robotouille_client.window.replay.viewer import RecordingViewer, ReplaySource
@@ -151,3 +152,15 @@ def test_the_source_shows_the_step_of_the_playhead(history: RecordedHistory) -> 
     assert source.finished
     assert source.view().outcome == "Out of steps after 40 steps"
     assert source.view().chat == (("ada", "the bun is yours"), ("", "lunch"))
+
+
+def test_a_signal_is_framed_in_the_replay() -> None:
+    world = World("multi_agent/01@2")
+    episode = Episode(world, Rules(clock=Clock.TURN))
+    for player in world.players:
+        episode.join(player, player, "human", 0.0)
+    episode.signal("ada", "robot1", Signal(Intent.NEED, "lettuce1"), 1.0)
+    history = RecordedHistory(Recording(record(episode, list(episode.events()))))
+    (bubble,) = bubbles_at(history, 0)
+    assert (bubble.player, bubble.target) == ("robot1", "lettuce1")
+    assert "lettuce" in bubble.text

@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -35,9 +36,10 @@ class BotCrew:
         self._token = token
         self._options = options
         self._processes: list[subprocess.Popen[bytes]] = []
+        self._leaving: list[subprocess.Popen[bytes]] = []
 
     def come(self, code: str) -> None:
-        """Send the bots to a kitchen, after they have left the last one."""
+        """Send bots to a kitchen. Those in the last one leave."""
         self.leave()
         partner = self._options.partner
         kind = ("random",) if partner == "random" else ("planner", "--skill", partner)
@@ -52,17 +54,32 @@ class BotCrew:
             words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ, **token}
         )
 
+    def news(self) -> Iterator[str]:
+        """Yield a message for each bot that could not play, once."""
+        for process in list(self._processes):
+            if process.poll() not in (None, 0):
+                self._processes.remove(process)
+                yield "A bot could not join the game. The terminal shows why."
+
     def leave(self) -> None:
-        """End the processes."""
+        """Ask the processes to end. The window goes on; `close` waits for them."""
         for process in self._processes:
             process.terminate()
-        for process in self._processes:
+        self._leaving += self._processes
+        self._processes = []
+        self._leaving = [process for process in self._leaving if process.poll() is None]
+
+    def close(self) -> None:
+        """End the processes, and wait for them."""
+        self.leave()
+        until = time.monotonic() + PATIENCE
+        for process in self._leaving:
             try:
-                process.wait(PATIENCE)
+                process.wait(max(0.0, until - time.monotonic()))
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        self._processes.clear()
+        self._leaving = []
 
 
 @contextlib.contextmanager
@@ -72,4 +89,4 @@ def bot_crew(url: str, token: str | None, options: CrewOptions) -> Iterator[BotC
     try:
         yield crew
     finally:
-        crew.leave()
+        crew.close()

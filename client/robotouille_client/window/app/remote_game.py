@@ -6,7 +6,7 @@ import asyncio
 import base64
 import binascii
 import contextlib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -115,9 +115,10 @@ class PlayedSource(RemoteSource):
         now: Callable[[], float],
         connected: Callable[[], bool],
         language: Language | None,
+        news: Callable[[], Iterable[str]] = lambda: (),
     ) -> None:
         self.history = LiveHistory(game, now, language)
-        super().__init__(game, now, connected, language, self.history.observe)
+        super().__init__(game, now, connected, language, self.history.observe, news)
 
     def view(self) -> View:
         view = super().view()
@@ -139,12 +140,17 @@ def views_of(
     connected: Callable[[], bool],
     look: KitchenLook | None,
     words: Language = NO_WORDS,
+    news: Callable[[], Iterable[str]] = lambda: (),
 ) -> GameViews:
-    """Return what the window shows of a game. Spectators have a timeline in the strip."""
+    """Return what the window shows of a game. Spectators have a timeline in the strip.
+
+    Args:
+        news: Function that returns new lines for a player's chat.
+    """
     own = language_of(game.world.task) if look is None else look.rendering.language
     language = own.with_words(words)
     if game.own_seats:
-        played = PlayedSource(game, now, connected, language)
+        played = PlayedSource(game, now, connected, language, news)
         return GameViews(played, None, played.history)
     watched = SpectatorSource(game, now, connected, language)
     return GameViews(watched, watched.strip, watched.history)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import AsyncExitStack
 from datetime import UTC, datetime
 from functools import partial
@@ -161,7 +161,7 @@ class RemoteGames:
             while entered is not None and answer == MenuChoice.AGAIN:
                 # The player comes first, and gets the best seat.
                 crew.come(entered.game.code)
-                answer = await self._play(entered)
+                answer = await self._play(entered, crew.news)
         return answer
 
     def _name(self, *, watch: bool) -> str:
@@ -169,12 +169,18 @@ class RemoteGames:
         name = self._ui.preferences.name
         return WATCHER if watch and name == Preferences.model_fields["name"].default else name
 
-    async def _play(self, entered: RemoteGame) -> object:
-        """Play a game and show its end card; return `again` after entering the next game."""
+    async def _play(
+        self, entered: RemoteGame, news: Callable[[], Iterable[str]] = lambda: ()
+    ) -> object:
+        """Play a game and show its end card; return `again` after entering the next game.
+
+        Args:
+            news: Function that returns new lines for the chat.
+        """
         loop = asyncio.get_running_loop()
         game, look = entered.game, entered.look
         source, strip, history = views_of(
-            game, loop.time, entered.client.connected.is_set, look, self._ui.words
+            game, loop.time, entered.client.connected.is_set, look, self._ui.words, news
         )
         cards = GameCards(
             lambda: game.outcome,

@@ -207,8 +207,10 @@ def status(seat: SeatView, view: View) -> tuple[str, Colour]:
         if seat.player == waiting and blocking != waiting:
             return f"waiting for {'you' if blocking == view.me else names[blocking]}", ACCENT
         if seat.player == blocking != waiting:
-            who = names[waiting]
-            return f"in {who}'s way" if station else f"keeps {who} waiting", ACCENT
+            whose, who = f"{names[waiting]}'s", names[waiting]
+            if waiting == view.me:
+                whose, who = "your", "you"
+            return f"in {whose} way" if station else f"keeps {who} waiting", ACCENT
     if seat.player in view.waits_for:
         return "your turn" if seat.player == view.me else _deciding(seat), ACCENT
     if seat.player in view.thinking:

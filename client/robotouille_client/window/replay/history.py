@@ -110,6 +110,7 @@ class Entry:
     Attributes:
         player: Player of the event; empty if it is about no player.
         reasons: Why an action was rejected.
+        target: Object at which a signal points.
     """
 
     step: int
@@ -117,6 +118,7 @@ class Entry:
     player: str
     words: str
     reasons: tuple[str, ...] = ()
+    target: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +242,7 @@ def bubbles_at(history: History, step: int) -> tuple[Bubble, ...]:
     for near in range(max(0, step - BUBBLE_STEPS + 1), step + 1):
         for entry in history.entries(near):
             if entry.kind is EntryKind.SAID and entry.player:
-                found.append(Bubble(entry.player, entry.words, "chat"))
+                found.append(Bubble(entry.player, entry.words, "chat", target=entry.target))
             elif entry.kind is EntryKind.REJECTED:
                 found.append(Bubble.rejection(entry.player, next(iter(entry.reasons), "")))
     return tuple({bubble.player: bubble for bubble in found}.values())

@@ -92,7 +92,8 @@ class LiveHistory(History):
                 self._take(event)
             case ChatReceived():
                 self._said.append((self.length, speaker(event.name, event.seat), event.text))
-                self._note(EntryKind.SAID, event.text, event.seat)
+                target = "" if event.signal is None else event.signal.target
+                self._note(EntryKind.SAID, event.text, event.seat, target)
             case Announced():
                 self._said.append((self.length, "", event.text))
                 self._note(EntryKind.ANNOUNCED, event.text)
@@ -106,8 +107,8 @@ class LiveHistory(History):
             case GameEnded() if event.outcome:
                 self._note(EntryKind.ENDED, outcome_words(event.outcome))
 
-    def _note(self, kind: EntryKind, words: str, player: str = "") -> None:
-        entry = Entry(self.length, kind, player, words)
+    def _note(self, kind: EntryKind, words: str, player: str = "", target: str = "") -> None:
+        entry = Entry(self.length, kind, player, words, target=target)
         self._entries[entry.step].append(entry)
         self._mark([entry])
 

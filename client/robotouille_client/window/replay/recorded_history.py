@@ -243,7 +243,7 @@ class RecordedHistory(History):
         if kind in (EntryKind.REJECTED, EntryKind.SUPERSEDED):
             return Entry(step, kind, player, note["action"], tuple(note["reasons"]))
         if kind in (EntryKind.SAID, EntryKind.REASONING, EntryKind.ANNOUNCED):
-            return Entry(step, kind, player, note["text"])
+            return Entry(step, kind, player, note["text"], target=note.get("target") or "")
         return Entry(step, kind, player, words)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from robotouille.domain.rendering import Language, language_of
@@ -86,6 +86,7 @@ class RemoteSource(GameSource):
         connected: Function that returns whether there is a connection.
         language: Words for actions and things; None for the domain's own.
         observe: Function that receives each event.
+        news: Function that returns new lines for the chat.
     """
 
     def __init__(
@@ -95,10 +96,12 @@ class RemoteSource(GameSource):
         connected: Callable[[], bool] = lambda: True,
         language: Language | None = None,
         observe: Callable[[GameEvent], None] = lambda event: None,
+        news: Callable[[], Iterable[str]] = lambda: (),
     ) -> None:
         self._game = game
         self._connected = connected
         self._observe = observe
+        self._news = news
         self._now = now
         self._language = language
         self._chat_log = ChatLog(now)
@@ -148,6 +151,8 @@ class RemoteSource(GameSource):
 
     def _take_events(self) -> None:
         game = self._game
+        for text in self._news():
+            self._chat_log.happened(text)
         for event in game.poll():
             self._observe(event)
             match event:

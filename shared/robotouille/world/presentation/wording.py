@@ -107,7 +107,9 @@ class Wording:
     def _stack(self, stack: Sequence[Placed], state: State) -> str:
         """Name a stack from the bottom up, such as `the burger` or `the cut tomato`."""
         bottom, top = stack[0].thing, stack[-1].thing
-        for dish in self.language.dishes if len(stack) > 1 else ():
+        # A pile of one kind is a supply, not a dish.
+        mixed = any(each.thing.kind != bottom.kind for each in stack)
+        for dish in self.language.dishes if mixed else ():
             if dish.bottom == bottom.kind:
                 done = dish.top == top.kind and len(stack) > 2
                 return f"the {(dish.name if done else dish.begun) or dish.name}"
