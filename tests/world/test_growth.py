@@ -77,5 +77,5 @@ def test_a_name_from_a_server_does_not_fill_the_memory(number: int) -> None:
 def test_shipped_kitchens_leave_room_for_long_games() -> None:
     for name in ("workshop/01", "workshop/02", "multi_agent/10", "shifts/06_rush_hour"):
         world = World(load_task(name))
-        for _ in range(100):
+        for _ in range(40):
             world.make_room_for_another()

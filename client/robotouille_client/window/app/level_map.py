@@ -30,7 +30,7 @@ from robotouille_client.window.sources.texts import dish_title
 
 CHAPTERS = (
     ("Alone", "synchronous"),
-    ("Alone, while something cooks", "asynchronous"),
+    ("Alone, while work takes time", "asynchronous"),
     ("Together", "multi_agent"),
     ("Shifts: orders keep coming", "shifts"),
 )
