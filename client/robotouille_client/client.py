@@ -27,6 +27,8 @@ from robotouille_client.sansio.client_state import ClientState, Request, Request
 from robotouille_client.sockets import open_game_socket, ping_often, server_uri
 
 DEFAULT_URL = "ws://127.0.0.1:8765"
+MAX_LISTED = 10_000
+"""Largest number of episodes in a list, as a hostile server could send pages without end."""
 
 T = TypeVar("T", bound=messages.Message)
 
@@ -177,6 +179,8 @@ class Client:
             labels: Return only episodes with all of these labels. Hosts see the labels of their
                 own episodes.
             closed: Return instead the episodes that were closed because no player joined.
+
+        At most `MAX_LISTED` episodes are returned.
         """
         found: dict[str, messages.EpisodeInfo] = {}
         request = messages.ListEpisodes(labels=dict(labels or {}), closed=closed)
@@ -185,7 +189,7 @@ class Client:
             # Episodes that open or close between two pages shift the list, so one may appear twice.
             found.update((one.episode, one) for one in page.episodes)
             skip = request.skip + len(page.episodes)
-            if not page.episodes or skip >= page.total:
+            if not page.episodes or skip >= min(page.total, MAX_LISTED):
                 return list(found.values())
             request = request.model_copy(update={"skip": skip})
 

@@ -19,8 +19,10 @@ from websockets.http11 import Response
 from websockets.typing import Subprotocol
 
 from robotouille import ProtocolError
+from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON
 from robotouille_client import Client, ConnectionFailedError, connect
+from robotouille_client import client as client_module
 from robotouille_client.errors import UntrustedRedirectError
 from robotouille_client.sansio.client_state import ClientState
 from robotouille_client.sockets import connection_error, open_socket
@@ -200,3 +202,24 @@ def test_http_redirect_to_an_invalid_address_is_refused(there: str) -> None:
     moved = InvalidStatus(Response(302, "Found", Headers(Location=there)))
     with pytest.raises(UntrustedRedirectError, match="redirects to an invalid address"):
         open_socket(HERE).process_redirect(moved)
+
+
+async def test_a_list_without_end_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client_module, "MAX_LISTED", 250)
+    client, sent = Client("ws://127.0.0.1:1", name="ada"), 0
+
+    async def page(request: messages.ListEpisodes, kind: object) -> messages.Episodes:
+        nonlocal sent
+        sent += 1
+        rows = [
+            messages.EpisodeInfo(
+                episode=f"e{request.skip + number}", code="", task="x", clock="turn",
+                phase="waiting", step=0, max_steps=9, seats=[],
+            )
+            for number in range(100)
+        ]  # fmt: skip
+        return messages.Episodes(episodes=rows, total=10**9)
+
+    monkeypatch.setattr(client, "_ask", page)
+    assert len(await client.episodes()) == 300
+    assert sent == 3

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,6 +12,7 @@ from hypothesis import strategies as st
 from robotouille.episode.rules import Clock
 from robotouille_client.loadtest.histogram import Histogram
 from robotouille_client.loadtest.players import SETTLED, StepSchedule
+from robotouille_client.loadtest.server_monitor import fetch_page
 from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
 durations = st.floats(min_value=2e-6, max_value=1e4)
@@ -79,3 +83,19 @@ def test_mix_has_clocks_and_weights() -> None:
     assert parse_mix("realtime:8, lockstep:1,turn") == {
         Clock.REALTIME: 8, Clock.LOCKSTEP: 1, Clock.TURN: 1,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "page", [b"robotouille_episodes 1\n" * 100_000, b"robotouille_episodes many\n"]
+)
+async def test_odd_pages_of_metrics_are_ignored(page: bytes) -> None:
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"HTTP/1.0 200 OK\r\n\r\n" + page)
+        with contextlib.suppress(ConnectionError):
+            await writer.drain()
+        writer.close()
+
+    async with await asyncio.start_server(answer, "127.0.0.1", 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        assert await fetch_page(f"http://127.0.0.1:{port}/metrics") is None

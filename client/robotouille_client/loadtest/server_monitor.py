@@ -164,20 +164,25 @@ class MetricsPage:
         return MetricsPage(values, histograms)
 
 
+MAX_PAGE_BYTES = 1_000_000
+"""Largest page of metrics that is read. That of a busy server has 30 kB."""
+
+
 async def fetch_page(url: str) -> MetricsPage | None:
     """Return the metrics at a URL, or None if they cannot be read."""
     try:
-        text = await asyncio.to_thread(_read, url)
+        return parse_page(await asyncio.to_thread(_read, url))
     except (URLError, OSError, ValueError):
         return None
-    return parse_page(text)
 
 
 def _read(url: str) -> str:
     if not url.startswith(("http://", "https://")):
         raise ValueError("only http and https URLs can be read")
     with urlopen(url, timeout=FETCH_SECONDS) as answer:  # noqa: S310
-        content: bytes = answer.read()
+        content: bytes = answer.read(MAX_PAGE_BYTES + 1)
+    if len(content) > MAX_PAGE_BYTES:
+        raise ValueError("the page of metrics is too long")
     return content.decode(errors="replace")
 
 
