@@ -146,7 +146,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "message/too-large"),
         Limit("Values in a server's message", f"{codec.MAX_SERVER_ITEMS:,}",
               "Clients close the connection.", "message/malformed"),
-        Limit("Facts about objects that play has created", f"{ground_objects.MAX_ATOMS:,}",
+        Limit("Facts about objects that play has created", f"{ground_objects.MAX_GROWTH:,}",
               "The episode ends: `aborted`."),
         Limit("Size of a server's message", _size(codec.MAX_SERVER_BYTES),
               "The client library closes the connection."),

@@ -156,7 +156,7 @@ RECEIVED = (
         why=[m.Why(kind=UnmetKind.CONDITION, predicate="loc", objects=["robot1", "stove1"])],
     ),
     m.Said(step=12, number=3, name="ada", seat="robot1", text="I take the stove"),
-    m.Told(seat="robot1", text="I plan for all bots of my version (team planner 2)"),
+    m.Told(seat="robot1", text="planner 2"),
     m.Notice(text="The server closes in five minutes."),
     m.Roster(
         phase=Phase.PAUSED,

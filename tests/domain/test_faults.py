@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 
 from robotouille import FileError, World, errors, load_task
+from robotouille.domain.files import validate
+from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.errors import Fault
 from tests.support.broken_files import DOMAIN, PROBLEM, build, changed, faults_of, write
 
@@ -280,3 +282,16 @@ def test_conditions_of_actions_are_limited() -> None:
     assert conditions > 0
     (fault,) = faults_of(changed(DOMAIN, "action_defs", to=many), problem)
     assert re.search(r"the actions have [\d,]+ conditions; at most 6,000,000 are allowed", fault)
+
+
+@pytest.mark.parametrize("field", ["objects", "kinds"])
+def test_large_files_report_the_first_fault_of_a_list(field: str) -> None:
+    """A hundred thousand errors would take half a gigabyte."""
+    if field == "objects":
+        raw, model = {**PROBLEM, "objects": {"item": [{}] * 100_000}}, ProblemFile
+    else:
+        raw, model = {**DOMAIN, "kinds": {"item": [0] * 100_000}}, DomainFile
+    with pytest.raises(FileError) as caught:
+        validate(raw, model, "x.json")
+    assert 1 <= len(caught.value.faults) <= 5
+    assert "[0]" in str(caught.value)

@@ -295,7 +295,8 @@ def open_(
         def record(at: int, created: messages.Created) -> None:
             signed = {f"token.{player}": each for player, each in created.tokens.items()}
             names = {"code": created.code, "episode": created.episode}
-            opened.append({**rows[at], **names, **signed})
+            made = {name: spreadsheet_cell(value) for name, value in {**names, **signed}.items()}
+            opened.append({**rows[at], **made})
 
         async def create(line: int, request: messages.Create) -> messages.Created:
             try:

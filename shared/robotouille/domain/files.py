@@ -18,13 +18,16 @@ from pathlib import Path
 from typing import IO, Any, NoReturn, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, SchemaValidator
 
+from robotouille.domain.fast_failing import fast_failing, has_more_values
 from robotouille.domain.schema import EFFECT_KINDS
 from robotouille.errors import Fault, FileError, bounded, did_you_mean
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 40
+MANY = 50_000
+"""Values of a file from which on only the first fault of each list is reported."""
 
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 
@@ -156,16 +159,25 @@ def validate(raw: Any, model: type[M], source: str) -> M:
         FileError: The value is invalid; the error lists all its faults.
     """
     try:
+        if has_more_values(raw, MANY):
+            _quick(model).validate_python(raw)
         return model.model_validate(raw)
     except ValidationError as error:
         raise FileError(source, _faults(raw, model, _errors(error))) from None
 
 
+@cache
+def _quick(model: type[BaseModel]) -> SchemaValidator:
+    return fast_failing(model.__pydantic_core_schema__)
+
+
 def known_part(raw: Any, model: type[M]) -> M | None:
     """Return a JSON value as a `model` without its unknown fields, or None if it has other faults.
 
-    An invalid file can then be checked further.
+    An invalid file can then be checked further, unless it is very large.
     """
+    if has_more_values(raw, MANY):
+        return None
     part = copy.deepcopy(raw)
     try:
         return model.model_validate(part)

@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 import msgpack
 from pydantic import BaseModel, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, SchemaValidator
 
+from robotouille.domain.fast_failing import fast_failing
 from robotouille.errors import FileError, ProtocolError
 from robotouille.protocol.messages import (
     Act,
@@ -124,10 +126,10 @@ class Codec:
             ProtocolError: `message/...`, as for a client's message; at most `MAX_SERVER_BYTES`.
         """
         plain = self._unpack(payload, MAX_SERVER_BYTES)
-        message: ServerMessage = self._validate(plain, server_messages)
+        message: ServerMessage = self._validate(plain, _quick_server_messages())
         return message
 
-    def _validate(self, plain: Any, adapter: TypeAdapter[Any]) -> Any:
+    def _validate(self, plain: Any, adapter: TypeAdapter[Any] | SchemaValidator) -> Any:
         if not isinstance(plain, dict):
             found = type(plain).__name__
             raise ProtocolError("message/malformed", f"expected an object, found {found}")
@@ -168,14 +170,21 @@ def read_object(payload: str) -> dict[str, Any]:
     return plain
 
 
-def validated(plain: dict[str, Any], adapter: TypeAdapter[T]) -> T:
+@cache
+def _quick_server_messages() -> SchemaValidator:
+    # Built late, because servers do not need it.
+    return fast_failing(server_messages.core_schema)
+
+
+def validated(plain: dict[str, Any], adapter: TypeAdapter[T] | SchemaValidator) -> T:
     """Return the message with these plain values.
 
     Raises:
         ProtocolError: `message/...`, with the message's `ref` if it has one.
     """
     try:
-        return adapter.validate_python(plain)
+        message: T = adapter.validate_python(plain)
+        return message
     except ValidationError as error:
         # No local variable holds the error, because an error in a frame of its own traceback is a
         # reference cycle.

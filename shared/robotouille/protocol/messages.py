@@ -413,8 +413,8 @@ class Signal(Message):
 class Note(Message):
     """Add text to the recording, such as a model's prompt and answer. People do not see it.
 
-    A bot's note with the topic `team` that is a word and a number, such as `planner 2`, is sent to
-    all bots of the episode.
+    A bot's note with the topic `team` that is the version of a planner, such as `planner 2`, is
+    sent to all bots of the episode.
     """
 
     type: Literal["note"] = "note"

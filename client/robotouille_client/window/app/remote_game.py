@@ -12,8 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
-from pydantic import ValidationError
-
+from robotouille.domain.files import validate
 from robotouille.domain.pictures import (
     MAX_PICTURE_BYTES,
     PictureError,
@@ -22,7 +21,7 @@ from robotouille.domain.pictures import (
 )
 from robotouille.domain.rendering import NO_WORDS, Language, RenderingFile, language_of
 from robotouille.domain.schema import InputFile
-from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.errors import FileError, ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.terminal import printable, tell
 from robotouille_client.client import Client, connect
@@ -57,10 +56,10 @@ async def fetch_look(client: Client, folder: Path) -> KitchenLook | None:
         found = await asyncio.wait_for(client.rendering(), WAIT_SECONDS)
         if found.rendering is None:
             return None
-        rendering = RenderingFile.model_validate(found.rendering)
-        bindings = InputFile.model_validate(found.bindings or {})
-    except ValidationError as error:
-        tell(f"ignored the kitchen's rendering: {error.error_count()} errors", err=True)
+        rendering = validate(found.rendering, RenderingFile, "rendering")
+        bindings = validate(found.bindings or {}, InputFile, "bindings")
+    except FileError as error:
+        tell(f"ignored the kitchen's rendering: {len(error.faults)} errors", err=True)
         return None
     except (RobotouilleError, TimeoutError):
         return None

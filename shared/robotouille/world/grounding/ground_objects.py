@@ -24,11 +24,11 @@ from robotouille.world.grounding.objects import Floor, Object, initial_facts, pl
 
 MAX_CREATED = 500
 """Largest number of one created kind that names from outside can make a world reserve."""
-MAX_ATOMS = 30_000
-"""Largest number of atoms to which created objects can make a world grow.
+MAX_GROWTH = 12_000
+"""Largest number of atoms that created objects can add to a world.
 
-The table needs 60 MB then, and a step that creates an object takes 0.1 s. In a domain with a
-predicate of two created objects, the number of atoms grows with the square of the objects.
+A step that creates an object takes 0.02 s then. In a domain with a predicate of two created
+objects, the number of atoms grows with the square of the objects.
 """
 
 
@@ -197,11 +197,11 @@ class GroundObjects:
             things = (*self._things.values(), *new)
             number = 1 + sum(thing.kind == kind for thing in things)
             new.append(Object(f"{kind}{number}", kind, type_))
-        if self.table.size_with(new) > MAX_ATOMS:
+        if self.table.size_with(new) > self._sizes[0] + MAX_GROWTH:
             kinds = ", ".join(sorted({thing.kind for thing in new}))
             raise TooManyObjectsError(
                 f"too many objects have been created ({kinds}): the facts about them exceed "
-                f"{MAX_ATOMS:,}"
+                f"{MAX_GROWTH:,}"
             )
         self._things.update((thing.name, thing) for thing in new)
         self.table.add(new)
