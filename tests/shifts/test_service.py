@@ -217,6 +217,18 @@ def test_environment_rewards_points_and_ends_with_the_shift(tmp_path: Path) -> N
     assert np.isfinite(rewards).all()
 
 
+def test_environment_of_a_shift_lasts_as_long_as_the_shift(tmp_path: Path) -> None:
+    world = bistro(tmp_path, steps=310, arrivals=[{"at": 0, "dish": "toast"}])
+    env = RobotouilleEnv(world.task)
+    env.reset()
+    wait = env.unwrapped.state.action_number(
+        next(a for a in env.unwrapped.state.actions("robot1") if a.name == "wait")
+    )
+    ends = [env.step(wait)[2:4] for _ in range(310)]
+    assert ends[:-1] == [(False, False)] * 309
+    assert ends[-1] == (True, False)
+
+
 def test_batch_engine_refuses_a_shift() -> None:
     with pytest.raises(RobotouilleError, match="does not support shifts"):
         BatchWorld(World(example()), 2)

@@ -39,6 +39,7 @@ class BatchCopies:
         self.view = view
         self.over: Bools = np.ones(copies, dtype=np.bool_)
         self._rules = rules
+        self._limit = rules.step_limit(view.world)
         self._batch = BatchWorld(self.view.world, copies)
         self._steps: Ints = np.zeros(copies, dtype=np.int64)
 
@@ -68,7 +69,7 @@ class BatchCopies:
                 applied[copy], reached[copy] = self._take_in_world(copy, chosen[copy], before)
         self._steps += going
         terminated = reached & going
-        truncated = going & ~terminated & (self._steps >= self._rules.max_steps)
+        truncated = going & ~terminated & (self._steps >= self._limit)
         self.over = ~going | terminated | truncated
         valid = applied.all(axis=1) & going
         return BatchStepResult(terminated.astype(np.float64), terminated, truncated, valid)

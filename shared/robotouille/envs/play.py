@@ -164,7 +164,7 @@ class Play:
         self._seen = seen
         self.steps += 1
         terminated = seen.goal_reached or seen.over
-        truncated = not terminated and self.steps >= self.rules.max_steps
+        truncated = not terminated and self.steps >= self.rules.step_limit(self.view.world)
         self.over = terminated or truncated
         reward = 1.0 if seen.goal_reached else float(seen.score - score)
         if self._potential is not None:

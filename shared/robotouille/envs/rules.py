@@ -65,7 +65,7 @@ class StepsToGoPotential:
 
 
 MAX_STEPS = 300
-"""Default number of steps after which an episode is truncated."""
+"""Default number of steps after which an episode of a task with a goal is truncated."""
 
 
 class EnvObservation(StrEnum):
@@ -112,7 +112,8 @@ class EnvOptions(TypedDict, total=False):
     - `potential`: a function of a state; `StepsToGoPotential` by default.
     - `invalid`: `reject` (an action that is not valid changes nothing and costs a step) or `raise`
       (it raises an `InapplicableError` and no step is taken).
-    - `max_steps`: the step budget, after which an episode is truncated; 300 by default.
+    - `max_steps`: the step budget, after which an episode is truncated; by default the length of a
+      shift, and 300 for other tasks.
     - `instances`: other instances (tasks or names) from which `reset` chooses, in addition to the
       task; or `generated` for the shipped ones (`Task.instances()`).
     - `slots`: the room in arrays for created objects of each kind; see `World`.
@@ -124,7 +125,7 @@ class EnvOptions(TypedDict, total=False):
     weight: float
     potential: Callable[[State], float] | None
     invalid: InvalidAction | str
-    max_steps: int
+    max_steps: int | None
     instances: Sequence[Task | str] | str
     slots: Mapping[str, int] | None
 
@@ -144,7 +145,7 @@ class EnvRules:
     weight: float = 1.0
     potential: Callable[[State], float] | None = None
     invalid: InvalidAction | str = InvalidAction.REJECT
-    max_steps: int = MAX_STEPS
+    max_steps: int | None = None
     instances: Sequence[Task | str] | str = ()
     slots: Mapping[str, int] | None = None
 
@@ -153,14 +154,21 @@ class EnvRules:
             ("observation", EnvObservation), ("reward", Reward), ("invalid", InvalidAction),
         ):  # fmt: skip
             object.__setattr__(self, name, _one_of(kind, name, getattr(self, name)))
-        if isinstance(self.max_steps, bool) or not isinstance(self.max_steps, int):
-            raise WrongArgumentError(f"max_steps: expected an integer, found {self.max_steps!r}")
-        if self.max_steps < 1:
-            raise WrongArgumentError(f"max_steps: expected 1 or more, found {self.max_steps}")
+        limit = self.max_steps
+        if isinstance(limit, bool) or not isinstance(limit, int | None):
+            raise WrongArgumentError(f"max_steps: expected an integer, found {limit!r}")
+        if limit is not None and limit < 1:
+            raise WrongArgumentError(f"max_steps: expected 1 or more, found {limit}")
         if not (_is_number(self.gamma) and 0 < self.gamma <= 1):
             raise WrongArgumentError(f"gamma: expected above 0 and at most 1, found {self.gamma!r}")
         if not (_is_number(self.weight) and math.isfinite(self.weight)):
             raise WrongArgumentError(f"weight: expected a number, found {self.weight!r}")
+
+    def step_limit(self, world: World) -> int:
+        """Return the step budget of an episode in a world."""
+        if self.max_steps is not None:
+            return self.max_steps
+        return MAX_STEPS if world.shift is None else world.shift.steps
 
     def tasks(self) -> tuple[Task, ...]:
         """Return the task, then the other instances.
