@@ -17,9 +17,9 @@ from robotouille_evaluation.metrics import (
     TotalUsage,
 )
 from robotouille_evaluation.metrics.failures import CATEGORIES, Subcategory
-from robotouille_evaluation.metrics.rows import FailureRow
+from robotouille_evaluation.metrics.rows import FailureRow, ScoreRow
 
-__all__ = ["TASKS", "made_up_rows", "row"]
+__all__ = ["TASKS", "made_up_rows", "row", "shift_row"]
 
 PACK = PackId(name="ours", version="1.0", digest="0123456789abcdef")
 TASKS = {
@@ -43,6 +43,18 @@ def row(**fields: Any) -> ResultRow:
         "outcome": Result(success=True, steps=8, ended_by="goal"),
     }
     return ResultRow(**{**values, **fields})
+
+
+def shift_row(points: int, planner: int | None = 100, **fields: Any) -> ResultRow:
+    """Return the row of a shift with points, four served orders and an expired one."""
+    values: dict[str, Any] = {
+        "dataset": "shifts",
+        "budget": BudgetRow(rule="shift", steps=180),
+        "optimum": Optimum(),
+        "outcome": Result(success=False, steps=180, ended_by="shift-over"),
+        "score": ScoreRow(points=points, served=4, expired=1, planner=planner),
+    }
+    return row(**{**values, **fields})
 
 
 def made_up_rows(

@@ -74,11 +74,19 @@ class RunOptions(WorkerOptions, ModelOptions):
     pack: Annotated[
         Path | None,
         typer.Option("--pack", help="Folder of a pack (`robotouille pack build`). "
-                     "Default: the built-in pack."),
+                     "Default: the built-in pack with the data sets or tasks."),
     ] = None  # fmt: skip
-    datasets: Annotated[str, typer.Option(help="Datasets. Default: all.")] = ""
+    datasets: Annotated[
+        str,
+        typer.Option(help="Datasets. Default: all of the pack. `shifts` are a pack of their own."),
+    ] = ""
     tasks: Annotated[str, typer.Option(help="Tasks. Default: all.")] = ""
-    kinds: Annotated[str, typer.Option(help="Kinds of instances: default, free, noisy.")] = "free"
+    kinds: Annotated[
+        str,
+        typer.Option(
+            help="Kinds of instances: default, free, noisy. Default: free, if the pack has any."
+        ),
+    ] = ""
     seats: Annotated[
         int | None,
         typer.Option(
@@ -88,7 +96,10 @@ class RunOptions(WorkerOptions, ModelOptions):
     seeds: Annotated[int, typer.Option(min=1, help="Episodes of each agent per instance.")] = 1
     budget: Annotated[
         Literal["own", "published"] | None,
-        typer.Option(help="Step budget: 1.5 x the optimum (own), or the published constants."),
+        typer.Option(
+            help="Step budget: 1.5 x the optimum (own), or the published constants. "
+            "A shift has its own length."
+        ),
     ] = None
     variant: Annotated[
         Literal["stochastic", "delay-free"] | None,
@@ -154,10 +165,9 @@ def run(
 
     RunFolder(out).require_new()
     real_time = _real_time(options)
-    folder, pack = _pack(out, options.pack)
-    chosen = _instances(
-        pack, _words(options.datasets), _words(options.tasks), _words(options.kinds)
-    )
+    datasets, tasks = _words(options.datasets), _words(options.tasks)
+    folder, pack = _pack(out, options.pack, datasets or tasks)
+    chosen = _instances(pack, datasets, tasks, _words(options.kinds) or pack.usual_kinds)
     if options.variant == "delay-free":
         folder, pack = (out / "pack").resolve(), _delay_free(pack, chosen, options.seats)
         chosen = list(pack.instances)
@@ -251,14 +261,18 @@ def _real_time(options: RunOptions) -> RealTime | None:
     return None
 
 
-def _pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
-    """Return the pack and its folder. A run keeps a copy of the built-in pack."""
-    from robotouille_evaluation.packs.own import build_own_pack
+def _pack(out: Path, folder: Path | None, names: Sequence[str]) -> tuple[Path, Pack]:
+    """Return the pack and its folder. A run keeps a copy of a built-in pack.
+
+    Args:
+        names: Data sets or tasks that the built-in pack must have.
+    """
+    from robotouille_evaluation.packs.own import pack_with
     from robotouille_evaluation.packs.store import read_pack
 
     if folder is not None:
         return folder.resolve(), read_pack(folder)
-    return (out / "pack").resolve(), build_own_pack()
+    return (out / "pack").resolve(), pack_with(names)
 
 
 def _delay_free(pack: Pack, chosen: Sequence[PackInstance], seats: int | None) -> Pack:
@@ -352,7 +366,7 @@ def _unknown_experiment(name: str, pack: Pack) -> UnknownNameError:
 
 def _warn_of_unknown_optima(pack: Pack, jobs: Iterable[EpisodeJob], folder: Path) -> None:
     # Rows store the optimum, so a proof after the run comes too late.
-    wanted = {(job.instance, job.seats) for job in jobs}
+    wanted = {(job.instance, job.seats) for job in jobs if job.budget != "shift"}
     unknown = [1 for name, seats in wanted if pack.instance(name).best(seats) is None]
     if unknown:
         tell(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
@@ -28,7 +28,7 @@ from robotouille_evaluation.packs.checking import (
     with_instances,
 )
 from robotouille_evaluation.packs.differences import compare_packs, markdown_tables, text_tables
-from robotouille_evaluation.packs.own import NAME, build_own_pack
+from robotouille_evaluation.packs.own import NAME, SHIFTS, build_own_pack, build_shift_pack
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.packs.published_checkout import read_checkout
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
@@ -75,10 +75,16 @@ def import_(
 
 
 @pack.command()
-def build(out: OutOption = None, json_output: JsonOption = False) -> None:
+def build(
+    name: Annotated[
+        Literal["ours", "shifts"], typer.Argument(help="The tasks with goals, or the shifts.")
+    ] = "ours",
+    out: OutOption = None,
+    json_output: JsonOption = False,
+) -> None:
     """Make a pack from the shipped tasks and their instances."""
     with _errors(), _bar("tasks") as progress:
-        built = build_own_pack(progress)
+        built = build_shift_pack(progress) if name == SHIFTS else build_own_pack(progress)
         folder = _write(built, out)
     if json_output:
         typer.echo(json.dumps({**_row(built), "folder": str(folder)}, indent=2))

@@ -82,10 +82,11 @@ class RunProgress:
         self._progress.update(self._task, description=", ".join(self._words()))
 
     def _words(self) -> list[str]:
-        solved = sum(row.outcome.success for row in self._rows)
+        goals = outcomes.with_goal(self._rows)
+        solved = sum(row.outcome.success for row in goals)
         errors = sum(row.error is not None for row in self._rows)
         costs = [row.usage.cost for row in self._rows if row.usage.cost is not None]
-        words = [f"{solved} solved"]
+        words = [f"{solved} solved"] if goals or not self._rows else []
         words += [f"{errors} errors"] if errors else []
         words += [f"${sum(costs):.2f}"] if costs else []
         return words
@@ -124,6 +125,11 @@ def _optimality(rows: Sequence[ResultRow]) -> str:
     return f"{fmean(rates):.2f}" if rates else UNKNOWN
 
 
+def _score(rows: Sequence[ResultRow]) -> str:
+    shares = [share for share in map(outcomes.score_share, rows) if share is not None]
+    return f"{100 * fmean(shares):.3g} %" if shares else UNKNOWN
+
+
 def _cost(rows: Sequence[ResultRow]) -> str:
     cost = outcomes.cost(rows)
     return UNKNOWN if cost is None else f"${cost:.2f}"
@@ -133,6 +139,7 @@ COLUMNS: dict[str, Callable[[Sequence[ResultRow]], str]] = {
     "episodes": lambda rows: str(len(rows)),
     "success": _success,
     "steps / optimum": _optimality,
+    "score / planner": _score,
     "errors": lambda rows: str(sum(row.error is not None for row in rows)),
     "cost": _cost,
 }

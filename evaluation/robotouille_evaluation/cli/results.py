@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -43,9 +43,6 @@ def compare(
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare two agents on the episodes that both have played."""
-    from robotouille_evaluation.metrics.outcomes import succeeded
-    from robotouille_evaluation.metrics.statistics import mcnemar_test, permutation_test
-
     rows, _ = _rows_of(runs)
     rows = _of_variant(rows, variant)
     of_first, of_second = (_of_agent(rows, name) for name in (first, second))
@@ -54,21 +51,54 @@ def compare(
         raise RobotouilleError(
             f"{first} and {second} have no episode in common: {_why_apart(of_first, of_second)}"
         )
-    mine, theirs = zip(*found, strict=True)
+    shifts = [pair for pair in found if pair[0].score is not None]
+    goals = [pair for pair in found if pair[0].score is None]
+    result: dict[str, Any] = {"episodes": len(found)}
+    lines = []
+    if goals:
+        words, more = _compared_goals(first, second, goals)
+        lines, result = [words], result | more
+    if shifts:
+        words, points = _compared_shifts(first, second, shifts)
+        lines, result = [*lines, words], result | {"mean_points": points}
+    tell(json.dumps(result) if json_output else "\n".join(lines))
+
+
+RowPair = tuple["ResultRow", "ResultRow"]
+
+
+def _compared_goals(
+    first: str, second: str, pairs: Sequence[RowPair]
+) -> tuple[str, dict[str, Any]]:
+    from robotouille_evaluation.metrics.outcomes import succeeded
+    from robotouille_evaluation.metrics.statistics import mcnemar_test, permutation_test
+
+    mine, theirs = zip(*pairs, strict=True)
     won = [[succeeded(row) for row in rows] for rows in (mine, theirs)]
     steps = [[row.outcome.steps for row in rows] for rows in (mine, theirs)]
     p, p_steps = mcnemar_test(*won), permutation_test(*steps)
-    result = {
-        "episodes": len(found),
-        first: sum(won[0]),
-        second: sum(won[1]),
-        "p": p,
-        "mean_steps": {first: fmean(steps[0]), second: fmean(steps[1]), "p": p_steps},
-    }
-    tell(json.dumps(result) if json_output else
-         f"{len(found)} episodes: {first} solves {sum(won[0])}, {second} {sum(won[1])}; "
-         f"p {_p_value(p)} (McNemar, exact). Mean steps {fmean(steps[0]):.1f} and "
-         f"{fmean(steps[1]):.1f}; p {_p_value(p_steps)} (permutation)")  # fmt: skip
+    words = (
+        f"{len(pairs)} episodes: {first} solves {sum(won[0])}, {second} {sum(won[1])}; "
+        f"p {_p_value(p)} (McNemar, exact). Mean steps {fmean(steps[0]):.1f} and "
+        f"{fmean(steps[1]):.1f}; p {_p_value(p_steps)} (permutation)"
+    )
+    means = {first: fmean(steps[0]), second: fmean(steps[1]), "p": p_steps}
+    return words, {first: sum(won[0]), second: sum(won[1]), "p": p, "mean_steps": means}
+
+
+def _compared_shifts(
+    first: str, second: str, pairs: Sequence[RowPair]
+) -> tuple[str, dict[str, float]]:
+    from robotouille_evaluation.metrics.statistics import permutation_test
+
+    mine, theirs = ([row.score.points for row in rows if row.score is not None]
+                    for rows in zip(*pairs, strict=True))  # fmt: skip
+    p = permutation_test(mine, theirs)
+    words = (
+        f"{len(pairs)} shifts: mean points {fmean(mine):.1f} of {first} and {fmean(theirs):.1f} "
+        f"of {second}; p {_p_value(p)} (permutation)"
+    )
+    return words, {first: fmean(mine), second: fmean(theirs), "p": p}
 
 
 def _p_value(p: float) -> str:

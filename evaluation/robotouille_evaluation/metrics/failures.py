@@ -110,8 +110,8 @@ class Failure:
 
 
 def classify(trajectory: Trajectory, budget: int) -> Failure | None:
-    """Return why an episode failed; None if it reached the goal within its budget."""
-    if success_within(trajectory, budget):
+    """Return why an episode failed; None if it reached the goal in time, and for a shift."""
+    if trajectory.world.shift is not None or success_within(trajectory, budget):
         return None
     found = evidence(trajectory)
     for category in (Category.ACTION, Category.STATE, Category.TRANSITION, Category.GOAL):

@@ -1,4 +1,4 @@
-"""Success, optimality, wrong answers, tokens, cost and progress."""
+"""Success, optimality, scores, wrong answers, tokens, cost and progress."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from statistics import fmean, median
 
 from robotouille.planning import Limits, StepsLeft, StepsToGo
 from robotouille.planning.steps_to_go import Range, quotient
-from robotouille_evaluation.metrics.rows import ResultRow
+from robotouille_evaluation.metrics.rows import ResultRow, ScoreRow
 from robotouille_evaluation.metrics.trajectory import AnswerVerdict, StepAnswer, Trajectory
 
 
@@ -22,14 +22,43 @@ def succeeded(row: ResultRow) -> bool:
     """Return whether an episode reached the goal within its budget (paper, section 4.2.2).
 
     The paper's budget is 1.5 times the optimum; the row names the rule of its budget. An episode
-    that ended with an error counts as failed.
+    that ended with an error counts as failed. A shift has no goal (`with_goal`).
     """
     return row.outcome.success and row.outcome.steps <= row.budget.steps
 
 
+def with_goal(rows: Iterable[ResultRow]) -> list[ResultRow]:
+    """Return the episodes that are not shifts."""
+    return [row for row in rows if row.score is None]
+
+
 def success_rate(rows: Sequence[ResultRow]) -> float | None:
-    """Return the share of successful episodes; None without episodes (paper, table "successes")."""
-    return fmean(map(succeeded, rows)) if rows else None
+    """Return the share of successful episodes; None without goals (paper, table "successes")."""
+    tried = with_goal(rows)
+    return fmean(map(succeeded, tried)) if tried else None
+
+
+def score(trajectory: Trajectory) -> ScoreRow | None:
+    """Return the score of a shift; None for a task with a goal."""
+    task, orders = trajectory.world.task, trajectory.states[-1].orders
+    if task.problem.shift is None or orders is None:
+        return None
+    planner = task.problem.shift.planner.get(task.seats)
+    return ScoreRow(
+        points=orders.score, served=orders.served, expired=orders.expired, planner=planner
+    )
+
+
+def score_share(row: ResultRow) -> float | None:
+    """Return the points of a shift / the points of planner bots in the same seats.
+
+    Returns:
+        None for tasks with a goal, and if the planner's points are unknown or not positive.
+    """
+    found = row.score
+    if found is None or found.planner is None or found.planner <= 0:
+        return None
+    return found.points / found.planner
 
 
 def optimality_rate(row: ResultRow) -> float | None:

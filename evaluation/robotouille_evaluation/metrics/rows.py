@@ -36,7 +36,7 @@ class PackId(RowModel):
 
 
 class BudgetRow(RowModel):
-    """Step budget of an episode, and its rule (`published`, `own`)."""
+    """Step budget of an episode, and its rule (`published`, `own`, `shift`)."""
 
     rule: str
     steps: Number
@@ -69,11 +69,26 @@ class RealTimeRow(RowModel):
 
 
 class Result(RowModel):
-    """Outcome of an episode; `ended_by` is the reason, such as `goal` or `step-limit`."""
+    """Outcome of an episode; `ended_by` is the reason, such as `goal` or `step-limit`.
+
+    A shift has a score instead of a success.
+    """
 
     success: bool
     steps: Number
     ended_by: str
+
+
+class ScoreRow(RowModel):
+    """Result of a shift: points, served and expired orders.
+
+    `planner` are the points of planner bots in the same seats; None if they are unknown.
+    """
+
+    points: int = Field(ge=-MAX_NUMBER, le=MAX_NUMBER)
+    served: Number
+    expired: Number
+    planner: int | None = Field(default=None, ge=-MAX_NUMBER, le=MAX_NUMBER)
 
 
 class Counts(RowModel):
@@ -167,6 +182,7 @@ class ResultRow(RowModel):
         timing: Timing profile.
         real_time: Real time settings; None if the world waited.
         control: Control of a team: a model for `each` seat, or one model in `turns` or `joint`.
+        score: Result of a shift; None for tasks with a goal.
         attempts: Number of trials (Reflexion starts again); the row is about the last one.
         seconds: Wall time of the episode.
         repetitions: Number of repeated transitions.
@@ -195,6 +211,7 @@ class ResultRow(RowModel):
     budget: BudgetRow
     optimum: Optimum = Optimum()
     outcome: Result
+    score: ScoreRow | None = None
     counts: Counts = Counts()
     usage: TotalUsage = TotalUsage()
     seconds: float = Field(default=0.0, ge=0)

@@ -32,13 +32,14 @@ def bootstrap(
     level: float = 0.95,
     resamples: int = RESAMPLES,
     seed: int = 0,
+    binary: bool = True,
 ) -> Interval | None:
     """Return the mean with a percentile bootstrap interval (Efron and Tibshirani, 1993).
 
     Whole clusters are drawn with replacement. Trials of one instance resemble each other, so they
     are a cluster; independent values are clusters of one.
 
-    If all values are 0, or all are 1, every sample is the same and the bootstrap would claim
+    If all binary values are 0, or all are 1, every sample is the same and the bootstrap would claim
     certainty. The interval is then the exact one of Clopper and Pearson (1934) for that many
     clusters. There is no interval for one cluster, or for clusters with equal means.
 
@@ -47,6 +48,7 @@ def bootstrap(
         level: Confidence, between 0 and 1.
         resamples: Number of samples.
         seed: Seed of the samples.
+        binary: Values of 0 and 1 are failures and successes.
 
     Returns:
         None without values.
@@ -58,7 +60,7 @@ def bootstrap(
     total = int(counts.sum())
     mean = float(sums.sum() / total)
     if len(set(sums / counts)) == 1:
-        if mean in (0.0, 1.0):
+        if binary and mean in (0.0, 1.0):
             return _never_or_always(mean, len(sums), total, level)
         return Interval(mean, None, None, total)
     generator = np.random.default_rng(seed)

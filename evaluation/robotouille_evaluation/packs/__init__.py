@@ -1,13 +1,14 @@
 """Packs to evaluate on: tasks, instances, step budgets, prompts and examples.
 
-pack = build_own_pack()                                  # the shipped tasks
+pack = build_own_pack()                                  # the shipped tasks with goals
+pack = build_shift_pack()                                # the shipped shifts
 pack = read_checkout(Path("robotouille")).pack           # the published ones, from a checkout
 write_pack(pack, Path("packs/published"))
 """
 
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.differences import PackDifferences, compare_packs
-from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.own import build_own_pack, build_shift_pack
 from robotouille_evaluation.packs.pack import (
     Budget,
     BudgetKind,
@@ -41,6 +42,7 @@ __all__ = [
     "PackTask",
     "Prompt",
     "build_own_pack",
+    "build_shift_pack",
     "check_pack",
     "compare_packs",
     "default_folder",

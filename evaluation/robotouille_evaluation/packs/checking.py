@@ -104,7 +104,9 @@ def prove_instances(
         RobotouilleError: An instance is invalid, or the solver's result is wrong.
     """
     # Proven instances are skipped, so an interrupted command can continue.
-    unproven = [i for i in pack.instances_of(kinds=kinds) if i.optimal() is None]
+    unproven = [
+        i for i in pack.instances_of(kinds=kinds) if i.optimal() is None and pack.shift(i) is None
+    ]
     budget = ExpansionBudget(expansions=expansions)
     for number, instance in enumerate(unproven, start=1):
         task = pack.load(instance)

@@ -38,13 +38,15 @@ def delay_free(
         seats: Number of players of the plans; the usual number if None.
 
     Raises:
-        RobotouilleError: Problems cannot set a delay of the domain, or an instance is not for that
-            many players.
+        RobotouilleError: Problems cannot set a delay of the domain, an instance is not for that
+            many players, or it is a shift.
     """
     settings = _delay_settings(pack)
     chosen = tuple(instances)
     if seats is not None:
         pack.require_seats(chosen, seats)
+    if any(pack.shift(instance) is not None for instance in chosen):
+        raise RobotouilleError("the variant delay-free searches for plans, and a shift has no goal")
     changed = []
     for number, instance in enumerate(chosen, start=1):
         bare = replace(instance, problem=_without_delays(instance.problem, settings), plans=())

@@ -1,4 +1,6 @@
-"""Built-in pack: the shipped tasks, their generated instances, and plans from certificates.
+"""Built-in packs: the shipped tasks, their generated instances, and plans from certificates.
+
+The shifts are a pack of their own, because a pack has one domain.
 
 Ids look like paths: `asynchronous/06_potato_soup/free-252` is the layout for the seed 252, and
 `…/default` is the task's own layout. Published ids (`asynchronous/5_potato_soup_252`) never have a
@@ -8,19 +10,19 @@ second slash, so the two cannot be confused. Unlike `#`, `@` and `:`, slashes ar
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
 
-from robotouille import State, Task, World, load_task
+from robotouille import State, Task, World, load_task, task_names
 from robotouille.certification.certificate import certificate_path, read_certificate
 from robotouille.certification.dataset import SUFFIX
 from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task, read_domain
-from robotouille.errors import Fault, FileError
+from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.generation.generator import paper_tasks
 from robotouille.installation import data_folder
 from robotouille.planning import read_plan
@@ -42,19 +44,25 @@ NAMES = (
     *("plag", "io", "io-cot", "reflect", "rules"),
 )
 BETWEEN = "\n---\n"
-PLACEHOLDERS = ("kitchen", "rules")
+PLACEHOLDERS = ("kitchen", "rules", "shift")
 OMITTED = "..."
 
 
-def own_prompts(domain: DomainFile) -> tuple[Prompt, ...]:
-    """Return all prompts; `rules` has instructions only."""
-    return tuple(_prompt(name, domain) for name in NAMES)
+def own_prompts(domain: DomainFile, *, shifts: bool = False) -> tuple[Prompt, ...]:
+    """Return all prompts; `rules` has instructions only.
+
+    Args:
+        shifts: Explain shifts below the explanation of kitchens.
+    """
+    return tuple(_prompt(name, domain, shifts) for name in NAMES)
 
 
-def _prompt(name: str, domain: DomainFile) -> Prompt:
+def _prompt(name: str, domain: DomainFile, shifts: bool) -> Prompt:
     system, between, instructions = _text(name).partition(BETWEEN)
     if not between:
         system, instructions = "", system
+    if shifts:
+        instructions = instructions.replace("{kitchen}", "{kitchen}\n\n{shift}")
     for word in PLACEHOLDERS:
         instructions = instructions.replace(f"{{{word}}}", _text(word))
     actions = "\n".join(f"- {action.language_description}" for action in domain.action_defs)
@@ -65,11 +73,13 @@ def _text(name: str) -> str:
     return (files(__package__) / "prompts" / f"{name}.md").read_text(encoding="utf-8").strip()
 
 
-def own_examples() -> tuple[Examples, ...]:
-    """Return the examples for each dataset and form of answer, such as `synchronous/react`."""
+def own_examples(*datasets: str) -> tuple[Examples, ...]:
+    """Return examples by form of answer, such as `synchronous/react`, of some or all datasets."""
     raw = json.loads((files(__package__) / "prompts/examples.json").read_text(encoding="utf-8"))
     found = []
     for dataset, example in raw.items():
+        if datasets and dataset not in datasets:
+            continue
         world, plan = _training_plan(example["task"])
         for form, steps in (
             ("react", tuple(_react(world, plan, example["reasoning"]))),
@@ -119,33 +129,66 @@ def _actions(state: State) -> set[str]:
     return {action.sentence for action in state.actions(state.world.players[0])}
 
 
-NAME = "ours"
+NAME, SHIFTS = "ours", "shifts"
 VERSION = "1"
-DOMAIN = "robotouille"
+DOMAINS = {NAME: "robotouille", SHIFTS: "restaurant"}
+"""Domains of the built-in packs."""
+EXAMPLE_OF_SHIFTS = "asynchronous"
+"""Dataset whose examples show models that play shifts the form of answers."""
 
 Progress = Callable[[int, int], None]
 """Called with the number of read tasks and of all."""
 
 
 def build_own_pack(progress: Progress | None = None) -> Pack:
-    """Return the built-in pack, which is built once per process.
+    """Return the built-in pack of the tasks with goals, which is built once per process.
 
     Raises:
         FileError: A shipped file is invalid.
     """
-    if not _built:
-        _built.append(_build(progress))
-    return _built[0]
+    return _built_once(NAME, progress)
 
 
-_built: list[Pack] = []
+def build_shift_pack(progress: Progress | None = None) -> Pack:
+    """Return the built-in pack of the shifts, which is built once per process.
+
+    Raises:
+        FileError: A shipped file is invalid.
+    """
+    return _built_once(SHIFTS, progress)
 
 
-def _build(progress: Progress | None) -> Pack:
+def pack_with(names: Iterable[str]) -> Pack:
+    """Return the built-in pack with these data sets or tasks, by default `ours`.
+
+    Raises:
+        RobotouilleError: They belong to several packs.
+    """
+    wanted = {SHIFTS if name.partition("/")[0] == SHIFTS else NAME for name in names} or {NAME}
+    if len(wanted) > 1:
+        raise RobotouilleError(
+            "shifts and tasks with goals are different packs: evaluate them in two runs"
+        )
+    return _built_once(wanted.pop(), None)
+
+
+_built: dict[str, Pack] = {}
+
+
+def _built_once(name: str, progress: Progress | None) -> Pack:
+    if name not in _built:
+        _built[name] = _build(name, progress)
+    return _built[name]
+
+
+def _build(pack: str, progress: Progress | None) -> Pack:
     tasks: list[PackTask] = []
     instances: list[PackInstance] = []
-    names = paper_tasks()
-    domain = read_domain(DOMAIN)
+    shifts = pack == SHIFTS
+    names = (
+        tuple(n for n in task_names() if n.startswith(f"{SHIFTS}/")) if shifts else paper_tasks()
+    )
+    domain = read_domain(DOMAINS[pack])
     for number, name in enumerate(names, start=1):
         found = [_default(name, domain), *sorted(_generated(name, domain), key=_in_order)]
         optimal = found[0].optimal()
@@ -156,8 +199,9 @@ def _build(progress: Progress | None) -> Pack:
         if progress is not None:
             progress(number, len(names))
     text = canonical_json(domain.model_dump(mode="json", by_alias=True, exclude_unset=True))
-    prompts, examples = own_prompts(domain), own_examples()
-    return Pack(NAME, VERSION, text, tuple(tasks), tuple(instances), prompts, examples)
+    prompts = own_prompts(domain, shifts=shifts)
+    examples = own_examples(EXAMPLE_OF_SHIFTS) if shifts else own_examples()
+    return Pack(pack, VERSION, text, tuple(tasks), tuple(instances), prompts, examples)
 
 
 def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:

@@ -20,13 +20,13 @@ from typing import Any, Literal, TypeVar
 
 from robotouille import Task, World
 from robotouille.domain.files import parse_json, validate
-from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.schema import DomainFile, ProblemFile, Shift
 from robotouille.domain.task import build_task
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.installation import matching_names
 from robotouille.planning import Plan, read_plan
 
-BudgetKind = Literal["published", "own"]
+BudgetKind = Literal["published", "own", "shift"]
 
 MULTIPLIER = 1.5
 """Factor of the optimum (paper, section 4)."""
@@ -57,6 +57,11 @@ def published_budget(constant: int, multiplier: float = MULTIPLIER) -> Budget:
 def own_budget(optimal: int, multiplier: float = MULTIPLIER) -> Budget:
     """Return the budget for the length of an instance's shortest known plan."""
     return Budget("own", optimal, optimal * multiplier)
+
+
+def shift_budget(steps: int) -> Budget:
+    """Return the budget of a shift, which is its length."""
+    return Budget("shift", steps, steps)
 
 
 InstanceKind = Literal["default", "free", "noisy"]
@@ -224,6 +229,11 @@ class Pack:
         """Datasets of the tasks, each once."""
         return tuple(dict.fromkeys(task.dataset for task in self.tasks))
 
+    @cached_property
+    def usual_kinds(self) -> tuple[InstanceKind, ...]:
+        """Kinds of instances to evaluate on unless others are chosen: `free`, if there are any."""
+        return ("free",) if self.instances_of(kinds=["free"]) else ("default",)
+
     def task(self, name: str) -> PackTask:
         """Return the task with a name or unambiguous part (`synchronous/01`, `01`, `hamburger`).
 
@@ -294,6 +304,11 @@ class Pack:
         problem = validate(parse_json(instance.problem, source), ProblemFile, source)
         return build_task(instance.id, self._domain, problem, seats=seats, source=source)
 
+    def shift(self, instance: PackInstance) -> Shift | None:
+        """Return the shift of an instance; None if it has a goal."""
+        # Loading takes milliseconds, and most packs have no shifts.
+        return self.load(instance).problem.shift if '"shift"' in instance.problem else None
+
     def require_seats(self, instances: Iterable[PackInstance], seats: int) -> None:
         """Raise RobotouilleError if some tasks cannot be played by this many players."""
         impossible: dict[str, str] = {}
@@ -331,9 +346,14 @@ class Pack:
         """Return the step budget of an instance.
 
         Raises:
-            RobotouilleError: The instance has no constant or known plan for this kind of budget.
+            RobotouilleError: The instance has no constant, known plan or shift for this kind of
+                budget.
         """
-        if kind == "published":
+        if kind == "shift":
+            shift = self.shift(instance)
+            if shift is not None:
+                return shift_budget(shift.steps)
+        elif kind == "published":
             constant = self.task(instance.task).optimal
             if constant is not None:
                 return published_budget(constant)
@@ -341,7 +361,7 @@ class Pack:
             best = instance.best(seats)
             if best is not None:
                 return own_budget(best.steps)
-        missing = "constant" if kind == "published" else "known plan"
+        missing = {"published": "constant", "own": "known plan", "shift": "shift"}[kind]
         raise RobotouilleError(f"{instance.id}: no {missing}, so no {kind} budget")
 
     @cached_property

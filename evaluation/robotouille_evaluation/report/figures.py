@@ -18,7 +18,7 @@ from robotouille.html_report.figures import (
     short_label,
 )
 from robotouille.html_report.intervals import Interval
-from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded
+from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded, with_goal
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import (
@@ -49,7 +49,8 @@ SHORT_NAMES = {"synchronous": "sync", "asynchronous": "async", "multi_agent": "t
 
 
 def all_figures(rows: Sequence[ResultRow]) -> list[ReportFigure]:
-    """Return every figure for which there is data."""
+    """Return every figure for which there is data. Shifts have tables only."""
+    rows = with_goal(rows)
     figures = [success_bars, optimality_histogram, steps_to_go_histogram, repeated_transitions,
                failure_pies]  # fmt: skip
     return [drawn for figure in figures if (drawn := figure(rows)) is not None]

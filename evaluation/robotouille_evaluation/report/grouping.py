@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 
 from robotouille.html_report.intervals import Interval
+from robotouille_evaluation.metrics.outcomes import score_share
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.metrics.statistics import bootstrap
 from robotouille_evaluation.report import published
@@ -13,7 +14,7 @@ from robotouille_evaluation.report import published
 RowGroups = dict[str, list[ResultRow]]
 
 DATASETS = ("synchronous", "asynchronous", "multi_agent")
-"""The paper's order. Other data sets follow in alphabetical order."""
+"""The paper's order. Other data sets, such as `shifts`, follow in alphabetical order."""
 
 SETTINGS: tuple[Callable[[ResultRow], str], ...] = (
     lambda row: f"{row.pack.name} {row.pack.version} {row.pack.digest[:8]}",
@@ -98,13 +99,25 @@ def part_played(dataset: str, rows: Iterable[ResultRow]) -> str:
     return f"{number} of {whole} tasks" if number < whole else ""
 
 
+def score_interval(rows: Iterable[ResultRow]) -> Interval | None:
+    """Return the mean share of the planner's points in shifts, with its bootstrap interval."""
+    return interval(rows, score_share, binary=False)
+
+
 def interval(
-    rows: Iterable[ResultRow], value: Callable[[ResultRow], float | None]
+    rows: Iterable[ResultRow],
+    value: Callable[[ResultRow], float | None],
+    *,
+    binary: bool = True,
 ) -> Interval | None:
-    """Return the mean of a value with its bootstrap interval, clustered by instance."""
+    """Return the mean of a value with its bootstrap interval, clustered by instance.
+
+    Args:
+        binary: Values of 0 and 1 are failures and successes.
+    """
     clusters: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         found = value(row)
         if found is not None:
             clusters.setdefault((row.dataset, row.task, row.instance), []).append(float(found))
-    return bootstrap([clusters[key] for key in sorted(clusters)])
+    return bootstrap([clusters[key] for key in sorted(clusters)], binary=binary)

@@ -21,7 +21,14 @@ from robotouille.html_report.page import (
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.rows import ResultRow
 from robotouille_evaluation.report import published
-from robotouille_evaluation.report.grouping import datasets, interval, named, part_played, tasks
+from robotouille_evaluation.report.grouping import (
+    datasets,
+    interval,
+    named,
+    part_played,
+    score_interval,
+    tasks,
+)
 from robotouille_evaluation.report.tables import WORDS, percent
 
 COLUMNS = ("instance", "result", "steps", "fewest", "budget", "to go", "repeated", "wrong", "calls",
@@ -94,7 +101,15 @@ def _some(words: Sequence[str], most: int = 4) -> str:
 def _cards(rows: Sequence[ResultRow]) -> Iterator[tuple[str, str]]:
     yield f"{len(rows):,}", "episodes"
     yield f"{len({(row.dataset, row.task) for row in rows})}", "tasks"
-    for dataset, episodes in datasets(rows).items():
+    shares = {
+        name: found.estimate
+        for name, group in named([row for row in rows if row.score is not None]).items()
+        if (found := score_interval(group)) is not None
+    }
+    if shares:
+        best = max(shares, key=lambda name: shares[name])
+        yield f"{100 * shares[best]:.3g} %", f"best score / planner, shifts: {best}"
+    for dataset, episodes in datasets(outcomes.with_goal(rows)).items():
         rate, best = max(
             (outcomes.success_rate(group) or 0.0, name) for name, group in named(episodes).items()
         )
@@ -109,7 +124,7 @@ def _cards(rows: Sequence[ResultRow]) -> Iterator[tuple[str, str]]:
 
 def _notes(rows: Sequence[ResultRow]) -> Iterator[str]:
     broken = [row for row in rows if row.error]
-    unproven = sum(not row.optimum.proven for row in rows)
+    unproven = sum(not row.optimum.proven for row in outcomes.with_goal(rows))
     if broken:
         first = f"the first: {broken[0].error}"[:300]
         yield f"{len(broken):,} episodes ended with an error and count as failed; {first}"
@@ -132,24 +147,35 @@ def _episodes(rows: Sequence[ResultRow], folders: Mapping[str, Path]) -> Iterato
             own = [row for row in group if row.dataset == dataset]
             if own:
                 inner = [_task(task, some, folders) for task, some in tasks(own).items()]
-                yield Details(name, _success(own), inner)
+                yield Details(name, _result(own), inner)
 
 
-def _success(rows: Sequence[ResultRow]) -> str:
-    return f"{len(rows)} episodes, {percent(interval(rows, outcomes.succeeded))}"
+def _result(rows: Sequence[ResultRow]) -> str:
+    goals = outcomes.with_goal(rows)
+    parts = [f"{len(rows)} episodes"]
+    if goals:
+        parts.append(percent(interval(goals, outcomes.succeeded)))
+    if len(goals) < len(rows):
+        parts.append(f"{percent(score_interval(rows))} of the planner's score")
+    return ", ".join(parts)
 
 
 def _task(task: str, rows: Sequence[ResultRow], folders: Mapping[str, Path]) -> Details:
     ordered = sorted(rows, key=lambda row: (row.instance, row.seed, row.run))
     lines = [_episode(row, folders.get(row.run, Path())) for row in ordered]
     return Details(
-        task.rpartition("/")[2], _success(rows), [Table(COLUMNS, lines, words=WORDS)]
+        task.rpartition("/")[2], _result(rows), [Table(COLUMNS, lines, words=WORDS)]
     )  # fmt: skip
 
 
 def _episode(row: ResultRow, folder: Path) -> TableRow:
-    won = outcomes.succeeded(row)
-    result = "solved" if won else row.outcome.ended_by.replace("_", " ")
+    css = "won" if outcomes.succeeded(row) else "lost"
+    result = "solved" if css == "won" else row.outcome.ended_by.replace("_", " ")
+    if row.score is not None:
+        css = ""
+        result = (
+            f"{row.score.points} points, {row.score.served} served, {row.score.expired} expired"
+        )
     failure = row.measures.failure
     why = f"{failure.category}: {failure.subcategory}" if failure else ""
     if failure and failure.steps:
@@ -160,7 +186,7 @@ def _episode(row: ResultRow, folder: Path) -> TableRow:
     path = "" if row.recording is None else shlex.quote(str(folder / row.recording))
     numbers = (
         row.outcome.steps,
-        row.optimum.steps if row.optimum.proven else f"≥ {row.optimum.bound}",
+        _fewest(row),
         row.budget.steps,
         _to_go(row),
         row.repetitions,
@@ -168,9 +194,15 @@ def _episode(row: ResultRow, folder: Path) -> TableRow:
         row.counts.calls,
     )
     return TableRow((
-        instance, Cell(result, css="won" if won else "lost"), *map(str, numbers),
+        instance, Cell(result, css=css), *map(str, numbers),
         row.error or why, Cell(path, code=bool(path)),
     ))  # fmt: skip
+
+
+def _fewest(row: ResultRow) -> str:
+    if row.score is not None:
+        return ""
+    return f"{row.optimum.steps}" if row.optimum.proven else f"≥ {row.optimum.bound}"
 
 
 def _to_go(row: ResultRow) -> str:

@@ -22,6 +22,7 @@ from robotouille_evaluation.report.grouping import (
     interval,
     named,
     part_played,
+    score_interval,
     task_number,
     tasks,
 )
@@ -38,19 +39,23 @@ REACT = "gpt-4o, ReAct"
 
 def all_tables(rows: Sequence[ResultRow]) -> list[Table]:
     """Return every table for which there is data."""
+    goals = outcomes.with_goal(rows)
+    shifts = [row for row in rows if row.score is not None]
     found = [
-        success_by_dataset(rows),
-        *success_by_task(rows),
-        optimality(rows),
-        steps_to_go(rows),
+        success_by_dataset(goals),
+        *success_by_task(goals),
+        scores(shifts),
+        scores_by_task(shifts),
+        optimality(goals),
+        steps_to_go(goals),
         behaviour(rows),
-        asynchronous_first(rows),
-        failures(rows),
+        asynchronous_first(goals),
+        failures(goals),
         teams(rows),
         real_time(rows),
         ablations(rows),
-        variants(rows),
-        comparisons(rows),
+        variants(goals),
+        comparisons(goals),
     ]
     return [table for table in found if table.rows]
 
@@ -138,6 +143,10 @@ def success_by_dataset(rows: Sequence[ResultRow]) -> Table:
     return _table("success", "Success by data set", ("player", *sets, "episodes"), lines, note)
 
 
+def _success(rows: Iterable[ResultRow]) -> str:
+    return percent(interval(outcomes.with_goal(rows), outcomes.succeeded))
+
+
 def _success_and_part(dataset: str, rows: Sequence[ResultRow]) -> str:
     rate, part = percent(interval(rows, outcomes.succeeded)), part_played(dataset, rows)
     return f"{rate}, {part}" if rows and part else rate
@@ -165,6 +174,48 @@ def success_by_task(rows: Sequence[ResultRow]) -> Iterator[Table]:
         title = f"Success by task: {dataset.replace('_', '-')}"
         note = "Optimum: mean length of the shortest plans of the instances played."
         yield _table(f"success_{dataset}", title, columns, lines, note)
+
+
+# Shifts
+
+
+def scores(rows: Sequence[ResultRow]) -> Table:
+    """Return points, served and expired orders of shifts, and the share of the planner's points."""
+    lines = []
+    for name, dataset, episodes in _by_player_and_set(rows):
+        found = [row.score for row in episodes if row.score is not None]
+        cells = (
+            percent(score_interval(episodes)),
+            _number(_mean(each.points for each in found), ".4g"),
+            _number(_mean(each.served for each in found)),
+            _number(_mean(each.expired for each in found)),
+            str(len(found)),
+        )
+        lines.append(TableRow((name, dataset, *cells)))
+    columns = ("player", "data set", "score / planner", "points", "served", "expired", "episodes")
+    note = (
+        "Score / planner: points / the points of planner bots in the same seats, with a 95 % "
+        "bootstrap interval over instances. Points, served and expired orders are means per "
+        "episode. Agents that serve more than one order at a time can exceed 100 %."
+    )
+    return _table("scores", "Scores of shifts", columns, lines, note)
+
+
+def scores_by_task(rows: Sequence[ResultRow]) -> Table:
+    """Return each player's share of the planner's points by shift and number of seats."""
+    players = named(rows)
+    lines = []
+    for task, group in tasks(rows).items():
+        for seats, episodes in sorted(by(group, lambda row: str(row.seats)).items()):
+            chosen = set(map(id, episodes))
+            cells = [
+                percent(score_interval(r for r in own if id(r) in chosen))
+                for own in players.values()
+            ]
+            points = _number(_mean(r.score.planner for r in episodes if r.score is not None), ".4g")
+            lines.append(TableRow((task.rpartition("/")[2], seats, points, *cells)))
+    columns = ("task", "seats", "planner's points", *players)
+    return _table("scores_by_task", "Score / planner by task", columns, lines)
 
 
 # Quality of successes and failures
@@ -230,8 +281,9 @@ def behaviour(rows: Sequence[ResultRow]) -> Table:
     lines = []
     for name, dataset, episodes in _by_player_and_set(rows):
         measures = [row.measures for row in episodes]
-        won = [row.repetitions for row in episodes if outcomes.succeeded(row)]
-        lost = [row.repetitions for row in episodes if not outcomes.succeeded(row)]
+        goals = outcomes.with_goal(episodes)
+        won = [row.repetitions for row in goals if outcomes.succeeded(row)]
+        lost = [row.repetitions for row in goals if not outcomes.succeeded(row)]
         stumbles = sum(each.stumbles for each in measures)
         recovered = sum(each.recovered for each in measures)
         cells = (
@@ -310,7 +362,7 @@ def teams(rows: Sequence[ResultRow]) -> Table:
         for seats, episodes in sorted(by(group, lambda row: str(row.seats)).items()):
             shares = [row.measures.contributions for row in episodes if row.measures.contributions]
             cells = (
-                percent(interval(episodes, outcomes.succeeded)),
+                _success(episodes),
                 _percent(_mean(min(each.values()) for each in shares)),
                 _percent(_mean(max(each.values()) for each in shares)),
                 _number(_mean(row.measures.blocked for row in episodes)),
@@ -332,7 +384,7 @@ def real_time(rows: Sequence[ResultRow]) -> Table:
     for name, dataset, episodes in _by_player_and_set([r for r in rows if r.real_time]):
         measures = [row.measures for row in episodes]
         cells = (
-            percent(interval(episodes, outcomes.succeeded)),
+            _success(episodes),
             _number(_mean(each.staleness for each in measures)),
             _number(_mean(each.late_answers for each in measures)),
             _percent(_mean(each.held_share for each in measures)),
@@ -357,10 +409,11 @@ def ablations(rows: Sequence[ResultRow]) -> Table:
     """Return successes, steps and cost by player (paper, table "ablation1")."""
     lines = []
     for name, group in named(rows).items():
+        goals = outcomes.with_goal(group)
         prompt, completion = outcomes.tokens(group)
         calls = sum(row.counts.calls for row in group)
         cells = (
-            f"{sum(map(outcomes.succeeded, group))}/{len(group)}",
+            f"{sum(map(outcomes.succeeded, goals))}/{len(goals)}" if goals else NONE,
             _number(outcomes.mean_steps(group), ".2f"),
             f"{calls:,}",
             f"{prompt:,}",
@@ -370,7 +423,7 @@ def ablations(rows: Sequence[ResultRow]) -> Table:
             _number(outcomes.seconds_per_call(group)),
         )
         lines.append(TableRow((name, *cells)))
-    for each in published.ABLATIONS:
+    for each in published.ABLATIONS if outcomes.with_goal(rows) else ():
         solved = f"{each.solved}/{published.ABLATION_TASKS}"
         costs = (_number(each.cost, ".2f"), _number(each.cost / each.solved, ".2f"))
         lines.append(_reference(f"gpt-4o, {each.name}", solved, _number(each.steps, ".2f"),

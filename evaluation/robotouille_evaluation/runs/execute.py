@@ -18,7 +18,7 @@ from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.proposal import Complete, ContextOverflow, Exchange, answer_all
 from robotouille_evaluation.metrics.measuring import measure
-from robotouille_evaluation.metrics.outcomes import repeated_transitions
+from robotouille_evaluation.metrics.outcomes import repeated_transitions, score
 from robotouille_evaluation.metrics.rows import (
     BudgetRow,
     Counts,
@@ -28,6 +28,7 @@ from robotouille_evaluation.metrics.rows import (
     RealTimeRow,
     Result,
     ResultRow,
+    ScoreRow,
     TotalUsage,
 )
 from robotouille_evaluation.metrics.trajectory import Trajectory
@@ -106,10 +107,11 @@ async def play_job(
         except ContextOverflow:
             # This is not a model error: the strategy could not shorten its request any further.
             result, error = episode.failed(), "the conversation is too long for the model"
+    episode.finish_shift()
     recordings = [runner.recording(error or "the agent is done") for runner in episode.runners]
-    measures, repetitions = EpisodeMeasures(), 0
+    measured = _Measured(EpisodeMeasures())
     if recordings:
-        measures, repetitions = _measure_recording(
+        measured = _measure_recording(
             recordings[-1], world, pack, job, limit, steps_to_go=context.steps_to_go
         )
     try:
@@ -123,13 +125,14 @@ async def play_job(
         attempts=max(1, len(episode.runners)),
         budget=_budget_row(job, limit),
         outcome=result,
+        score=measured.score,
         counts=_count_answers(episode.exchanges, episode.runners),
         usage=_total_usage(episode.usages),
         seconds=max(0.0, context.clock() - begun),
-        repetitions=repetitions,
+        repetitions=measured.repetitions,
         recording=recording,
         error=error,
-        measures=measures,
+        measures=measured.measures,
     )
 
 
@@ -207,6 +210,17 @@ class _JobEpisode:
         """Return the result of an episode that could not be played to its end."""
         steps = self.runners[-1].steps if self.runners else 0
         return Result(success=False, steps=steps, ended_by="error")
+
+    def finish_shift(self) -> None:
+        """Let the rest of a shift pass without actions, so that orders expire.
+
+        Otherwise, an agent that gives up could earn more than one that serves late.
+        """
+        if self._world.shift is None or not self.runners:
+            return
+        runner, limit = self.runners[-1], math.ceil(self._budget)
+        while not runner.state.shift_over and runner.steps < limit:
+            runner.step({})
 
     async def _play_in_real_time(
         self, timing: RealTime, complete: Mapping[str, Complete]
@@ -310,10 +324,19 @@ def _total_usage(usages: Iterable[Usage]) -> TotalUsage:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """Fields of a row that come from a recording."""
+
+    measures: EpisodeMeasures
+    repetitions: int = 0
+    score: ScoreRow | None = None
+
+
 def _measure_recording(
     content: bytes, world: World, pack: Pack, job: EpisodeJob, limit: int, *, steps_to_go: bool
-) -> tuple[EpisodeMeasures, int]:
-    """Return the measures of a recorded trial and the number of its repeated transitions.
+) -> _Measured:
+    """Return the measures of a recorded trial, its repeated transitions, and a shift's score.
 
     Args:
         steps_to_go: True to search how far the goal was at the end, which is slow.
@@ -322,9 +345,9 @@ def _measure_recording(
     recording.world = world
     trajectory = Trajectory.recorded(recording)
     instance = pack.instance(job.instance)
-    distance = StepsToGo(world) if steps_to_go else None
+    distance = StepsToGo(world) if steps_to_go and world.shift is None else None
     if distance is not None and job.seats > 1 and instance.best(job.seats) is not None:
         # Searches for teams take a hundred times as long; the known plan is a bound without search.
         distance.learn(world.initial, pack.plan(instance, world))
     found = measure(trajectory, limit, distance=distance, fewest=instance.optimal(job.seats))
-    return found, repeated_transitions(trajectory)
+    return _Measured(found, repeated_transitions(trajectory), score(trajectory))

@@ -17,6 +17,8 @@ from robotouille.planning.policies import (
     Script,
     TeamPolicy,
 )
+from robotouille.planning.policies.shift_policy import ShiftPolicy
+from robotouille.planning.shift import DishPlanner
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille_evaluation.agents.joint_team import JointTeam
 from robotouille_evaluation.agents.making import make_strategy, team_strategy
@@ -100,7 +102,12 @@ def planner_policy(world: World, player: str, seed: int, clock: str | None = Non
     """
 
     def make() -> Policy:
-        policy = PlannerPolicy(world, player, PlannerOptions(seed=seed), anytime=_anytime(world))
+        options = PlannerOptions(seed=seed)
+        policy = (
+            PlannerPolicy(world, player, options, anytime=_anytime(world))
+            if world.shift is None
+            else ShiftPolicy(world, player, options, dishes=_dishes(world))
+        )
         if clock is not None:
             policy.meet(dict.fromkeys(world.players, "bot"), clock)
         return policy
@@ -112,6 +119,11 @@ def planner_policy(world: World, player: str, seed: int, clock: str | None = Non
 def _anytime(world: World) -> AnytimePlanner:
     # Shared by all seats: they make the same plans, so the second request is answered from memory.
     return AnytimePlanner(World(world.task))
+
+
+@lru_cache(maxsize=4)
+def _dishes(world: World) -> dict[str, DishPlanner]:
+    return {}
 
 
 def _anticipates(policy: Policy) -> bool:

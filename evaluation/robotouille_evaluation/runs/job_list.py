@@ -25,7 +25,7 @@ from robotouille_evaluation.realtime import Charge, LatePolicy
 Variant = Literal["", "stochastic", "delay-free"]
 """Unchanged; a cut item reverts by chance; or nothing takes time (`packs.delay_free`)."""
 HelperKind = Literal["none", "planner", "script"]
-BudgetRule = Literal["published", "own"]
+BudgetRule = Literal["published", "own", "shift"]
 
 CUT = "iscut"
 PROBABILITY = 0.1
@@ -203,7 +203,8 @@ class JobOptions:
     Args:
         seeds: Seeds with which each agent plays.
         seats: Number of players for tasks that allow several; the usual number if None.
-        budget: Rule of the step budget. If None, `own` if a plan is known, else `published`.
+        budget: Rule of the step budget. If None, `own` if a plan is known, else `published`. A
+            shift has its own length.
         variant: Variant to play; for `delay-free` the pack must be one without delays. If empty,
             experiments of the pack choose it themselves.
         real_time: Real time settings; None if the world waits.
@@ -245,10 +246,10 @@ def plan_jobs(
     seeds = tuple(options.seeds)
     for instance in instances:
         count = instance.seats if seats is None else seats
-        rule = options.budget or ("own" if instance.best(count) is not None else "published")
+        rule = _budget_rule(pack, instance, count, options)
         pack.budget(instance, rule, seats=count)
         for agent in agents:
-            _check_playable(agent, instance, count, real_time)
+            _check_playable(agent, instance, rule, count, real_time)
             for seed in seeds:
                 yield EpisodeJob(
                     agent=agent,
@@ -262,6 +263,14 @@ def plan_jobs(
                 )
 
 
+def _budget_rule(pack: Pack, instance: PackInstance, seats: int, options: JobOptions) -> BudgetRule:
+    if pack.shift(instance) is not None:
+        if options.real_time is not None and options.real_time.slack != 1:
+            raise RobotouilleError(f"{instance.id} is a shift, which cannot be longer: no --slack")
+        return "shift"
+    return options.budget or ("own" if instance.best(seats) is not None else "published")
+
+
 def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
     found = next((each for each in pack.experiments if each.id == agent.strategy), None)
     by_chance = found is not None and found.settings.get("game", {}).get("stochastic")
@@ -269,7 +278,11 @@ def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
 
 
 def _check_playable(
-    agent: AgentSpec, instance: PackInstance, seats: int, real_time: RealTime | None
+    agent: AgentSpec,
+    instance: PackInstance,
+    rule: BudgetRule,
+    seats: int,
+    real_time: RealTime | None,
 ) -> None:
     """Raise RobotouilleError for an episode that could only fail."""
     helped = agent.kind == "model" and real_time is not None and real_time.helper == "script"
@@ -279,9 +292,10 @@ def _check_playable(
             if helped
             else ("`scripted`", "remove it from --agents")
         )
+        # No plan can be found for a shift, because it has no goal.
+        prove = "" if rule == "shift" else ", or find plans with `robotouille pack prove` first"
         raise RobotouilleError(
-            f"{what} needs a plan, and none is known for {instance.id}: {instead}, "
-            "or find plans with `robotouille pack prove` first"
+            f"{what} needs a plan, and none is known for {instance.id}: {instead}{prove}"
         )
     if agent.strategy.casefold().startswith("reflexion") and seats > 1:
         raise RobotouilleError(

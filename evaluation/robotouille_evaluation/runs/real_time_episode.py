@@ -67,7 +67,7 @@ class RealTimeEpisode:
         self._exchanges: dict[str, list[Exchange]] = {player: [] for player in self._players}
 
     async def play(self, budget: float) -> TeamResult:
-        """Play until the goal is reached, the budget is used up, or all seats have finished."""
+        """Play until the goal or the end of a shift or the budget, or until all have finished."""
         try:
             ended = await self._play(math.ceil(budget))
         finally:
@@ -78,7 +78,7 @@ class RealTimeEpisode:
 
     async def _play(self, limit: int) -> EndReason:
         runner = self._runner
-        while not runner.state.goal_reached and runner.steps < limit:
+        while not _is_over(runner.state) and runner.steps < limit:
             choices = await self._choices()
             if all(seat.over for seat in self._seats.values()) and not choices:
                 return EndReason.FINISH
@@ -87,7 +87,9 @@ class RealTimeEpisode:
                 seat.observe(step.did)
                 if player in self._helpers:
                     self._helpers[player].observe(step.did)
-        return EndReason.GOAL if runner.state.goal_reached else EndReason.STEP_LIMIT
+        if runner.state.goal_reached:
+            return EndReason.GOAL
+        return EndReason.SHIFT_OVER if runner.state.shift_over else EndReason.STEP_LIMIT
 
     async def _choices(self) -> dict[str, ChosenAction]:
         """Return the choices for the next step, without players that do nothing."""
@@ -165,3 +167,7 @@ class RealTimeEpisode:
         helper = self._helpers.get(player)
         action = helper.act(self._runner.state) if helper is not None else None
         return ChosenAction(action.sentence) if action is not None else None
+
+
+def _is_over(state: State) -> bool:
+    return state.goal_reached or state.shift_over

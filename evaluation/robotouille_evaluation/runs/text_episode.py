@@ -33,6 +33,7 @@ class EndReason(StrEnum):
     """Reason why an episode ended."""
 
     GOAL = "goal"
+    SHIFT_OVER = "shift-over"
     STEP_LIMIT = "step-limit"
     FINISH = "finish"
     FEEDBACK_LIMIT = "feedback-limit"
@@ -127,7 +128,7 @@ class TextEpisode:
         runner = self._begin(limit)
         state = runner.state
         seen = self._observe(state)
-        while self._steps < limit:
+        while self._steps < limit and not state.shift_over:
             # With timing for people, actions take several steps in which nothing can be chosen.
             if state.busy_steps(self._player):
                 state, seen = self._step(runner, "", "")
@@ -142,11 +143,11 @@ class TextEpisode:
                 state, seen = self._step(runner, action, proposal.reasoning)
                 if state.goal_reached:
                     return EndReason.GOAL
-                if self._steps >= limit:
-                    return EndReason.STEP_LIMIT
+                if self._steps >= limit or state.shift_over:
+                    return _reason_out_of_steps(state)
             if proposal.done:
                 return _reason_when_done(proposal)
-        return EndReason.STEP_LIMIT
+        return _reason_out_of_steps(state)
 
     def _observe(self, state: State) -> AgentObservation:
         return observe(state, self._player, self._view)
@@ -171,6 +172,10 @@ class TextEpisode:
                 return False
             state = state.step(action).state
         return bool(proposal.actions)
+
+
+def _reason_out_of_steps(state: State) -> EndReason:
+    return EndReason.SHIFT_OVER if state.shift_over else EndReason.STEP_LIMIT
 
 
 def _reason_when_done(proposal: Proposal) -> EndReason:
@@ -201,10 +206,11 @@ class TeamResult:
 async def play_team(
     team: Team, runner: EpisodeRunner, budget: float, view: TextView | None = State.text_view
 ) -> TeamResult:
-    """Play until the goal is reached, the budget is used up, or all agents have finished.
+    """Play until the goal is reached, the shift is over, or the budget is used up.
 
-    A player whose answers have no valid action, or who has finished, does nothing. A proposed plan
-    of several actions is carried out as long as each is valid.
+    Play also ends when all agents have finished. A player whose answers have no valid action, or
+    who has finished, does nothing. A proposed plan of several actions is carried out as long as
+    each is valid.
     """
     state, steps = runner.state, 0
     players = state.world.players
@@ -224,7 +230,7 @@ async def play_team(
         if proposal.done:
             done.add(player)
 
-    while steps < math.ceil(budget):
+    while steps < math.ceil(budget) and not state.shift_over:
         free = [player for player in players if not state.busy_steps(player)]
         asked = [p for p in free if p not in done and not planned[p]]
         if asked:
@@ -239,7 +245,7 @@ async def play_team(
             team.rejected(player, choices[player].action, reasons)
         if state.goal_reached:
             return TeamResult.of(EndReason.GOAL, steps, exchanges)
-    return TeamResult.of(EndReason.STEP_LIMIT, steps, exchanges)
+    return TeamResult.of(_reason_out_of_steps(state), steps, exchanges)
 
 
 def _next_action(

@@ -322,6 +322,7 @@ class Serving(Schema):
 
 
 MAX_ORDERS = 1000
+SeatCount = Annotated[int, Field(ge=1, le=16)]
 
 
 class Shift(Schema):
@@ -335,6 +336,8 @@ class Shift(Schema):
         serve: Where a dish counts.
         discard: Kind of the stations where things are thrown away.
         stars: Points for one, two and three stars in a window, by the number of seats.
+        planner: Points of planner bots by the number of seats, for the orders of seed 0 and the
+            profile `benchmark`. `robotouille plan` computes them.
     """
 
     steps: Annotated[int, Field(ge=1, le=10_000)]
@@ -343,7 +346,8 @@ class Shift(Schema):
     most_open: Annotated[int, Field(ge=1, le=16)] = 3
     serve: Serving
     discard: Name | None = None
-    stars: dict[Annotated[int, Field(ge=1, le=16)], tuple[Points, Points, Points]] = {}
+    stars: dict[SeatCount, tuple[Points, Points, Points]] = {}
+    planner: dict[SeatCount, int] = {}
 
     @model_validator(mode="after")
     def _stars_ascend(self) -> Shift:
@@ -386,7 +390,7 @@ class ProblemFile(Schema):
     flooring: Any = None
     furniture: Any = None
     objects: dict[str, tuple[ObjectDef, ...]] = {}
-    seats: tuple[Annotated[int, Field(ge=1, le=16)], ...] | None = None
+    seats: tuple[SeatCount, ...] | None = None
     goal_description: Words = ""
     goal: tuple[GoalTerm, ...] = Field(default=(), max_length=1000)
     shift: Shift | None = None

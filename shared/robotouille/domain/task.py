@@ -64,7 +64,9 @@ def draw_orders(problem: ProblemFile, seed: int) -> ProblemFile:
     while at < shift.steps or not orders:
         orders.append(Arrival(at=at, dish=generator.choice(dishes)))
         at += generator.randint(*shift.arrivals.every)
-    drawn = shift.model_copy(update={"arrivals": tuple(orders)})
+    # The points of planner bots are for the orders of seed 0.
+    planner = {} if seed else shift.planner
+    drawn = shift.model_copy(update={"arrivals": tuple(orders), "planner": planner})
     return problem.model_copy(update={"shift": drawn})
 
 

@@ -62,6 +62,18 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
 
 
+def test_shifts_have_scores_instead_of_successes(tmp_path: Path) -> None:
+    words = ["--tasks", "shifts/04", "--seats", "3", "--agents", "random", "--processes", "1"]
+    result = called("run", tmp_path / "run", *words)
+    assert result.exit_code == 0, result.output
+    (row,) = RunFolder(tmp_path / "run").rows()
+    assert (row.dataset, row.seats, row.budget.rule) == ("shifts", 3, "shift")
+    assert row.score is not None and row.score.planner is not None
+    heading = next(line for line in result.stderr.splitlines() if line.startswith("agent"))
+    assert "score / planner" in heading and "success" not in heading
+    assert called("resume", tmp_path / "run").exit_code == 0
+
+
 @pytest.mark.parametrize("variant", quick_sample([["--variant", "delay-free"], []]))
 def test_option_seats(tmp_path: Path, variant: list[str]) -> None:
     words = ["--tasks", TEAM, "--kinds", "default", "--agents", "react-none", "--seats", "3"]
@@ -108,6 +120,10 @@ def test_options_of_real_time(tmp_path: Path) -> None:
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),
         (["--agents", "ReAct/asynchronous/nope"], "use --pack with an imported pack"),
+        (["--datasets", "shifts,synchronous"], "different packs: evaluate them in two runs"),
+        (["--datasets", "shifts"], "`scripted` needs a plan, and none is known for shifts/01"),
+        (["--datasets", "shifts", "--variant", "delay-free"], "a shift has no goal"),
+        (["--tasks", "shifts/01", "--clock", "realtime", "--slack", "2"], "no --slack"),
         (["--budget", "published", "--tasks", "multi_agent/10_potato_tomato_chicken_soup_and_"
           "potato_cheese_onion_soup"], "no constant"),
     ],

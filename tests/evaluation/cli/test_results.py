@@ -13,7 +13,7 @@ from robotouille_evaluation.metrics import BudgetRow, Category, EpisodeMeasures,
 from robotouille_evaluation.metrics import Result as Outcome
 from robotouille_evaluation.metrics.rows import FailureRow
 from robotouille_evaluation.runs import RunFolder
-from tests.support.episode_rows import row
+from tests.support.episode_rows import row, shift_row
 
 PUBLISHED = PackId(name="published", version="1", digest="fedcba9876543210")
 
@@ -75,6 +75,20 @@ def test_significance_of_a_clear_difference(tmp_path: Path) -> None:
         "12 episodes: planner solves 12, random 0; p < 0.001 (McNemar, exact). "
         "Mean steps 8.0 and 12.0; p < 0.001 (permutation)"
     )
+
+
+def test_shifts_are_compared_by_points(tmp_path: Path) -> None:
+    run = run_of(
+        tmp_path / "a",
+        *(shift_row(90, agent="planner", job=f"a{n}", instance=f"i{n}") for n in range(12)),
+        *(shift_row(n, agent="random", job=f"b{n}", instance=f"i{n}") for n in range(12)),
+    )
+    assert " ".join(called("compare", "planner", "random", run).output.split()) == (
+        "12 shifts: mean points 90.0 of planner and 5.5 of random; p < 0.001 (permutation)"
+    )
+    found = json.loads(called("compare", "planner", "random", run, "--json").output)
+    assert found["episodes"] == 12
+    assert found["mean_points"]["random"] == 5.5
 
 
 def test_labels_are_paired_within_a_run(tmp_path: Path) -> None:

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from robotouille import World, load_task
+from robotouille import World, load_task, task_names
 from robotouille.errors import RobotouilleError, UnknownNameError
 from robotouille.generation.generator import paper_tasks
 from robotouille.planning import replay
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.own import build_own_pack as ours
+from robotouille_evaluation.packs.own import build_shift_pack
 from robotouille_evaluation.packs.pack import KnownPlan, published_budget
 
 SANDWICH = "synchronous/01_cheese_sandwich"
@@ -25,6 +26,22 @@ def test_tasks_of_the_built_in_pack() -> None:
         assert kinds[0] == "default"
         assert kinds == sorted(kinds, key=("default", "free", "noisy").index)
         assert "free" in kinds
+
+
+def test_shifts_are_a_pack_with_the_points_of_planners() -> None:
+    pack = build_shift_pack()
+    shifts = [name for name in task_names() if name.startswith("shifts/")]
+    assert [task.name for task in pack.tasks] == shifts
+    assert pack.datasets == ("shifts",)
+    assert pack.usual_kinds == ("default",)
+    for instance in pack.instances:
+        shift = pack.shift(instance)
+        assert shift is not None
+        assert shift.planner.keys() == set(pack.load(instance).problem.seats or ())
+        assert pack.budget(instance, "shift").max_steps == shift.steps
+    assert not check_pack(pack)
+    (react,) = (prompt for prompt in pack.prompts if prompt.id == "react")
+    assert "open orders" in react.instructions and "{" not in react.instructions
 
 
 def test_tasks_by_number_and_dish() -> None:

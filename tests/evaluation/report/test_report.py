@@ -30,7 +30,7 @@ from robotouille_evaluation.report.dependency_graph import dependency_graph
 from robotouille_evaluation.report.figures import all_figures
 from robotouille_evaluation.report.page import results_page
 from robotouille_evaluation.report.tables import all_tables
-from tests.support.episode_rows import made_up_rows, row
+from tests.support.episode_rows import made_up_rows, row, shift_row
 from tests.support.games import recorded_game
 from tests.support.page_tags import Tags, check_harmless
 from tests.support.pages import blocks, read
@@ -63,6 +63,15 @@ def test_ids_are_unique_and_links_have_targets(page: str) -> None:
     assert {link[1:] for link in links if link} <= {*ids}
     clips = set(re.findall(r"url\(#([^)]+)\)", page))
     assert clips <= {*ids}
+
+
+def test_page_shows_scores_of_shifts() -> None:
+    rows = [shift_row(87, task="01_x"), shift_row(50, task="02_x", agent="random")]
+    text = page_of(rows)
+    assert "87 points, 4 served, 1 expired" in text
+    assert "best score / planner, shifts: planner" in text
+    assert "1 episodes, 50 % of the planner&#39;s score" in text
+    assert "best success" not in text and "optimality" not in text
 
 
 @pytest.mark.slow
@@ -168,7 +177,7 @@ def test_dependency_graph_of_a_soup() -> None:
 
 
 PAGE = "metrics.md"
-WITHOUT_NAME = {"cost", "is_optimal", "measure", "success_within", "tokens"}
+WITHOUT_NAME = {"cost", "is_optimal", "measure", "success_within", "tokens", "with_goal"}
 """Functions that the page describes without their names."""
 
 

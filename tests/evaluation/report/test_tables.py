@@ -10,7 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from robotouille.html_report.page import Table, TableRow
-from robotouille_evaluation.metrics import BudgetRow, EpisodeMeasures, Result
+from robotouille_evaluation.metrics import (
+    BudgetRow,
+    EpisodeMeasures,
+    Result,
+    score_share,
+    success_rate,
+)
 from robotouille_evaluation.metrics.rows import RealTimeRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import datasets, named, task_number, tasks
@@ -20,12 +26,14 @@ from robotouille_evaluation.report.tables import (
     comparisons,
     csv_text,
     real_time,
+    scores,
+    scores_by_task,
     success_by_dataset,
     success_by_task,
     variants,
 )
 from robotouille_evaluation.report.write import write_parquet
-from tests.support.episode_rows import made_up_rows, row
+from tests.support.episode_rows import made_up_rows, row, shift_row
 
 LOST = Result(success=False, steps=12, ended_by="step-limit")
 
@@ -40,6 +48,29 @@ def test_success_by_dataset() -> None:
     assert own.cells[2] == "4"
     assert TableRow(("gpt-4o, ReAct", "47 %", "–"), reference=True) in theirs
     assert all(line.reference for line in theirs)
+
+
+def test_scores_of_shifts_are_shares_of_the_points_of_planners() -> None:
+    rows = [
+        shift_row(50, task="01_x"),
+        shift_row(90, task="02_x"),
+        shift_row(7, planner=None, task="02_x"),
+    ]
+    (line,) = scores(rows).rows
+    assert line.cells == ("planner", "shifts", "70 % (50–90)", "49", "4", "1", "3")
+    by_task = [line.cells for line in scores_by_task(rows).rows]
+    assert by_task == [("01_x", "1", "100", "50 %"), ("02_x", "1", "100", "90 %")]
+
+
+def test_shifts_are_not_counted_as_failures() -> None:
+    names = {table.name for table in all_tables([shift_row(50)])}
+    assert names == {"scores", "scores_by_task", "behaviour", "ablations"}
+    with_goals = {table.name: table for table in all_tables([shift_row(50), row()])}
+    assert with_goals["success"].columns == ("player", "synchronous", "episodes")
+    assert with_goals["ablations"].rows[0].cells[1] == "1/1"
+    assert success_rate([shift_row(50), row()]) == 1
+    assert score_share(row()) is None
+    assert score_share(shift_row(50, planner=0)) is None
 
 
 def test_part_of_a_data_set_is_marked() -> None:
