@@ -15,6 +15,7 @@ import typer
 from robotouille.generation.generator import ATTEMPTS, Generator, seeds_from
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
+from robotouille.generation.shifts import generator_of
 from robotouille.terminal import options_from, printable_json, tell
 from robotouille_client.console import fail, failing, interruptible
 
@@ -100,7 +101,7 @@ def generate(
             options.min_steps,
             options.max_steps,
         )
-        generator = Generator(
+        generator = generator_of(
             sound_task(load_task(task)), options.kind, parameters, attempts=options.attempts
         )
         for instance in _progress(generator, seeds_from(options.seed, options.count), task):
@@ -148,21 +149,31 @@ def _write(instance: Instance, folder: Path) -> Path:
 
 
 def _row(instance: Instance, path: Path) -> dict[str, Any]:
-    plans = instance.results.items()
+    plans, shift = instance.results.items(), instance.task.problem.shift
+    proof: dict[str, Any] = {
+        "steps": {str(seats): len(result.plan or ()) for seats, result in plans},
+        "optimal": {str(seats): result.optimal for seats, result in plans},
+    }
+    if shift is not None:
+        proof = {"points": {str(seats): points for seats, points in shift.planner.items()}}
     return {
         "file": str(path),
         "source": instance.provenance.source,
         "seed": instance.provenance.seed,
         "kind": instance.provenance.kind,
         "attempt": instance.provenance.attempt,
-        "steps": {str(seats): len(result.plan or ()) for seats, result in plans},
-        "optimal": {str(seats): result.optimal for seats, result in plans},
+        **proof,
     }
 
 
 def _words(row: dict[str, Any]) -> str:
-    steps = ", ".join(
-        f"{number} steps" + (f" with {seats} players" if len(row["steps"]) > 1 else "")
-        for seats, number in row["steps"].items()
+    unit, result = ("points", "planner bots earn") if "points" in row else ("steps", "solved in")
+    numbers = ", ".join(
+        f"{number} {unit}" + (f" with {_players(seats)}" if len(row[unit]) > 1 else "")
+        for seats, number in row[unit].items()
     )
-    return f"{row['file']}  {row['kind']}, attempt {row['attempt']}; solved in {steps}"
+    return f"{row['file']}  {row['kind']}, attempt {row['attempt']}; {result} {numbers}"
+
+
+def _players(seats: str) -> str:
+    return f"{seats} player" if seats == "1" else f"{seats} players"

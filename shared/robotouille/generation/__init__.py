@@ -8,7 +8,6 @@ from robotouille.generation.generator import (
     SEEDS,
     Generator,
     Solver,
-    generate,
     generate_dataset,
     paper_tasks,
     seeds_from,
@@ -16,6 +15,7 @@ from robotouille.generation.generator import (
 )
 from robotouille.generation.instance import Instance, Renaming
 from robotouille.generation.parameters import AttemptError, GenerationError, Kind, Parameters
+from robotouille.generation.shifts import ShiftGenerator, generate, generator_of
 
 __all__ = [
     "SEEDS",
@@ -26,9 +26,11 @@ __all__ = [
     "Kind",
     "Parameters",
     "Renaming",
+    "ShiftGenerator",
     "Solver",
     "generate",
     "generate_dataset",
+    "generator_of",
     "paper_tasks",
     "seeds_from",
     "shortest",

@@ -15,7 +15,7 @@ from robotouille.certification.step_limit import plan_beside
 from robotouille.domain.loading import load_task, task_names
 from robotouille.domain.schema import Provenance
 from robotouille.domain.task import Task, Timing
-from robotouille.generation.arrangement import arrange, lay_out, size_for
+from robotouille.generation.arrangement import Arrangement, arrange, lay_out, size_for
 from robotouille.generation.decomposition import ProblemParts, Roles, Stock
 from robotouille.generation.instance import Instance, seat_counts, write_instance
 from robotouille.generation.parameters import (
@@ -107,26 +107,8 @@ GENERATOR = "1"
 ATTEMPTS = 50
 
 
-def generate(
-    task: Task,
-    seed: int,
-    kind: Kind = Kind.FREE,
-    parameters: Parameters = DEFAULT,
-    *,
-    solver: Solver = shortest,
-) -> Instance:
-    """Return an instance of a task, proven solvable for all its numbers of players.
-
-    Raises:
-        GenerationError: There is no such instance; `parameter` names the option to change.
-        FileError: The task has faults.
-        PluginError: The default solver cannot load an installed plug-in.
-    """
-    return Generator(task, kind, parameters, solver=solver).instance(seed)
-
-
 class Generator:
-    """Generator of the instances of one task.
+    """Generator of the instances of one task with a goal.
 
     Args:
         plans: Plans for the original by number of players. Missing ones are read from the files
@@ -137,6 +119,8 @@ class Generator:
         GenerationError: The parameters contradict the kind of instance.
         FileError: The task has faults.
     """
+
+    plays_shifts = False
 
     def __init__(
         self,
@@ -150,8 +134,8 @@ class Generator:
     ) -> None:
         if kind is Kind.NOISY and parameters.held:
             raise GenerationError("held", "players of a noisy instance keep what they hold")
-        if task.problem.shift is not None:
-            raise GenerationError("task", f"{task.name} is a shift; only tasks with a goal work")
+        if task.problem.shift is not None and not self.plays_shifts:
+            raise GenerationError("task", f"{task.name} is a shift; use a ShiftGenerator")
         if attempts < 1:
             raise GenerationError("attempts", f"expected at least 1, found {attempts}")
         self.task = replace(task, seats=seat_counts(task)[0], timing=Timing.BENCHMARK)
@@ -173,8 +157,7 @@ class Generator:
         """
         for attempt in range(1, self.attempts + 1):
             try:
-                instance = self.draw(seed, attempt)
-                return replace(instance, results=self._results(instance))
+                return self._proven(self.draw(seed, attempt))
             except AttemptError as rejected:
                 last = rejected
         message = (
@@ -194,7 +177,7 @@ class Generator:
             GenerationError: The objects do not fit in any attempt.
         """
         rng = SeededRng(f"{self.kind} {seed} {attempt}")
-        arrangement = arrange(self._parts, self._stock, self.kind, self.parameters, rng)
+        arrangement = self._arranged(rng)
         stations = [t.key for t in arrangement.things if t.type in self._roles.stations]
         problem = self.task.problem
         size = size_for(len(stations), problem.width, problem.height, self.parameters)
@@ -207,7 +190,23 @@ class Generator:
             parameters=self.parameters.asked(),
             generator=GENERATOR,
         )
-        return write_instance(self.task, arrangement, floorplan, provenance)
+        return write_instance(self._varied(rng), arrangement, floorplan, provenance)
+
+    def _arranged(self, rng: SeededRng) -> Arrangement:
+        """Return the objects of an attempt on their stations."""
+        return arrange(self._parts, self._stock, self.kind, self.parameters, rng)
+
+    def _varied(self, rng: SeededRng) -> Task:
+        """Return the task with what an attempt changes apart from the objects."""
+        return self.task
+
+    def _proven(self, instance: Instance) -> Instance:
+        """Return a drawn instance with its proof.
+
+        Raises:
+            AttemptError: It cannot be proven to be solvable.
+        """
+        return replace(instance, results=self._results(instance))
 
     def _results(self, instance: Instance) -> dict[int, SearchResult]:
         """Return a proof for each number of players.

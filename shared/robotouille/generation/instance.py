@@ -179,9 +179,20 @@ def write_instance(
     unnamed = replace(original, problem=original.problem.model_copy(update={"objects": objects}))
     renaming = Renaming.between(original, unnamed)
     text = write_problem(_problem(original, objects, floorplan, renaming, provenance))
+    return Instance(name, text, _task(name, text, original), original, provenance)
+
+
+def _task(name: str, text: str, original: Task) -> Task:
     problem = validate(parse_json(text, name), ProblemFile, name)
-    task = build_task(name, original.domain, problem, source=name)
-    return Instance(name, text, task, original, provenance)
+    return build_task(name, original.domain, problem, source=name)
+
+
+def with_planner_points(instance: Instance, points: Mapping[int, int]) -> Instance:
+    """Return an instance of a shift whose file has the points of planner bots by seats."""
+    raw = json.loads(instance.text)
+    raw["shift"]["planner"] = {str(seats): each for seats, each in points.items()}
+    text = write_problem(raw)
+    return replace(instance, text=text, task=_task(instance.name, text, instance.original))
 
 
 def _objects(
@@ -238,8 +249,11 @@ def _problem(
         type_: [object_json(o, levelled=type_ in stacked) for o in things]
         for type_, things in objects.items()
     }
-    goal = [term.model_dump(mode="json") for term in problem.goal]
-    raw |= {"goal_description": problem.goal_description, "goal": goal}
+    raw["goal_description"] = problem.goal_description
+    if problem.shift is None:
+        raw["goal"] = [term.model_dump(mode="json") for term in problem.goal]
+    else:
+        raw["shift"] = problem.shift.model_dump(mode="json", exclude_defaults=True)
     raw["provenance"] = provenance.model_dump(mode="json")
     return raw
 
