@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 
+from robotouille.domain.schema import Shift
+from robotouille.domain.task import PROFILES
 from robotouille.episode.lifecycle import Stopwatch
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
@@ -68,7 +70,8 @@ class RowBuilder:
             player: RecordedSeat(number, player)
             for number, player in enumerate(player_names(header))
         }
-        domain = header["task"]["domain"]
+        domain, shift = header["task"]["domain"], header["task"]["problem"].get("shift")
+        self._shift = None if shift is None else Shift.model_validate(shift)
         self._by_turns = header["rules"]["clock"] == Clock.TURN
         self._workless = workless_actions(domain)
         self._occupied = occupied_predicates(domain)
@@ -274,7 +277,7 @@ class RowBuilder:
     @property
     def success(self) -> bool | None:
         """True if the goal was reached; None for an unfinished episode, and for a shift."""
-        if self._outcome is None or self._outcome["reason"] == "shift_over":
+        if self._outcome is None or self._shift is not None:
             return None
         return bool(self._outcome["reason"] == "goal")
 
@@ -289,7 +292,16 @@ class RowBuilder:
         rate = self._step / fewest if success and fewest else None
         blocking = self._blocking + sum(seat.blocked for seat in self._seats.values())
         left = REACHED if success else left
-        return self._id, success, fewest, rate, self._repeats.count, blocking, *left
+        return self._id, success, fewest, rate, self._repeats.count, blocking, *left, *self._score()
+
+    def _score(self) -> Row:
+        """Return the points, served and expired orders of a shift, and the bound on the points."""
+        if self._shift is None:
+            return None, None, None, None
+        bound = self._shift.bound(PROFILES[self._header["task"]["timing"]].delay_factor)
+        score = None if self._outcome is None else self._outcome["score"]
+        found = [None if score is None else score[n] for n in ("points", "served", "expired")]
+        return (*(None if each is None else _bounded(each, INT32) for each in (*found, bound)),)
 
 
 def _bounded(number: int, limit: int = INT64) -> int:

@@ -169,6 +169,12 @@ MEASURES = Table(
     Column("steps_to_go_least", Integer, doc="lower bound on the steps from the end to the goal"),
     Column("steps_to_go_most", Integer, doc="upper bound on the same; null if unknown"),
     Column("out_of_reach", Boolean, doc="whether no plan reaches the goal; null if not computed"),
+    Column("score", Integer, doc="points of a [shift](shifts.md); null if unfinished or no shift"),
+    Column("served", Integer, doc="orders served in a shift; null like `score`"),
+    Column("expired", Integer, doc="orders that expired in a shift; null like `score`"),
+    Column("score_bound", Integer,
+           doc="points that nobody can exceed in a shift: each order is served a step after its "
+               "arrival; null if no shift"),
 )  # fmt: skip
 
 VIEWS = MetaData()
@@ -186,7 +192,7 @@ EPISODE_SEATS = Table(
     VIEWS,
     Column("episode_id", BigInteger, nullable=False, doc="`episodes.id`"),
     *_same(EPISODES, "episode", "state", "created", "started", "ended", "task", "clock", "reason"),
-    *_same(MEASURES, "success"),
+    *_same(MEASURES, "success", "score"),
     *_same(EPISODES, "steps", "seconds", "active_seconds"),
     *_same(SEATS, "seat", "player", "name", "kind", "participant", "acted", "busy", "waiting",
            "idle", "away", "substituted", "waits", "unused", "hindered", "lost", "invalid",

@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
+from robotouille import World
 from robotouille.episode import ActionRequest, Chat, Clock, Episode, PauseReason, Rules
 from robotouille.errors import RecordingError
 from robotouille.planning.beam.opportunities import Opportunities
@@ -31,6 +32,7 @@ from robotouille_evaluation.metrics.outcomes import repeated_transitions
 from robotouille_evaluation.metrics.trajectory import Trajectory
 from tests.support.games import TWO, record
 from tests.support.random_play import random_stream
+from tests.support.shifts import example
 
 SEEDS = range(6)
 Rows = dict[str, list[dict[str, Any]]]
@@ -155,7 +157,7 @@ def test_declared_waits_and_useful_steps_are_counted_for_all_kinds_alike() -> No
 
 
 def test_optimal_episode_has_optimality_rate_1() -> None:
-    from robotouille import World, load_task
+    from robotouille import load_task
     from robotouille.certification.certificate import load_certificate
     from robotouille.planning.plan import read_plan
 
@@ -172,6 +174,35 @@ def test_optimal_episode_has_optimality_rate_1() -> None:
     assert measures["success"] is True
     assert measures["fewest_steps"] == certificate.length
     assert measures["optimality_rate"] == 1.0
+
+
+def test_shift_has_a_score_instead_of_a_success() -> None:
+    world = World(example(seats=1, seed=3))
+    assert world.shift is not None
+    episode = Episode(world, Rules(clock=Clock.LOCKSTEP))
+    episode.join("robot1", "ada", "bot", now=0.0)
+    for seq in range(1, world.shift.steps + 1):
+        episode.submit("robot1", ActionRequest(seq, None), float(seq))
+    stream = record(episode, episode.events())
+    (measures,) = rows_of(stream)["measures"]
+    score = Recording(stream).outcome["score"]
+    assert measures["success"] is None
+    assert measures["score"] == score["points"] < 0
+    assert (measures["served"], measures["expired"]) == (0, score["expired"])
+    assert measures["score_bound"] == world.shift.bound > 0
+
+
+def test_abandoned_shift_has_no_success() -> None:
+    episode = Episode(World(example(seats=1)), Rules(clock=Clock.LOCKSTEP))
+    episode.join("robot1", "ada", "bot", now=0.0)
+    episode.abort(1.0, "no more time")
+    (measures,) = rows_of(record(episode, episode.events()))["measures"]
+    assert (measures["success"], measures["score"]) == (None, 0)
+
+
+def test_other_tasks_have_no_score() -> None:
+    (measures,) = rows_of(random_stream(1))["measures"]
+    assert {measures[name] for name in ("score", "served", "expired", "score_bound")} == {None}
 
 
 def test_recording_without_footer_is_unfinished() -> None:

@@ -242,7 +242,13 @@ def test_unknown_labels_get_a_suggestion(
 
 
 def random_catalogue(
-    folder: Path, count: int, *, groups: int = 2, text: str = "", delay: int = 0
+    folder: Path,
+    count: int,
+    *,
+    groups: int = 2,
+    text: str = "",
+    delay: int = 0,
+    score: tuple[int, int, int, int] | None = None,
 ) -> str:
     """Return a database of random episodes without recordings."""
     rng = random.Random(0)
@@ -266,13 +272,21 @@ def random_catalogue(
         rows[LABELS].append((number, text or "condition", text or f"c{number % groups}"))
         if not text:
             rows[LABELS].append((number, "round", str(1 + number % 3)))
-        rows[MEASURES].append((number, won, None, None, 0, 0, None, None, None))
+        success, scored = (won, [None] * 4) if score is None else (None, score)
+        rows[MEASURES].append((number, success, None, None, 0, 0, *[None] * 3, *scored))
     database = str(folder / "c.sqlite")
     with writing_engine(database_url(database, folder)).begin() as connection:
         migrate(connection)
         for table, values in rows.items():
             insert(connection, table, values)
     return database
+
+
+def test_page_shows_scores_of_shifts(tmp_path: Path) -> None:
+    page = page_of(tmp_path, random_catalogue(tmp_path, 6, score=(157, 6, 2, 314)))
+    assert "Scores of shifts" in page
+    assert "c0 3 157 (157–157) 50 (50–50) 6.0 2.0" in text_of(page)
+    assert "157 points" in text_of(page)
 
 
 @pytest.mark.slow

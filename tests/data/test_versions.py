@@ -27,7 +27,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "later"
-down_revision = "0001"
+down_revision = "0002"
 
 def upgrade():
     op.add_column("episodes", sa.Column("later", sa.Text()))
@@ -68,6 +68,22 @@ def test_earlier_version_is_migrated_and_later_version_refused(
         check_version(connection)
     with pytest.raises(CatalogueError, match="later version"), engine.begin() as connection:
         migrate(connection)
+
+
+def test_catalogue_without_scores_keeps_its_rows(database: str, tmp_path: Path) -> None:
+    first, engine = tmp_path / "first", writing_engine(database_url(database, Path()))
+    shutil.copytree(MIGRATIONS, first, ignore=shutil.ignore_patterns("__pycache__", "v0002*"))
+    with engine.begin() as connection:
+        migrate(connection, first)
+        connection.exec_driver_sql(
+            "INSERT INTO measures (episode_id, repeated_transitions, blocking) VALUES (7, 2, 1)"
+        )
+    with engine.begin() as connection:
+        migrate(connection)
+    with engine.connect() as connection:
+        rows = connection.exec_driver_sql("SELECT episode_id, blocking, score FROM measures")
+        assert rows.all() == [(7, 1, None)]
+        assert connection.exec_driver_sql("SELECT score FROM episode_seats").all() == []
 
 
 def test_failed_migration_is_rolled_back(database: str, tmp_path: Path) -> None:

@@ -31,11 +31,26 @@ MAX_PLAYERS = 4
 KINDS = {"human": "people", "bot": "bots", "model": "models", "": "nobody"}
 
 
+class ShiftScore(NamedTuple):
+    """Score of a finished shift. `bound` are the points that nobody can exceed."""
+
+    points: int
+    served: int
+    expired: int
+    bound: int | None
+
+    @property
+    def share(self) -> float | None:
+        """Share of the points that nobody can exceed; None if they are unknown or 0."""
+        return self.points / self.bound if self.bound else None
+
+
 @dataclass(frozen=True, slots=True)
 class EpisodeFacts:
     """One episode.
 
     Attributes:
+        score: Score of a finished shift; None for other episodes.
         group: Value of the label that is compared, or None without the label.
         path: Path of the recording.
     """
@@ -51,6 +66,7 @@ class EpisodeFacts:
     seconds: float
     success: bool | None
     optimality: float | None
+    score: ShiftScore | None
     group: str | None
     pair: str | None
     round: str | None
@@ -161,14 +177,18 @@ def _episodes(connection: Connection, ids: Sequence[int], by: str) -> Iterator[E
     its, measured = EPISODES.c, MEASURES.c
     query = sa.select(
         its.id, its.episode, its.task, its.clock, its.created, its.state, its.reason, its.steps,
-        its.seconds, measured.success, measured.optimality_rate,
+        its.seconds, measured.success, measured.optimality_rate, measured.score, measured.served,
+        measured.expired, measured.score_bound,
     )  # fmt: skip
     joined = EPISODES.join(MEASURES, measured.episode_id == its.id)
     wanted = query.select_from(joined).where(its.id.in_(ids)).order_by(its.id)
-    for row in connection.execute(wanted):
+    rows: Any = connection.execute(wanted)
+    for row in rows:
+        score = None if row.score is None else ShiftScore(*row[-len(ShiftScore._fields) :])
         own = labels.get(row.id, {})
         names = (own.get(by), own.get("pair"), own.get("round"))
-        yield EpisodeFacts(*row, *names, paths.get(row.id))
+        known = (*row[: -len(ShiftScore._fields)], score, *names, paths.get(row.id))
+        yield EpisodeFacts(*known)
 
 
 def _labels(

@@ -67,7 +67,7 @@ def all_figures(groups: Sequence[Group]) -> dict[str, ReportFigure]:
 
 
 def _outcomes(groups: Sequence[Group]) -> ReportFigure | None:
-    if not any(group.episodes for group in groups):
+    if not any(success_rate(group.episodes) for group in groups):
         return None
 
     def draw(figure: Figure) -> None:

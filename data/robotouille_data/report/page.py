@@ -206,6 +206,14 @@ class _Content:
             "1 is best.",
             with_figures(tables.outcomes_table(shown, by), "outcomes"),
         )  # fmt: skip
+        if any(each.score is not None for group in shown for each in group.episodes):
+            yield Section(
+                "scores", "Scores of shifts",
+                "Shifts have no goal, so they are not in the table above. Points and their share "
+                "of the upper bound are medians with 95 % bootstrap intervals. The upper bound "
+                "counts every order as served in the step after its arrival.",
+                with_figures(tables.scores_table(shown, by)),
+            )  # fmt: skip
         yield Section(
             "activities", "Activities",
             "Idle: the seat could act but had no action. Waiting: its action was rejected, it was "
@@ -345,8 +353,11 @@ def _recording(episode: EpisodeFacts, folder: Path) -> TableRow:
     near = "" if episode.path is None else relpath(episode.path, folder)
     command = f"robotouille replay play {shlex.quote(near)}" if near else ""
     result = (episode.reason or episode.state).replace("_", " ")
+    if episode.score is not None:
+        result += f", {episode.score.points:,} points"
+    css = "won" if episode.success else "lost" if episode.score is None else ""
     return TableRow((
         Cell(episode.name, link=quote(near)), episode.pair or "", episode.round or "",
-        Cell(result, css="won" if episode.success else "lost"), f"{episode.steps:,}",
+        Cell(result, css=css), f"{episode.steps:,}",
         Cell(command, code=bool(command)),
     ))  # fmt: skip

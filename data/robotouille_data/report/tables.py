@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from operator import attrgetter
+from typing import TypeVar
 
 from robotouille.html_report.intervals import Interval, median_interval
 from robotouille.html_report.page import Table, TableRow
@@ -17,6 +18,7 @@ from robotouille_data.report.figures import (
     success_rate,
 )
 
+Fact = TypeVar("Fact")
 WORDS = frozenset({"tasks", "player", "played by"})
 
 
@@ -62,6 +64,27 @@ def outcomes_table(groups: Sequence[Group], by: str) -> Table:
         ))  # fmt: skip
     named = (f"ended by {reason.replace('_', ' ')}" for reason in reasons)
     return _table((by, "goal reached, %", "steps to the goal", "optimality rate", *named), rows)
+
+
+def scores_table(groups: Sequence[Group], by: str) -> Table:
+    """Return the points of finished shifts, and their served and expired orders."""
+    rows = []
+    for group in groups:
+        found = [(e.score, e.cluster) for e in group.episodes if e.score is not None]
+        scores, clusters = [score for score, _ in found], [own for _, own in found]
+        shares = [(score.share, own) for score, own in found if score.share is not None]
+        share = median_interval([each for each, _ in shares], [own for _, own in shares])
+        rows.append((
+            group.name,
+            f"{len(scores):,}",
+            _interval(median_interval([s.points for s in scores], clusters), "{:,.0f}".format),
+            _interval(share, _percent),
+            _mean(scores, attrgetter("served")),
+            _mean(scores, attrgetter("expired")),
+        ))  # fmt: skip
+    columns = (by, "shifts", "points", "of the upper bound, %", "served per shift",
+               "expired per shift")  # fmt: skip
+    return _table(columns, rows)
 
 
 def activities_table(groups: Sequence[Group], by: str) -> Table:
@@ -148,8 +171,8 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f}"
 
 
-def _mean(seats: Sequence[SeatFacts], value: Callable[[SeatFacts], int]) -> str:
-    return f"{sum(map(value, seats)) / len(seats):.1f}" if seats else "–"
+def _mean(facts: Sequence[Fact], value: Callable[[Fact], int]) -> str:
+    return f"{sum(map(value, facts)) / len(facts):.1f}" if facts else "–"
 
 
 def _some(names: set[str], most: int = 2) -> str:

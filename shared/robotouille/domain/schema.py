@@ -349,6 +349,18 @@ class Shift(Schema):
     stars: dict[SeatCount, tuple[Points, Points, Points]] = {}
     planner: dict[SeatCount, int] = {}
 
+    def bound(self, delay_factor: int) -> int | None:
+        """Return the points that nobody can exceed; None if no orders have been drawn.
+
+        Every order is served in the step after its arrival.
+        """
+        if isinstance(self.arrivals, Arrivals):
+            return None
+        dishes = [self.menu[each.dish] for each in self.arrivals if each.at < self.steps]
+        patience = [dish.patience * delay_factor for dish in dishes]
+        pairs = zip(dishes, patience, strict=True)
+        return sum(dish.points + dish.tip * (steps - 1) // steps for dish, steps in pairs)
+
     @model_validator(mode="after")
     def _stars_ascend(self) -> Shift:
         for seats, (one, two, three) in self.stars.items():

@@ -8,7 +8,6 @@ seed are the same whatever the players do.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import cached_property
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -82,6 +81,7 @@ class ShiftRules:
         menu: The dishes by name.
         most_open: The largest number of open orders.
         steps: The length of the shift.
+        bound: Points that nobody can exceed.
         initial: The orders in the initial state.
     """
 
@@ -91,6 +91,7 @@ class ShiftRules:
         self.menu = shift.menu
         self.most_open = shift.most_open
         self.steps = shift.steps * self._factor
+        self.bound = shift.bound(self._factor) or 0
         # `build_task` has drawn the orders.
         self._arrivals = tuple(each for each in shift.arrivals if isinstance(each, Arrival))
         self._goals = {
@@ -143,13 +144,6 @@ class ShiftRules:
         """Return the points for an open order whose dish is served at a time."""
         dish, left = self.dish(order.number), max(0, order.due - time)
         return dish.points + dish.tip * left // self.patience(order.number)
-
-    @cached_property
-    def bound(self) -> int:
-        """Points that nobody can exceed: every order is served in the step after its arrival."""
-        names = (each.dish for each in self._arrivals if each.at * self._factor < self.steps)
-        served = (OpenOrder(n, self.patience_for(name)) for n, name in enumerate(names))
-        return sum(self.worth(order, 1) for order in served)
 
     def over(self, orders: Orders) -> bool:
         """Return whether the shift has ended."""
