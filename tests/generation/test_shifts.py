@@ -40,7 +40,7 @@ def stored(problem: ProblemFile) -> Counter[tuple[str, int, str]]:
 
 def test_kitchen_menu_and_orders_change_with_the_seed(tmp_path: Path) -> None:
     original = load_task(short(tmp_path))
-    drawn = [generator_of(original).draw(seed) for seed in range(1, 13)]
+    drawn = [generator_of(original).draw(seed) for seed in range(1, 7)]
     assert len({each.text for each in drawn}) == len(drawn)
     assert original.problem.shift is not None
     menus = set()

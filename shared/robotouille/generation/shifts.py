@@ -136,7 +136,7 @@ def varied(shift: Shift, rng: SeededRng) -> Shift:
 def _arrivals(
     times: Sequence[int], dishes: Sequence[str], steps: int, rng: SeededRng
 ) -> list[Arrival]:
-    """Return orders from the first one's time on, at intervals in the range of the given times."""
+    """Return orders at random intervals, which lie in the range of the intervals of `times`."""
     intervals = [later - earlier for earlier, later in pairwise(sorted(times))] or [steps]
     low, high = max(1, min(intervals)), max(1, *intervals)
     found, at = [Arrival(at=min(times), dish=rng.one_of(dishes))], min(times)

@@ -63,11 +63,11 @@ def test_run_is_played_and_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_shifts_have_scores_instead_of_successes(tmp_path: Path) -> None:
-    words = ["--tasks", "shifts/04", "--seats", "3", "--agents", "random", "--processes", "1"]
+    words = ["--tasks", "shifts/01", "--seats", "2", "--agents", "random", "--processes", "1"]
     result = called("run", tmp_path / "run", *words)
     assert result.exit_code == 0, result.output
     (row,) = RunFolder(tmp_path / "run").rows()
-    assert (row.dataset, row.seats, row.budget.rule) == ("shifts", 3, "shift")
+    assert (row.dataset, row.seats, row.budget.rule) == ("shifts", 2, "shift")
     assert row.score is not None and row.score.planner is not None
     heading = next(line for line in result.stderr.splitlines() if line.startswith("agent"))
     assert "score / planner" in heading and "success" not in heading

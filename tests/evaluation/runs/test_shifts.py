@@ -48,7 +48,7 @@ def play(
 
 @pytest.mark.parametrize(
     ("kind", "seats", "real_time"),
-    [("random", 1, None), ("model", 2, None), ("model", 1, RealTime(charge="declared:500"))],
+    [("random", 2, None), ("model", 1, None), ("model", 1, RealTime(charge="declared:500"))],
 )
 def test_score_of_a_row_is_that_of_its_recording(
     tmp_path: Path, kind: str, seats: int, real_time: RealTime | None
