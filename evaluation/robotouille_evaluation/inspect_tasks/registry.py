@@ -23,6 +23,7 @@ from inspect_ai.model import (
     get_model,
     modelapi,
 )
+from inspect_ai.scorer import Metric
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.tool import ToolChoice, ToolInfo
 from inspect_ai.util import LimitExceededError
@@ -35,8 +36,10 @@ from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.inspect_tasks.samples import (
     METRICS,
     OUT,
+    SHIFT_METRICS,
     STEPS_TO_GO_METRICS,
     STRATEGY,
+    ShiftTaskOptions,
     TaskOptions,
     TeamTaskOptions,
     keep_row,
@@ -65,7 +68,7 @@ from robotouille_evaluation.runs import (
     play_job,
 )
 
-__all__ = ["MockModel", "asynchronous", "multi_agent", "outcome", "play", "synchronous"]
+__all__ = ["MockModel", "asynchronous", "multi_agent", "outcome", "play", "shifts", "synchronous"]
 
 
 @task
@@ -92,7 +95,15 @@ def multi_agent(options: TeamTaskOptions) -> Task:
     return _task("multi_agent", options)
 
 
-def _task(dataset: str, options: TaskOptions) -> Task:
+@task
+@of_distribution
+@options_from(ShiftTaskOptions)
+def shifts(options: ShiftTaskOptions) -> Task:
+    """Return the tasks whose orders arrive over time, with points instead of a goal."""
+    return _task("shifts", options, SHIFT_METRICS)
+
+
+def _task(dataset: str, options: TaskOptions, metrics: dict[str, list[Metric]] = METRICS) -> Task:
     pack = load_pack(options.pack)
     return Task(
         dataset=samples(pack, dataset, options),
@@ -100,7 +111,7 @@ def _task(dataset: str, options: TaskOptions) -> Task:
             options.strategy, options.pack, options.pictures, options.steps_to_go, options.out
         ),
         scorer=outcome(),
-        metrics=METRICS | STEPS_TO_GO_METRICS if options.steps_to_go else None,
+        metrics=metrics | STEPS_TO_GO_METRICS if options.steps_to_go else metrics,
         # A model error ends its own episode, and the other episodes go on.
         fail_on_error=False,
         version=pack.version,

@@ -14,9 +14,9 @@ from inspect_ai.scorer import Metric, Score, Scorer, Target, accuracy, mean, sco
 from inspect_ai.solver import TaskState
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
-from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded
+from robotouille_evaluation.metrics.outcomes import optimality_rate, score_share, succeeded
 from robotouille_evaluation.metrics.rows import ResultRow
-from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.own import SHIFTS, build_own_pack, build_shift_pack
 from robotouille_evaluation.packs.pack import InstanceKind, Pack
 from robotouille_evaluation.packs.store import read_pack
 from robotouille_evaluation.runs.job_list import AgentSpec, EpisodeJob, JobOptions, plan_jobs
@@ -68,6 +68,18 @@ class TeamTaskOptions(TaskOptions):
     seats: int | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class ShiftTaskOptions(TeamTaskOptions):
+    """Parameters of the task `shifts`.
+
+    Attributes:
+        pack: Folder of a pack; by default, the built-in pack of shifts.
+    """
+
+    pack: str = SHIFTS
+    kinds: Words = "default"
+
+
 def of_distribution(function: Callable[P, R]) -> Callable[P, R]:
     """Make Inspect register a function as `robotouille/NAME`.
 
@@ -80,7 +92,9 @@ def of_distribution(function: Callable[P, R]) -> Callable[P, R]:
 
 @lru_cache(maxsize=2)
 def load_pack(folder: str) -> Pack:
-    """Return the pack of a folder, or the built-in pack."""
+    """Return the pack of a folder, or a built-in pack: of shifts if `shifts` is no folder."""
+    if folder == SHIFTS and not Path(folder).is_dir():
+        return build_shift_pack()
     return read_pack(Path(folder)) if folder else build_own_pack()
 
 
@@ -135,13 +149,23 @@ def _sample(pack: Pack, job: EpisodeJob) -> Sample:
         ),
     }
     goal = pack.load(instance, seats=job.seats).goal_description
-    target = f"The goal in at most {budget.max_steps} steps."
+    target = (
+        f"As many points as possible in {budget.max_steps} steps."
+        if job.budget == "shift"
+        else f"The goal in at most {budget.max_steps} steps."
+    )
     return Sample(input=goal, target=target, id=instance.id, metadata=metadata)
 
 
 METRICS: dict[str, list[Metric]] = {
     "success": [accuracy(), stderr()],
     "optimality_rate": [mean(), stderr()],
+    "invalid": [mean()],
+    "malformed": [mean()],
+}
+SHIFT_METRICS: dict[str, list[Metric]] = {
+    "score_share": [mean(), stderr()],
+    "points": [mean()],
     "invalid": [mean()],
     "malformed": [mean()],
 }
@@ -168,7 +192,7 @@ def outcome() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
         raw = state.store.get(ROW)
         if raw is None:
-            none = dict.fromkeys([*METRICS, *STEPS_TO_GO_METRICS], nan)
+            none = dict.fromkeys([*METRICS, *SHIFT_METRICS, *STEPS_TO_GO_METRICS], nan)
             why = "the episode was cancelled before it had a row"
             return Score(value={**none, "success": 0}, answer="broken off", explanation=why)
         row = ResultRow.model_validate(raw)
@@ -184,16 +208,16 @@ def outcome() -> Scorer:
 
 def _values(row: ResultRow) -> dict[str, str | int | float | bool | None]:
     found: dict[str, str | int | float | bool | None] = {
-        "success": int(succeeded(row)),
         "invalid": row.counts.invalid,
         "malformed": row.counts.malformed,
-    }
-    undefined = {
-        "optimality_rate": optimality_rate(row),
         "steps_to_go_least": row.measures.to_go_least,
         "steps_to_go_most": row.measures.to_go_most,
     }
-    return found | {name: nan if value is None else value for name, value in undefined.items()}
+    if row.score is None:
+        found |= {"success": int(succeeded(row)), "optimality_rate": optimality_rate(row)}
+    else:
+        found |= {"score_share": score_share(row), "points": row.score.points}
+    return {name: nan if value is None else value for name, value in found.items()}
 
 
 def _explanation(row: ResultRow) -> str:
@@ -205,6 +229,10 @@ def _explanation(row: ResultRow) -> str:
         f"{row.outcome.ended_by} after {row.outcome.steps} of {row.budget.steps} steps{optimum}",
         f"{row.counts.calls} calls, {row.counts.invalid} invalid and "
         f"{row.counts.malformed} malformed answers",
+        ""
+        if row.score is None
+        else f"{row.score.points} points, {row.score.served} served and "
+        f"{row.score.expired} expired orders; planner bots earn {row.score.planner} points",
         f"error: {row.error}" if row.error else "",
     ]
     return "\n\n".join(filter(None, lines))

@@ -176,6 +176,18 @@ def test_success_is_scored_and_recorded(tmp_path: Path, evaluate: Evaluate) -> N
     assert row.usage.prompt_tokens == 10 * row.counts.calls
 
 
+def test_shifts_are_scored_by_points(tmp_path: Path, evaluate: Evaluate) -> None:
+    log = evaluate(task(tmp_path, "shifts/02_burger_stand"), lambda _: "I do not know.")
+    sample = only(log)
+    (row,) = RunFolder(recording(sample).parents[1]).rows()
+    assert row.score is not None and row.score.planner is not None
+    found = value(sample)
+    assert found["points"] == row.score.points < 0
+    assert found["score_share"] == row.score.points / row.score.planner
+    assert "success" not in found
+    assert sample.target == "As many points as possible in 240 steps."
+
+
 def test_metadata_of_samples(tmp_path: Path) -> None:
     made = task(tmp_path, kinds=["default", "noisy"])
     assert made.name == "robotouille/synchronous"
