@@ -92,7 +92,7 @@ def of_distribution(function: Callable[P, R]) -> Callable[P, R]:
 
 @lru_cache(maxsize=2)
 def load_pack(folder: str) -> Pack:
-    """Return the pack of a folder, or a built-in pack: of shifts if `shifts` is no folder."""
+    """Return the pack of a folder, else the built-in pack of shifts or of tasks with goals."""
     if folder == SHIFTS and not Path(folder).is_dir():
         return build_shift_pack()
     return read_pack(Path(folder)) if folder else build_own_pack()
