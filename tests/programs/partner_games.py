@@ -2,9 +2,10 @@
 
     python -m tests.programs.partner_games --skill partner --person helpful --person idle
 
-Each game is played in real time at five steps a second, without planning time. A bot stands still
-if no bot does anything for ten seconds, no effect runs, and the bots alone could still reach the
-goal or come nearer to it.
+Each game is played in real time at five steps a second, without planning time. The bots stand
+still if none of them does anything for ten seconds, no effect runs, and they alone could still
+reach the goal or come nearer to it. Next to a person who does nothing, a game is slow if it takes
+more than twice as long as a careful plan for the bots alone, carried out with the same skill.
 """
 
 from __future__ import annotations
@@ -13,16 +14,17 @@ import argparse
 import itertools
 import random
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from robotouille import GroundAction, State, World, load_task
+from robotouille import GroundAction, State, World, load_task, task_names
 from robotouille.domain.rendering import language_of
+from robotouille.domain.task import Task
 from robotouille.episode import Clock
 from robotouille.planning.plan import Plan
-from robotouille.planning.policies.aside import holds, put_down, with_others_aside
+from robotouille.planning.policies.aside import after, holds, put_down, with_others_aside
 from robotouille.planning.policies.deferral import can_begin
 from robotouille.planning.policies.policy import Did, Policy, Script, Speech, does_something
 from robotouille.planning.policies.skill import SKILLS, Skill, SkilledPolicy
@@ -33,6 +35,7 @@ from robotouille.planning.policies.standing import (
 )
 from robotouille.planning.policies.team_plan import BRIEF, HURRIED
 from robotouille.planning.policies.team_talk import requested
+from robotouille.planning.shift import DishPlanner
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.presentation.wording import Wording
 from tests.support.team_games import Idle, TeamGame, play_team
@@ -40,10 +43,12 @@ from tests.support.team_games import Idle, TeamGame, play_team
 RATE = 5.0
 """Steps per second."""
 STANDSTILL = int(10 * RATE)
-LIMIT = 1_500
+LIMIT, SHIFT = 1_500, 10_000
 OBVIOUS = 6
 """Steps of a plan that people see at once."""
-TASKS = [f"{number:02}" for number in range(1, 11)]
+SLOW = 2
+"""Ratio to the length of a planned game from which a game is slow."""
+TASKS = [n for n in task_names() if n.startswith(("multi_agent/", "shifts/"))]
 
 
 class Wanderer(Idle):
@@ -82,23 +87,30 @@ class Hoarder(Wanderer):
         return super().act(state)
 
 
-class Blocker(Idle):
-    """Walks to the stove (or another place of work) and stays there for a minute."""
-
-    def __init__(self, player: str, seed: int) -> None:
-        super().__init__(player)
-        self._step = 0
+class Keeper(Hoarder):
+    """Picks up the first thing it finds, and carries it around to the end."""
 
     def act(self, state: State) -> GroundAction | None:
-        self._step += 1
-        walks = [a for a in state.actions(self.player) if a.destination]
-        here = standing_at(state, self.player) or ""
-        if self._step > 60 * RATE:
+        self._step = 0
+        return super().act(state)
+
+
+class Blocker(Idle):
+    """Walks to a place of work and stays there, for some steps or to the end."""
+
+    def __init__(self, player: str, kinds: tuple[str, ...], steps: int = sys.maxsize) -> None:
+        super().__init__(player)
+        self._kinds, self._steps = kinds, steps
+
+    def act(self, state: State) -> GroundAction | None:
+        self._steps -= 1
+        if self._steps < 0:
             away = walks_out_of_the_way(state, self.player)
             return away[0] if away else None
-        if here.startswith(("stove", "fryer")):
+        if (standing_at(state, self.player) or "").startswith(self._kinds):
             return None
-        wanted = [w for w in walks if str(w.destination).startswith(("stove", "fryer"))]
+        walks = [a for a in state.actions(self.player) if a.destination]
+        wanted = [w for w in walks if str(w.destination).startswith(self._kinds)]
         return wanted[0] if wanted else None
 
 
@@ -204,16 +216,27 @@ class Newcomer:
         return self._policy.act(state)
 
 
+STOVES, COUNTERS = ("stove", "fryer"), ("hatch",)
+
+
 def person(kind: str, world: World, player: str, seed: int) -> Policy:
     """Return a simulated person."""
-    if kind == "helpful":
-        return Newcomer(world, player, seed)
-    if kind == "idle":
-        return Idle(player)
-    return {"wandering": Wanderer, "hoarding": Hoarder, "blocking": Blocker}[kind](player, seed)
+    made: dict[str, Callable[[], Policy]] = {
+        "idle": lambda: Idle(player),
+        "wandering": lambda: Wanderer(player, seed),
+        "hoarding": lambda: Hoarder(player, seed),
+        "keeping": lambda: Keeper(player, seed),
+        "blocking": lambda: Blocker(player, STOVES, int(60 * RATE)),
+        "at_stove": lambda: Blocker(player, STOVES),
+        "at_hatch": lambda: Blocker(player, COUNTERS),
+        "helpful": lambda: Newcomer(world, player, seed),
+    }
+    return made[kind]()
 
 
-PEOPLE = ("idle", "wandering", "hoarding", "blocking", "helpful")
+PEOPLE = (
+    "idle", "wandering", "hoarding", "keeping", "blocking", "at_stove", "at_hatch", "helpful",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -237,73 +260,162 @@ class Standstill(NamedTuple):
 
 @dataclass
 class Report:
-    """Result of a game: its steps, whether the goal was reached, and standstills of all bots."""
+    """Result of a game.
+
+    `planned` is the number of steps in which the bots can reach the goal next to a person who does
+    nothing; 0 if that is unknown or impossible.
+    """
 
     setting: Setting
     steps: int
     won: bool
     could_win: bool = True
+    planned: int = 0
+    points: int | None = None
     stood: list[Standstill] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the game, or nothing."""
+        slow = 0 < self.planned * SLOW < self.steps
+        still = any(each.work for each in self.stood)
+        lost = not self.won and self.could_win
+        return " ".join(["LOST"] * lost + ["SLOW"] * slow + ["STILL"] * still)
+
+    def __str__(self) -> str:
+        """Return a line about the game."""
+        where = self.setting
+        result = "won" if self.won else "lost"
+        if self.points is not None:
+            result = f"{self.points} points"
+        return (
+            f"{where.task}@{where.seats} {where.person:10} {where.seed} {self.steps:5} "
+            f"{result:10} {self.fault}"
+            + (f"  planned {self.planned}" if self.planned else "")
+            + "".join(f"  still {a}+{n} {work or '-'}" for a, n, work in self.stood)
+        )
 
 
 def play(setting: Setting) -> Report:
     """Play one game."""
-    task = load_task(f"multi_agent/{setting.task}@{setting.seats}", timing="people")
+    task = load_task(setting.task, seats=setting.seats, timing="people")
     world = World(task)
     people = {}
     if setting.person != "nobody":
         # The window gives a person this seat, too.
         seat = seat_out_of_the_way(world.initial)
         people[seat] = person(setting.person, world, seat, setting.seed)
-    game = play_team(
+    bots = [p for p in world.players if p not in people]
+    game = _game(task, people, setting)
+    assert game.outcome is not None
+    shift = world.shift is not None
+    won = shift or game.outcome.reason.value == "goal"
+    report = Report(setting, len(game.steps), won)
+    report.said = [f"{step} {player}: {text}" for step, player, text in game.said]
+    kitchen = Kitchen(world, bots)
+    report.stood, last = standstills(kitchen, game)
+    if game.outcome.score is not None:
+        report.points = game.outcome.score.points
+    elif setting.person == "idle":
+        report.planned = planned_length(task, people, setting, bots)
+        report.could_win = report.planned > 0
+    elif not won:
+        report.could_win = kitchen.possible(last) == "goal"
+    return report
+
+
+def _game(task: Task, others: Mapping[str, Policy], setting: Setting) -> TeamGame:
+    return play_team(
         task,
-        people,
+        others,
         clock=Clock.REALTIME,
-        limit=LIMIT,
+        limit=LIMIT if task.problem.shift is None else SHIFT,
         skill=SKILLS[setting.skill],
         step_rate=RATE,
         seed=setting.seed,
     )
-    assert game.outcome is not None
-    won = game.outcome.reason.value == "goal"
-    report = Report(setting, len(game.steps), won)
-    report.said = [f"{step} {player}: {text}" for step, player, text in game.said]
-    bots = [p for p in world.players if p not in people]
-    report.stood, last = standstills(world, game, bots)
-    if not won:
-        report.could_win = _plan_for(AnytimePlanner(World(task)), last, bots) == "goal"
-    return report
 
 
-def standstills(
-    world: World, game: TeamGame, bots: Sequence[str]
-) -> tuple[list[Standstill], State]:
+def planned_length(
+    task: Task, people: Mapping[str, Policy], setting: Setting, bots: Sequence[str]
+) -> int:
+    """Return the steps of a game in which all bots follow one careful plan; 0 without a plan."""
+    start = World(task).initial
+    plan = _plan(AnytimePlanner(World(task)), start, tuple(sorted(bots)))
+    if plan is None:
+        return 0
+    skill, seed = SKILLS[setting.skill], setting.seed
+    scripts = {
+        p: SkilledPolicy(Script(p, plan, start), p, skill, step_seconds=1 / RATE, seed=seed)
+        for p in bots
+    }
+    return len(_game(task, {**people, **scripts}, setting).steps)
+
+
+class Kitchen:
+    """The work that the bots of a game can do alone, for the goal or for an open order."""
+
+    def __init__(self, world: World, bots: Sequence[str]) -> None:
+        self.world = world
+        self.bots = tuple(sorted(bots))
+        self._dishes: dict[str, DishPlanner] = {}
+        if world.shift is None:
+            self._anytime = AnytimePlanner(World(world.task))
+        else:
+            self._dishes = {name: DishPlanner(world, name) for name in world.shift.menu}
+
+    def possible(self, state: State) -> str:
+        """Return what the bots could do alone: reach the goal, some of the work, or nothing."""
+        found = {_work(anytime, here, self.bots) for anytime, here in self._tasks(state)}
+        return next((work for work in ("goal", "work") if work in found), "")
+
+    def _tasks(self, state: State) -> Iterator[tuple[AnytimePlanner, State]]:
+        if self.world.shift is None or state.orders is None:
+            yield self._anytime, state
+            return
+        for name in sorted({self.world.shift.dish_name(each.number) for each in state.orders.open}):
+            yield self._dishes[name].anytime, self._dishes[name].state(state)
+
+
+def standstills(kitchen: Kitchen, game: TeamGame) -> tuple[list[Standstill], State]:
     """Return all standstills, and the last state."""
-    anytime = AnytimePlanner(World(world.task))
-    state, still = world.initial, 0
+    state, still = kitchen.world.initial, 0
     found: list[Standstill] = []
     for number, did in enumerate(game.steps):
-        acted = any(p in bots and ok and does_something(a) for p, a, ok in did)
+        acted = any(p in kitchen.bots and ok and does_something(a) for p, a, ok in did)
         running = any(row.timed and row.running for row in state.progress())
-        busy = any(state.busy_steps(p) for p in bots)
-        still = 0 if acted or running or busy else still + 1
+        busy = any(state.busy_steps(p) for p in kitchen.bots)
+        unordered = state.orders is not None and not state.orders.open
+        still = 0 if acted or running or busy or unordered else still + 1
         if still == STANDSTILL:
-            found.append(Standstill(number - still, still, _plan_for(anytime, state, bots)))
+            found.append(Standstill(number - still, still, kitchen.possible(state)))
         elif still > STANDSTILL:
             found[-1] = found[-1]._replace(steps=still)
         state = state.step([a for _, a, ok in did if ok]).state
     return found, state
 
 
-def _plan_for(anytime: AnytimePlanner, state: State, bots: Sequence[str]) -> str:
-    """Return what the bots could do alone: reach the goal, some of the work, or nothing."""
-    state, team = anytime.in_model(state), tuple(sorted(bots))
-    if _plan(anytime, state, team) is not None:
+def _work(anytime: AnytimePlanner, state: State, bots: tuple[str, ...]) -> str:
+    state = anytime.in_model(state)
+    if _plan(anytime, state, bots) is not None:
         return "goal"
     aside = with_others_aside(state, [p for p in state.world.players if p not in bots])
-    plan = _plan(anytime, aside, team)
-    return "work" if plan is not None and can_begin(plan, aside, state, team) else ""
+    # What a bot holds may keep it from all other work.
+    for bot in ("", *bots):
+        here, there = (_relieved(each, bot) for each in (state, aside))
+        plan = None if there is None else _plan(anytime, there, bots)
+        if plan and here is not None and there is not None and can_begin(plan, there, here, bots):
+            return "work"
+    return ""
+
+
+def _relieved(state: State, player: str) -> State | None:
+    """Return a state after a player has put down everything, or None if that is impossible."""
+    actions = put_down(state, player) if player else ()
+    for action in actions:
+        state = after(state, action)
+    return state if actions or not player else None
 
 
 def _plan(anytime: AnytimePlanner, state: State, team: tuple[str, ...]) -> Plan | None:
@@ -313,19 +425,23 @@ def _plan(anytime: AnytimePlanner, state: State, team: tuple[str, ...]) -> Plan 
 
 def settings(options: argparse.Namespace) -> Iterator[Setting]:
     """Yield all games to play."""
+    tasks = [f"multi_agent/{name}" if "/" not in name else name for name in options.task or TASKS]
     for task, seats, who, seed in itertools.product(
-        options.task or TASKS,
-        options.seats or (2, 3, 4),
+        tasks,
+        options.seats or (1, 2, 3, 4),
         options.person or ("nobody", *PEOPLE),
         range(options.seeds),
     ):
-        yield Setting(task, seats, who, options.skill, seed)
+        alone = seats == 1 and who != "nobody"
+        hatch = who != "at_hatch" or task.startswith("shifts/")
+        if seats in (load_task(task).problem.seats or ()) and not alone and hatch:
+            yield Setting(task, seats, who, options.skill, seed)
 
 
 def main() -> int:
     """Play games and print a line for each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--task", action="append")
+    parser.add_argument("--task", action="append", metavar="NAME")
     parser.add_argument("--seats", action="append", type=int)
     parser.add_argument("--person", action="append", choices=["nobody", *PEOPLE])
     parser.add_argument("--skill", default="partner", choices=list(SKILLS))
@@ -336,15 +452,8 @@ def main() -> int:
     faults = 0
     with ProcessPoolExecutor(options.jobs) as pool:
         for report in pool.map(play, settings(options)):
-            where, result = report.setting, "won" if report.won else "lost"
-            bad = [each for each in report.stood if each.work]
-            faults += bool(bad) or (not report.won and report.could_win)
-            print(
-                f"{where.task}@{where.seats} {where.person:10} {where.seed} "
-                f"{report.steps:5} {result if report.won or not report.could_win else 'LOST'}"
-                + "".join(f"  still {a}+{n} {work or '-'}" for a, n, work in report.stood),
-                flush=True,
-            )
+            faults += bool(report.fault)
+            print(report, flush=True)
             if options.talk:
                 print("\n".join(report.said))
     print(f"{faults} faults")

@@ -160,7 +160,9 @@ def _new_bot(world: World, options: PlannerOptions) -> Callable[[str], Policy]:
     """Return a function that makes the bot of a seat; all share what they learn of the kitchen."""
     if world.shift is not None:
         dishes: dict[str, DishPlanner] = {}
-        return lambda player: ShiftPolicy(world, player, options, dishes=dishes)
+        return lambda player: ShiftPolicy(
+            world, player, options, dishes=dishes, start=world.initial
+        )
     anytime = SharedPlanner(World(world.task))
     return lambda player: PlannerPolicy(
         world, player, options, start=world.initial, anytime=anytime

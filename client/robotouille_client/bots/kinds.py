@@ -141,7 +141,7 @@ def _planner_maker(seed: int, words: Language | None = None) -> MakePolicy:
     def make(state: State, player: str) -> Policy:
         world = state.world
         if world.shift is not None:
-            return ShiftPolicy(world, player, options, dishes=dishes)
+            return ShiftPolicy(world, player, options, dishes=dishes, start=state)
         if world not in known:
             known[world] = AnytimePlanner(World(world.task))
         return PlannerPolicy(world, player, options, start=state, anytime=known[world])

@@ -90,8 +90,8 @@ def test_unknown_skill_is_named() -> None:
     "task", quick_sample(["01", "02", "03", "04", "05", "06", "07", "08", "09", "10"], 4)
 )
 def test_help_shortens_a_game_with_a_partner(task: str) -> None:
-    idle = play(Setting(task, 2, "idle", "partner", 0))
-    helped = play(Setting(task, 2, "helpful", "partner", 0))
+    idle = play(Setting(f"multi_agent/{task}", 2, "idle", "partner", 0))
+    helped = play(Setting(f"multi_agent/{task}", 2, "helpful", "partner", 0))
     assert helped.won
     assert helped.steps < idle.steps
 
@@ -104,6 +104,6 @@ def test_help_shortens_a_game_with_a_partner(task: str) -> None:
     ),
 )
 def test_partners_never_stand_still_while_work_is_possible(task: str, person: str) -> None:
-    report = play(Setting(task, 3, person, "partner", 0))
+    report = play(Setting(f"multi_agent/{task}", 3, person, "partner", 0))
     assert report.won
     assert not [each for each in report.stood if each.work]

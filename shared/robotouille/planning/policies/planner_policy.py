@@ -19,9 +19,8 @@ import random
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
-from robotouille.domain.rendering import NO_WORDS, Language, language_of
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.aside import held_by
@@ -33,6 +32,7 @@ from robotouille.planning.policies.plan_watch import (
     Teammates,
     facts_about,
 )
+from robotouille.planning.policies.planning_model import PlanningModel
 from robotouille.planning.policies.policy import Did, Script, Speech, does_something
 from robotouille.planning.policies.standing import (
     leads_to,
@@ -44,8 +44,6 @@ from robotouille.planning.policies.team_plan import (
     EXPANSIONS,
     NEAR,
     Assumption,
-    TeamPlanner,
-    TeamSearch,
     missing_action,
     station_in_the_way,
 )
@@ -62,8 +60,6 @@ from robotouille.planning.policies.team_talk import (
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, Signal, understood
-from robotouille.world.presentation.wording import Wording
-from robotouille.world.presentation.work import Occupancy
 from robotouille.world.world import State, World
 
 logger = logging.getLogger(__name__)
@@ -137,14 +133,9 @@ class PlannerPolicy:
         # This is a guess until `meet` sets the clock: real-time games use the timing `people`.
         self._hurried = not self._punctual
         self._lockstep = False
-        self._anytime = anytime or AnytimePlanner(World(world.task))
-        # The bots of a team must find the same plan, so they share the seed 0.
-        shared_seed = options.seed if alone or self._only else 0
-        self._search = TeamSearch(self._anytime, shared_seed, options.expansions)
+        self._options = options
         self._silent = alone or self._only
-        self._planner = TeamPlanner(self._anytime, self._search, alone=self._silent)
-        self._world = world
-        self._words = options.words
+        self._model = self._model_of(world, anytime or AnytimePlanner(World(world.task)))
         self._state = start
         self._talk = Talk(silent=self._silent)
         self.anticipating = False
@@ -159,6 +150,42 @@ class PlannerPolicy:
         self._step = self._waited = 0
         self._courtesy = Courtesy(player, self._step_aside)
         self._drop_plan()
+
+    def _model_of(self, world: World, anytime: AnytimePlanner) -> PlanningModel:
+        options = self._options
+        return PlanningModel(
+            world,
+            anytime,
+            # The bots of a team must find the same plan, so they share the seed 0.
+            seed=options.seed if self._silent else 0,
+            expansions=options.expansions,
+            alone=self._silent,
+            words=options.words,
+        )
+
+    def aim_at(
+        self, world: World, anytime: AnytimePlanner, state: State, *, returned: bool = False
+    ) -> None:
+        """Plan for the goal of another world with the same objects, or from another state.
+
+        All seats of a team have to do so in the same step, since they have to plan alike.
+
+        Args:
+            returned: True if the seat was absent, so that the others have to learn its version.
+        """
+        if returned:
+            self._talk.announce()
+        if world is not self._model.world:
+            self._model = self._model_of(world, anytime)
+            self._in_vain.clear()
+            # Members that went astray from the last goal's plan have a new chance.
+            self._team |= {p for p in self._world.players if self._counted_on(p)}
+        self._state = state
+        self._drop_plan()
+
+    def expects(self, facts: int) -> bool:
+        """Return whether the observed actions lead to a state with these facts."""
+        return self._state is not None and self._state.facts == facts
 
     # Events, which arrive in the same order at every seat
 
@@ -206,9 +233,9 @@ class PlannerPolicy:
     def _meaning(self, text: str, state: State) -> Signal | None:
         """Return the signal that a chat message amounts to, if there is one."""
         station = standing_at(state, self.player)
-        if station is not None and requested(text, station, state, self._wording):
+        if station is not None and requested(text, station, state, self._model.wording):
             return Signal(Intent.NEED, station)
-        signal = understood(text, state, self._wording)
+        signal = understood(text, state, self._model.wording)
         if signal is None or signal.intent is not Intent.NEED:
             return signal
         # A text names a kind. It means the object in this seat's hand, if that is one.
@@ -226,7 +253,7 @@ class PlannerPolicy:
     def observe(self, did: Did) -> None:
         """Process all actions of a step. Called once for each step, before `act`."""
         self._step += 1
-        own = [(player, self._own(action), applied) for player, action, applied in did]
+        own = [(player, self._model.own(action), applied) for player, action, applied in did]
         for each, action, applied in own:
             if applied and each not in self._team and does_something(action):
                 self._talk.allow_repetition()
@@ -276,23 +303,18 @@ class PlannerPolicy:
         others = self._outsiders
         missing = None
         if watch.assumption is Assumption.EVERYBODY and watch.is_stuck:
-            missing = missing_action(watch.script, state, others, self._rules)
+            missing = missing_action(watch.script, state, others, self._model.rules)
         elif watch.assumption is not Assumption.OTHERS_ASIDE:
             return None
         if missing is not None:
-            return Speech(appeal(self._own(missing), state, self._wording))
+            return Speech(appeal(self._model.own(missing), state, self._model.wording))
         station = station_in_the_way(watch.script.rest(self._team), state, others)
         return None if station is None else request(station)
 
     def _counted_on(self, player: str) -> bool:
+        if self._options.alone:
+            return player == self.player
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
-
-    def _own(self, action: GroundAction) -> GroundAction:
-        """Return an action of another copy of the world as an action of this one."""
-        if action.source is self._world:
-            return action
-        self._world.admit(action.arguments)
-        return self._world.action(action.name, *action.arguments)
 
     @property
     def _followed(self) -> PlanWatch | None:
@@ -392,7 +414,7 @@ class PlannerPolicy:
         """Make a plan from the state in which it became necessary, and follow it."""
         tried = self._in_vain.get(base.state, 0)
         working = {p for step, p in self._worked if base.step - RECENT < step <= base.step}
-        made = self._planner.make(
+        made = self._model.planner.make(
             base.state, self._team, hurried=self._hurried, tried=tried, working=working
         )
         self._may_improve = False
@@ -415,7 +437,7 @@ class PlannerPolicy:
             base,
             retry=self._retry,
             in_vain=self._in_vain,
-            is_cut_off=self._anytime.is_cut_off,
+            is_cut_off=self._model.anytime.is_cut_off,
         )
         self._needed = None
 
@@ -423,7 +445,7 @@ class PlannerPolicy:
         """Search for a shorter remaining plan of a single seat."""
         # Callers use this only with the timing `benchmark`, because other plan lengths say little
         # about time, and for a single seat, because other seats would have to change their parts.
-        for result in self._search.shorter(state):
+        for result in self._model.search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
                 self._follow_instead(result.plan, state)
             self._may_improve = result.plan is None or self._steps_left > result.bound
@@ -438,7 +460,9 @@ class PlannerPolicy:
     def _improve_together(self, state: State) -> None:
         """Search for a shorter remaining plan. All bots of the team do so in the same step."""
         team = tuple(sorted(self._team))
-        found = self._search.once(state, team, self._planner.effort(team), after=self._step)
+        found = self._model.search.once(
+            state, team, self._model.planner.effort(team), after=self._step
+        )
         if found.plan is not None and len(found.plan) < self._steps_left:
             self._follow_instead(found.plan, state)
         self._may_improve = self._steps_left > NEAR * found.bound
@@ -452,18 +476,13 @@ class PlannerPolicy:
         """Return this seat's part of a new plan."""
         direct = self._hurried and bool(self._outsiders)
         self._steps_left = len(plan)
-        return Script(self.player, plan, self._anytime.in_model(base), direct=direct)
+        return Script(self.player, plan, self._model.anytime.in_model(base), direct=direct)
 
     # Participants outside the team
 
-    @cached_property
-    def _wording(self) -> Wording:
-        """Words for chat messages to people and models."""
-        return Wording(self._world, language_of(self._world.task).with_words(self._words))
-
-    @cached_property
-    def _rules(self) -> Occupancy:
-        return Occupancy(self._world)
+    @property
+    def _world(self) -> World:
+        return self._model.world
 
     @property
     def _outsiders(self) -> list[str]:
@@ -511,5 +530,7 @@ class PlannerPolicy:
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
         may = self._talk.may_announce_actions(self._step, hurried=self._hurried)
         if others and self._state is not None and may:
-            coming = [self._own(each) for each in self._script.coming(ANNOUNCED_ACTIONS)]
-            self._talk.announce_actions(intention(coming, self._state, self._wording), self._step)
+            coming = [self._model.own(each) for each in self._script.coming(ANNOUNCED_ACTIONS)]
+            self._talk.announce_actions(
+                intention(coming, self._state, self._model.wording), self._step
+            )

@@ -16,18 +16,18 @@ from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
-MAX_HEARD = 64
-"""Messages that are repeated to the policy of the next order, such as who plans together."""
+NO_ORDER = -1
 
 
 class ShiftPolicy:
-    """Policy that serves one order after the other, each with a `PlannerPolicy` for its dish.
+    """Policy that aims a `PlannerPolicy` at the dish of one order after the other.
 
-    Every seat chooses the same order, so the bots of a team plan for the same dish.
+    Every seat chooses the same order in the same step, so the bots of a team plan alike.
 
     Args:
         dishes: Planners of the dishes that several policies share, so that each dish is analysed
             once.
+        start: The state from which `observe` follows the game.
     """
 
     def __init__(
@@ -37,39 +37,35 @@ class ShiftPolicy:
         options: PlannerOptions = DEFAULT_OPTIONS,
         *,
         dishes: dict[str, DishPlanner] | None = None,
+        start: State | None = None,
     ) -> None:
         self._rules = rules_of(world)
         self._world = world
-        self._player = player
-        self._options = options
         self._dishes = {} if dishes is None else dishes
-        self._dish: DishPlanner | None = None
-        self._policy: PlannerPolicy | None = None
-        self._order = -1
-        self._met: tuple[dict[str, str], str] | None = None
-        self._heard: list[tuple[str, Speech]] = []
-        self._spoken: set[Speech] = set()
+        self._dish = dish = self._dish_planner(next(iter(self._rules.menu)))
+        self._policy = PlannerPolicy(dish.world, player, options, anytime=dish.anytime)
+        self._state: State | None = None
+        self._order = NO_ORDER
+        if start is not None:
+            self._follow(start)
 
     @property
     def anticipating(self) -> bool:
         """True if the last action relies on another seat's action in the same step."""
-        return self._policy is not None and self._policy.anticipating
+        return self._policy.anticipating
 
     @property
     def waiting(self) -> bool:
         """True if the seat waits for a place or a participant."""
-        return self._policy is not None and waits(self._policy)
+        return self._order != NO_ORDER and waits(self._policy)
 
     def act(self, state: State) -> GroundAction | None:
-        urgent = [] if state.orders is None else state.orders.by_urgency
-        if not urgent:
-            self._order, self._policy = -1, None
+        if state != self._state:
+            # The seat has joined, or returned after an absence.
+            self._follow(state, returned=self._state is not None)
+        if self._order == NO_ORDER:
             return None
-        order = urgent[0]
-        dish = self._dish_planner(self._rules.dish_name(order.number))
-        if self._policy is None or order.number != self._order:
-            self._order, self._dish = order.number, dish
-            self._policy = self._new_policy(dish, state)
+        dish = self._dish
         return dish.shift_action(self._policy.act(dish.state(state)))
 
     def _dish_planner(self, name: str) -> DishPlanner:
@@ -77,42 +73,41 @@ class ShiftPolicy:
             self._dishes[name] = DishPlanner(self._world, name)
         return self._dishes[name]
 
-    def _new_policy(self, dish: DishPlanner, state: State) -> PlannerPolicy:
-        policy = PlannerPolicy(
-            dish.world, self._player, self._options, anytime=dish.anytime, start=dish.state(state)
-        )
-        if self._met is not None:
-            policy.meet(*self._met)
-        for heard in self._heard:
-            policy.hear(*heard)
-        return policy
+    def _follow(self, state: State, *, returned: bool = False) -> None:
+        """Aim at the most urgent order of a state."""
+        self._state = state
+        urgent = [] if state.orders is None else state.orders.by_urgency
+        order = urgent[0].number if urgent else NO_ORDER
+        if order != NO_ORDER:
+            dish = self._dish_planner(self._rules.dish_name(order))
+            # The world of a dish does not know that served and discarded things return.
+            if order != self._order or returned or not self._policy.expects(state.facts):
+                self._dish, here = dish, dish.state(state)
+                self._policy.aim_at(dish.world, dish.anytime, here, returned=returned)
+        self._order = order
 
     # Events
 
     def observe(self, did: Did) -> None:
-        if self._policy is not None and self._dish is not None:
-            own = self._dish.own_action
-            self._policy.observe([(player, own(a), applied) for player, a, applied in did])
+        own = self._dish.own_action
+        self._policy.observe([(player, own(a), applied) for player, a, applied in did])
+        if self._state is not None:
+            actions = [a for _, a, applied in did if applied]
+            self._follow(self._state.step([self._own(a) for a in actions]).state)
+
+    def _own(self, action: GroundAction) -> GroundAction:
+        self._world.admit(action.arguments)
+        return self._world.action(action.name, *action.arguments)
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        self._met = dict(kinds), clock
-        if self._policy is not None:
-            self._policy.meet(kinds, clock)
+        self._policy.meet(kinds, clock)
 
     def hear(self, player: str, speech: Speech) -> None:
-        # Requests are for the moment. Only what bots tell each other counts for the next order.
-        if speech.to_bots and (player, speech) not in self._heard:
-            self._heard = [*self._heard[-MAX_HEARD:], (player, speech)]
-        if self._policy is not None:
-            self._policy.hear(player, speech)
+        self._policy.hear(player, speech)
 
     def speak(self) -> list[Speech]:
-        """Return new messages; the policy of a later order may repeat earlier ones."""
-        said = [] if self._policy is None else self._policy.speak()
         # A shift has no goal. The next order may be possible.
-        new = [s for s in said if s not in self._spoken and s.text != no_plan_text()]
-        self._spoken.update(speech for speech in new if speech.to_bots)
-        return new
+        return [said for said in self._policy.speak() if said.text != no_plan_text()]
 
 
 def play_shift(
@@ -125,7 +120,9 @@ def play_shift(
     """
     rules, dishes = rules_of(world), dict[str, DishPlanner]()
     bots = {
-        player: ShiftPolicy(world, player, PlannerOptions(seed=seed), dishes=dishes)
+        player: ShiftPolicy(
+            world, player, PlannerOptions(seed=seed), dishes=dishes, start=world.initial
+        )
         for player in world.players
     }
     for bot in bots.values():

@@ -178,15 +178,15 @@ class Floor:
 
     Attributes:
         stations: The tile of each station.
-        plain: The stations of the most frequent kind, usually tables, at which players only put
-            things down.
+        plain: Stations at which players only put things down, usually tables. This is the most
+            frequent kind of station with an empty one at the beginning, so no crates.
     """
 
     def __init__(self, width: int, height: int, objects: tuple[Object, ...], stations: set[str]):
         self.width = width
         self.height = height
         self.stations = {o.name: o.tile for o in objects if o.type in stations and o.tile}
-        self.plain = _plain([o for o in objects if o.type in stations])
+        self.plain = _plain(objects, stations)
         self.blocked = frozenset(self.stations.values())
         # Only players have a direction; their tiles are where walks begin.
         self._starts = tuple(o.tile for o in objects if o.facing is not None and o.tile)
@@ -268,6 +268,10 @@ class Floor:
         return known
 
 
-def _plain(stations: list[Object]) -> frozenset[str]:
-    kinds = Counter(each.kind for each in stations).most_common(1)
+def _plain(objects: Iterable[Object], types: set[str]) -> frozenset[str]:
+    stations = [each for each in objects if each.type in types]
+    used = {each.tile for each in objects if each.type not in types and each.facing is None}
+    empty = {each.kind for each in stations if each.tile not in used}
+    count = Counter(each.kind for each in stations if each.kind in empty or not empty)
+    kinds = count.most_common(1)
     return frozenset(each.name for each in stations if each.kind == kinds[0][0])
