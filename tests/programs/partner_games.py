@@ -341,8 +341,9 @@ def planned_length(
     task: Task, people: Mapping[str, Policy], setting: Setting, bots: Sequence[str]
 ) -> int:
     """Return the steps of a game in which all bots follow one careful plan; 0 without a plan."""
-    start = World(task).initial
-    plan = _plan(AnytimePlanner(World(task)), start, tuple(sorted(bots)))
+    anytime = AnytimePlanner(World(task))
+    start = anytime.in_model(World(task).initial)
+    plan = _plan(anytime, start, tuple(sorted(bots)))
     if plan is None:
         return 0
     skill, seed = SKILLS[setting.skill], setting.seed
@@ -375,7 +376,7 @@ class Kitchen:
             yield self._anytime, state
             return
         for name in sorted({self.world.shift.dish_name(each.number) for each in state.orders.open}):
-            yield self._dishes[name].anytime, self._dishes[name].state(state)
+            yield self._dishes[name].anytime, state
 
 
 def standstills(kitchen: Kitchen, game: TeamGame) -> tuple[list[Standstill], State]:

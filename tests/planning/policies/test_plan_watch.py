@@ -20,6 +20,7 @@ from robotouille.planning.policies.plan_watch import (
     PlanWatch,
     Teammates,
     facts_about,
+    situation,
 )
 from robotouille.planning.policies.policy import Script
 from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan
@@ -72,7 +73,7 @@ class Watched:
             Script("robot1", joint, KITCHEN.initial),
             PlanBase(0, self.state, facts_about(teammates.others, self.state)),
             retry=RETRY,
-            in_vain={self.state: in_vain},
+            in_vain={situation(self.state): in_vain},
             is_cut_off=lambda *_: not opened,
         )
 

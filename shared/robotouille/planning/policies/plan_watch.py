@@ -8,6 +8,7 @@ from typing import NamedTuple
 from robotouille.planning.policies.policy import Did, Script, does_something
 from robotouille.planning.policies.standing import leads_to, standing_at
 from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, station_in_the_way
+from robotouille.world.timers import Timers
 from robotouille.world.world import State
 
 
@@ -47,6 +48,14 @@ SLOW = 10
 LONG = 15
 """Steps without progress after which a team that waits for a person plans again: three seconds at
 five steps a second."""
+
+
+Situation = tuple[int, Timers]
+
+
+def situation(state: State) -> Situation:
+    """Return what players can change. States of a shift also contain the time."""
+    return state.facts, state.timers
 
 
 class Teammates(NamedTuple):
@@ -91,7 +100,7 @@ class PlanWatch:
 
     Args:
         retry: Steps after which the team may search again if it has no plan of its own.
-        in_vain: Number of failed plans by state.
+        in_vain: Number of failed plans by situation.
         is_cut_off: Function that returns whether a team cannot reach the goal while all others
             stand still.
     """
@@ -103,13 +112,13 @@ class PlanWatch:
         base: PlanBase,
         *,
         retry: int,
-        in_vain: Mapping[State, int],
+        in_vain: Mapping[Situation, int],
         is_cut_off: Callable[[State, Collection[str]], bool],
     ) -> None:
         self.script = script
         self.assumption = made.assumption
         self._made = made
-        self._base = base
+        self.base = base
         self._retry = retry
         self._in_vain = in_vain
         self._is_cut_off = is_cut_off
@@ -171,9 +180,9 @@ class PlanWatch:
         # Two teams of bots that each wait for the other would wait forever, and a person may never
         # help. So a stuck team also tries the other assumption, and returns to the first one, whose
         # requests are the more likely ones.
-        untried = self._in_vain.get(state, 0) <= len(WAYS)
+        untried = self._in_vain.get(situation(state), 0) <= len(WAYS)
         tried = self._patience if teammates.among_bots else LONG
-        due = past.step - self._base.step >= self._retry
+        due = past.step - self.base.step >= self._retry
         if (due and self._may_see_a_way(state, teammates)) or (untried and self._stuck > tried):
             return DROP
         # Meddling may have changed what the plan needs, so a free way is not enough.
@@ -197,16 +206,16 @@ class PlanWatch:
         else:
             meddled = self._meddled
         walked = self._walked_elsewhere(state, teammates)
-        done = self.script.is_finished(teammates.team) and state != self._base.state
+        done = self.script.is_finished(teammates.team) and state != self.base.state
         return meddled or walked or (done and not self._made.cut_off)
 
     def _walked_elsewhere(self, state: State, teammates: Teammates) -> bool:
         """Return whether walks of the others may have changed what the team can reach."""
         if self.assumption is Assumption.OTHERS_ASIDE:
-            before = {standing_at(self._base.state, player) for player in teammates.others}
+            before = {standing_at(self.base.state, player) for player in teammates.others}
             # They may have left one place that the plan needs for another such place.
             return self._station_in_the_way(state, teammates) not in {None, *before}
-        if facts_about(teammates.others, state) == self._base.others:
+        if facts_about(teammates.others, state) == self.base.others:
             return False
         if self.assumption is Assumption.NOTHING and not self._made.cut_off:
             return True

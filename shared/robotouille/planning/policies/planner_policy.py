@@ -17,22 +17,25 @@ from __future__ import annotations
 import logging
 import random
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
-from robotouille.domain.rendering import NO_WORDS, Language
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
+from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
 from robotouille.planning.policies.aside import held_by
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.plan_watch import (
     PastStep,
     PlanBase,
     PlanWatch,
+    Situation,
     Teammates,
     facts_about,
+    situation,
 )
-from robotouille.planning.policies.planning_model import PlanningModel
 from robotouille.planning.policies.policy import Did, Script, Speech, does_something
 from robotouille.planning.policies.standing import (
     leads_to,
@@ -44,6 +47,8 @@ from robotouille.planning.policies.team_plan import (
     EXPANSIONS,
     NEAR,
     Assumption,
+    TeamPlan,
+    TeamSearch,
     missing_action,
     station_in_the_way,
 )
@@ -60,6 +65,8 @@ from robotouille.planning.policies.team_talk import (
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, Signal, understood
+from robotouille.world.presentation.wording import Wording
+from robotouille.world.presentation.work import Occupancy
 from robotouille.world.world import State, World
 
 logger = logging.getLogger(__name__)
@@ -110,6 +117,7 @@ class PlannerPolicy:
 
     Args:
         anytime: Planner of the task that several policies share, so that the task is analysed once.
+        agenda: The goals of the seat; by default the goal of the task.
         start: The state from which `observe` follows the game.
     """
 
@@ -120,6 +128,7 @@ class PlannerPolicy:
         options: PlannerOptions = DEFAULT_OPTIONS,
         *,
         anytime: AnytimePlanner | None = None,
+        agenda: Agenda | None = None,
         start: State | None = None,
     ) -> None:
         alone = options.alone
@@ -133,9 +142,11 @@ class PlannerPolicy:
         # This is a guess until `meet` sets the clock: real-time games use the timing `people`.
         self._hurried = not self._punctual
         self._lockstep = False
-        self._options = options
+        self._agenda = agenda or OneGoal(anytime or AnytimePlanner(World(world.task)))
+        self._aims: dict[AnytimePlanner, Aim] = {}
         self._silent = alone or self._only
-        self._model = self._model_of(world, anytime or AnytimePlanner(World(world.task)))
+        self._options = options
+        self._world = world
         self._state = start
         self._talk = Talk(silent=self._silent)
         self.anticipating = False
@@ -143,49 +154,14 @@ class PlannerPolicy:
         self._needed: PlanBase | None = None
         self._steps_left = 0
         self._may_improve = False
-        self._in_vain: dict[State, int] = {}
+        self._in_vain: dict[Situation, int] = {}
+        self._pursued: Aim | None = None
         self._retry = RETRY
         self._unprocessed: deque[PastStep] = deque()
         self._worked: deque[tuple[int, str]] = deque(maxlen=MAX_WORKED)
         self._step = self._waited = 0
         self._courtesy = Courtesy(player, self._step_aside)
         self._drop_plan()
-
-    def _model_of(self, world: World, anytime: AnytimePlanner) -> PlanningModel:
-        options = self._options
-        return PlanningModel(
-            world,
-            anytime,
-            # The bots of a team must find the same plan, so they share the seed 0.
-            seed=options.seed if self._silent else 0,
-            expansions=options.expansions,
-            alone=self._silent,
-            words=options.words,
-        )
-
-    def aim_at(
-        self, world: World, anytime: AnytimePlanner, state: State, *, returned: bool = False
-    ) -> None:
-        """Plan for the goal of another world with the same objects, or from another state.
-
-        All seats of a team have to do so in the same step, since they have to plan alike.
-
-        Args:
-            returned: True if the seat was absent, so that the others have to learn its version.
-        """
-        if returned:
-            self._talk.announce()
-        if world is not self._model.world:
-            self._model = self._model_of(world, anytime)
-            self._in_vain.clear()
-            # Members that went astray from the last goal's plan have a new chance.
-            self._team |= {p for p in self._world.players if self._counted_on(p)}
-        self._state = state
-        self._drop_plan()
-
-    def expects(self, facts: int) -> bool:
-        """Return whether the observed actions lead to a state with these facts."""
-        return self._state is not None and self._state.facts == facts
 
     # Events, which arrive in the same order at every seat
 
@@ -233,9 +209,9 @@ class PlannerPolicy:
     def _meaning(self, text: str, state: State) -> Signal | None:
         """Return the signal that a chat message amounts to, if there is one."""
         station = standing_at(state, self.player)
-        if station is not None and requested(text, station, state, self._model.wording):
+        if station is not None and requested(text, station, state, self._wording):
             return Signal(Intent.NEED, station)
-        signal = understood(text, state, self._model.wording)
+        signal = understood(text, state, self._wording)
         if signal is None or signal.intent is not Intent.NEED:
             return signal
         # A text names a kind. It means the object in this seat's hand, if that is one.
@@ -253,7 +229,7 @@ class PlannerPolicy:
     def observe(self, did: Did) -> None:
         """Process all actions of a step. Called once for each step, before `act`."""
         self._step += 1
-        own = [(player, self._model.own(action), applied) for player, action, applied in did]
+        own = [(player, self._own(action), applied) for player, action, applied in did]
         for each, action, applied in own:
             if applied and each not in self._team and does_something(action):
                 self._talk.allow_repetition()
@@ -273,6 +249,9 @@ class PlannerPolicy:
             if watch is None:
                 return
             past = self._unprocessed.popleft()
+            if self._has_other_goals(watch, past.state):
+                self._drop_plan(past)
+                return
             self._steps_left -= 1
             verdict = watch.check(past, self._teammates)
             if verdict.way_is_free:
@@ -303,18 +282,23 @@ class PlannerPolicy:
         others = self._outsiders
         missing = None
         if watch.assumption is Assumption.EVERYBODY and watch.is_stuck:
-            missing = missing_action(watch.script, state, others, self._model.rules)
+            missing = missing_action(watch.script, state, others, self._rules)
         elif watch.assumption is not Assumption.OTHERS_ASIDE:
             return None
         if missing is not None:
-            return Speech(appeal(self._model.own(missing), state, self._model.wording))
+            return Speech(appeal(self._own(missing), state, self._wording))
         station = station_in_the_way(watch.script.rest(self._team), state, others)
         return None if station is None else request(station)
 
     def _counted_on(self, player: str) -> bool:
-        if self._options.alone:
-            return player == self.player
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
+
+    def _own(self, action: GroundAction) -> GroundAction:
+        """Return an action of another copy of the world as an action of this one."""
+        if action.source is self._world:
+            return action
+        self._world.admit(action.arguments)
+        return self._world.action(action.name, *action.arguments)
 
     @property
     def _followed(self) -> PlanWatch | None:
@@ -336,6 +320,26 @@ class PlannerPolicy:
         if state is not None:
             self._needed = PlanBase(step, state, facts_about(self._outsiders, state))
         self._waited = 0
+
+    def _has_other_goals(self, watch: PlanWatch, state: State) -> bool:
+        """Return whether a team has to plan again because of its goals."""
+        agenda, before = self._agenda, watch.base.state
+        if agenda.topic(state) != agenda.topic(before):
+            return True
+        # Somebody who waits can work for a goal that is not urgent.
+        return watch.assumption is not Assumption.TEAM and agenda.goals(state) != agenda.goals(
+            before
+        )
+
+    def _aim(self, anytime: AnytimePlanner) -> Aim:
+        known = self._aims.get(anytime)
+        if known is None:
+            # The bots of a team must find the same plan, so they share the seed 0.
+            seed = self._options.seed if self._silent else 0
+            known = self._aims[anytime] = Aim(
+                anytime, seed=seed, expansions=self._options.expansions, alone=self._silent
+            )
+        return known
 
     def _leave_out(self, players: set[str]) -> None:
         """Stop counting on some players."""
@@ -370,10 +374,11 @@ class PlannerPolicy:
                 self._catch_up()
         if self._script is None:
             return None
-        if self._may_improve and self._only:
-            self._improve(state)
-        elif self._may_improve and self._step % RECONSIDER == 0:
-            self._improve_together(state)
+        if self._may_improve and self._pursued is not None:
+            if self._only:
+                self._improve(state, self._pursued.search)
+            elif self._step % RECONSIDER == 0:
+                self._improve_together(state, self._pursued)
         action = self._scripted(state)
         if action is not None and self._courtesy.refrains(action, state, self._step):
             return self._step_aside(state)
@@ -412,11 +417,21 @@ class PlannerPolicy:
 
     def _make_plan(self, base: PlanBase) -> None:
         """Make a plan from the state in which it became necessary, and follow it."""
-        tried = self._in_vain.get(base.state, 0)
+        here = situation(base.state)
+        tried = self._in_vain.get(here, 0)
         working = {p for step, p in self._worked if base.step - RECENT < step <= base.step}
-        made = self._model.planner.make(
-            base.state, self._team, hurried=self._hurried, tried=tried, working=working
-        )
+        made = TeamPlan(Plan(()), base.state, Assumption.NOTHING, can_begin=False)
+        self._pursued = None
+        for number, goal in enumerate(self._agenda.goals(base.state)):
+            aim = self._aim(goal)
+            other = aim.planner.make(
+                base.state, self._team, hurried=self._hurried, tried=tried, working=working
+            )
+            if not number or other.can_begin:
+                self._pursued, made = aim, other
+            # While others keep the team from its first goal, it works for another one.
+            if made.can_begin:
+                break
         self._may_improve = False
         if made.assumption is Assumption.TEAM:
             self._talk.clear_requests()
@@ -425,11 +440,12 @@ class PlannerPolicy:
         else:
             logger.debug("%s finds no plan from here", self.player)
             # The next plan from this state tries the other assumption first.
-            self._in_vain[base.state] = tried + 1
+            self._in_vain[here] = tried + 1
         # After a proof that the goal is out of reach, another search would be useless.
         helpless = made.assumption is Assumption.NOTHING and not made.found.unsolvable
         self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
-        if helpless and self._outsiders and self.player == min(self._team):
+        lasting = self._world.shift is None
+        if helpless and lasting and self._outsiders and self.player == min(self._team):
             self._talk.report_no_plan()
         self._watch = PlanWatch(
             made,
@@ -437,15 +453,18 @@ class PlannerPolicy:
             base,
             retry=self._retry,
             in_vain=self._in_vain,
-            is_cut_off=self._model.anytime.is_cut_off,
+            is_cut_off=self._is_cut_off,
         )
         self._needed = None
 
-    def _improve(self, state: State) -> None:
+    def _is_cut_off(self, state: State, team: Collection[str]) -> bool:
+        return self._pursued is not None and self._pursued.anytime.is_cut_off(state, team)
+
+    def _improve(self, state: State, search: TeamSearch) -> None:
         """Search for a shorter remaining plan of a single seat."""
         # Callers use this only with the timing `benchmark`, because other plan lengths say little
         # about time, and for a single seat, because other seats would have to change their parts.
-        for result in self._model.search.shorter(state):
+        for result in search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
                 self._follow_instead(result.plan, state)
             self._may_improve = result.plan is None or self._steps_left > result.bound
@@ -457,12 +476,10 @@ class PlannerPolicy:
         # Without a bound, such as for three players, a team would search again and again in vain.
         return result.bound > 0 and self._steps_left > NEAR * result.bound
 
-    def _improve_together(self, state: State) -> None:
+    def _improve_together(self, state: State, aim: Aim) -> None:
         """Search for a shorter remaining plan. All bots of the team do so in the same step."""
         team = tuple(sorted(self._team))
-        found = self._model.search.once(
-            state, team, self._model.planner.effort(team), after=self._step
-        )
+        found = aim.search.once(state, team, aim.planner.effort(team), after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
             self._follow_instead(found.plan, state)
         self._may_improve = self._steps_left > NEAR * found.bound
@@ -476,13 +493,20 @@ class PlannerPolicy:
         """Return this seat's part of a new plan."""
         direct = self._hurried and bool(self._outsiders)
         self._steps_left = len(plan)
-        return Script(self.player, plan, self._model.anytime.in_model(base), direct=direct)
+        if self._pursued is not None:
+            base = self._pursued.anytime.in_model(base)
+        return Script(self.player, plan, base, direct=direct)
 
     # Participants outside the team
 
-    @property
-    def _world(self) -> World:
-        return self._model.world
+    @cached_property
+    def _wording(self) -> Wording:
+        """Words for chat messages to people and models."""
+        return Wording(self._world, language_of(self._world.task).with_words(self._options.words))
+
+    @cached_property
+    def _rules(self) -> Occupancy:
+        return Occupancy(self._world)
 
     @property
     def _outsiders(self) -> list[str]:
@@ -530,7 +554,5 @@ class PlannerPolicy:
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
         may = self._talk.may_announce_actions(self._step, hurried=self._hurried)
         if others and self._state is not None and may:
-            coming = [self._model.own(each) for each in self._script.coming(ANNOUNCED_ACTIONS)]
-            self._talk.announce_actions(
-                intention(coming, self._state, self._model.wording), self._step
-            )
+            coming = [self._own(each) for each in self._script.coming(ANNOUNCED_ACTIONS)]
+            self._talk.announce_actions(intention(coming, self._state, self._wording), self._step)

@@ -229,7 +229,8 @@ class TeamPlan:
 
     `found` is the search result if the plan relies on the team alone. `cut_off` is true if others
     block places or hold objects that the team needs. `aside_untried` is true if no search checked
-    whether walks of the others would help.
+    whether walks of the others would help. `can_begin` is false if the team can do nothing until
+    the others step aside.
     """
 
     plan: Plan
@@ -238,6 +239,7 @@ class TeamPlan:
     found: SearchResult = NOT_FOUND
     cut_off: bool = False
     aside_untried: bool = False
+    can_begin: bool = True
 
 
 class TeamPlanner:
@@ -324,7 +326,7 @@ class _Decision:
         if found.plan is not None:
             return TeamPlan(found.plan, self._base, Assumption.TEAM, found)
         if found.unsolvable:
-            return TeamPlan(Plan(()), self._base, Assumption.NOTHING, found)
+            return TeamPlan(Plan(()), self._base, Assumption.NOTHING, found, can_begin=False)
         return self._with_fewer() or self._way() or self._nearer()
 
     def _with_fewer(self) -> TeamPlan | None:
@@ -378,7 +380,9 @@ class _Decision:
         plan = Plan(())
         if not self._cut_off:
             plan = self._search.towards(base, team, self._effort)
-        return TeamPlan(plan, base, Assumption.NOTHING, cut_off=self._cut_off)
+        return TeamPlan(
+            plan, base, Assumption.NOTHING, cut_off=self._cut_off, can_begin=bool(len(plan))
+        )
 
     def _with_others_aside(self) -> TeamPlan | None:
         """Return a plan that assumes that the others step aside, or None."""
@@ -388,11 +392,17 @@ class _Decision:
         if start == here or self._anytime.is_cut_off(start, self._team):
             return None
         plan = self._deferred(start, here)
-        if plan is not None and not can_begin(plan, start, here, self._team):
-            plan = self._relieved(start, here) or plan
         if plan is None:
             return None
-        return TeamPlan(plan, start, Assumption.OTHERS_ASIDE, cut_off=self._cut_off)
+        begins = can_begin(plan, start, here, self._team)
+        relieved = None if begins else self._relieved(start, here)
+        return TeamPlan(
+            relieved or plan,
+            start,
+            Assumption.OTHERS_ASIDE,
+            cut_off=self._cut_off,
+            can_begin=begins or relieved is not None,
+        )
 
     def _deferred(self, start: State, here: State) -> Plan | None:
         """Return a plan from a state with all work first that is possible in another one."""
