@@ -25,7 +25,7 @@ from robotouille.domain.task import Task
 from robotouille.episode import Clock
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.aside import after, holds, put_down, with_others_aside
-from robotouille.planning.policies.deferral import can_begin
+from robotouille.planning.policies.deferral import after_possible
 from robotouille.planning.policies.policy import Did, Policy, Script, Speech, does_something
 from robotouille.planning.policies.skill import SKILLS, Skill, SkilledPolicy
 from robotouille.planning.policies.standing import (
@@ -401,14 +401,27 @@ def _work(anytime: AnytimePlanner, state: State, bots: tuple[str, ...]) -> str:
     state = anytime.in_model(state)
     if _plan(anytime, state, bots) is not None:
         return "goal"
-    aside = with_others_aside(state, [p for p in state.world.players if p not in bots])
+    others = [p for p in state.world.players if p not in bots]
     # What a bot holds may keep it from all other work.
     for bot in ("", *bots):
-        here, there = (_relieved(each, bot) for each in (state, aside))
-        plan = None if there is None else _plan(anytime, there, bots)
-        if plan and here is not None and there is not None and can_begin(plan, there, here, bots):
+        here = _relieved(state, bot)
+        if here is None:
+            continue
+        aside = with_others_aside(here, others)
+        plan = _plan(anytime, aside, bots)
+        if plan is None:
+            continue
+        later = with_others_aside(after_possible(plan, aside, here, bots), others)
+        rest = _plan(anytime, later, bots)
+        # Moving things around is no progress.
+        if rest is not None and _deeds(rest) < _deeds(plan):
             return "work"
     return ""
+
+
+def _deeds(plan: Plan) -> int:
+    """Return the number of actions other than walks."""
+    return sum(action.destination is None for joint in plan for action in joint)
 
 
 def _relieved(state: State, player: str) -> State | None:

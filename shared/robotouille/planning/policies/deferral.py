@@ -139,8 +139,17 @@ def can_begin(plan: Plan, start: State, here: State, team: Sequence[str]) -> boo
 
     The arguments are those of `defer_blocked`.
     """
-    works = _work_pieces(plan, start, team)
-    return len(_Attempt(here).take(works, _traces(plan, start, team))) < len(works)
+    return after_possible(plan, start, here, team) != here
+
+
+def after_possible(plan: Plan, start: State, here: State, team: Sequence[str]) -> State:
+    """Return the state after all work of a plan that is possible while the others stand still.
+
+    The arguments are those of `defer_blocked`.
+    """
+    attempt = _Attempt(here)
+    attempt.take(_work_pieces(plan, start, team), _traces(plan, start, team))
+    return attempt.state
 
 
 def _work_pieces(plan: Plan, state: State, team: Sequence[str]) -> list[_WorkPiece]:

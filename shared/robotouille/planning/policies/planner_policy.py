@@ -25,7 +25,7 @@ from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
-from robotouille.planning.policies.aside import held_by
+from robotouille.planning.policies.aside import held_by, holds
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.plan_watch import (
     PastStep,
@@ -410,10 +410,19 @@ class PlannerPolicy:
             return None
         # In lockstep all seats decide at the same time, so an action may rely on another one of
         # the same step (`act.anticipates`). Only actions of the team are certain enough for that.
+        if self._would_stand_laden(watch, state):
+            return None
         if not self._lockstep or watch.assumption is Assumption.EVERYBODY:
             return watch.script.act(state)
         action, self.anticipating = watch.script.joint(state).get(self.player, (None, False))
         return action
+
+    def _would_stand_laden(self, watch: PlanWatch, state: State) -> bool:
+        """Return whether the seat would take an object to a place that another player has taken."""
+        # An object in hand would keep the seat from other work.
+        if watch.assumption is not Assumption.OTHERS_ASIDE or holds(state, self.player):
+            return False
+        return station_in_the_way(watch.script.errand(), state, self._outsiders) is not None
 
     def _make_plan(self, base: PlanBase) -> None:
         """Make a plan from the state in which it became necessary, and follow it."""

@@ -197,6 +197,16 @@ class Script:
         done = self._done[self.player]
         return [row.action for row in self._rows[self.player][done : done + count]]
 
+    def errand(self) -> list[GroundAction]:
+        """Return the actions of this seat up to the one after its next action that is no walk."""
+        found, left = [], 2
+        for row in self._rows[self.player][self._done[self.player] :]:
+            found.append(row.action)
+            left -= row.action.destination is None
+            if not left:
+                break
+        return found
+
     def rest(self, players: Collection[str]) -> list[GroundAction]:
         """Return the remaining actions of some seats in the plan's order."""
         rows = [row for p in players for row in self._rows[p][self._done[p] :]]

@@ -322,12 +322,37 @@ class _Decision:
         """Return a plan of the team's own, or a replacement."""
         # The reachability test is cheap; a search would spend all its expansions without finding a
         # plan.
-        found = NOT_FOUND if self._cut_off else self._find(self._base, self._team)
+        found = NOT_FOUND
+        if not self._cut_off:
+            unburdened = self._unburdened() if self._tried % 2 else None
+            if unburdened is not None:
+                return unburdened
+            found = self._find(self._base, self._team)
         if found.plan is not None:
             return TeamPlan(found.plan, self._base, Assumption.TEAM, found)
         if found.unsolvable:
             return TeamPlan(Plan(()), self._base, Assumption.NOTHING, found, can_begin=False)
         return self._with_fewer() or self._way() or self._nearer()
+
+    def _unburdened(self) -> TeamPlan | None:
+        """Return a plan in which the team first puts down all that it holds, or None.
+
+        A search may miss it because objects in hand bring most states nearer to the goal.
+        """
+        steps, start = self._emptied(self._anytime.in_model(self._base))
+        found = self._find(start, self._team) if steps else NOT_FOUND
+        if found.plan is None:
+            return None
+        return TeamPlan(Plan((*steps, *found.plan)), self._base, Assumption.TEAM, found)
+
+    def _emptied(self, state: State) -> tuple[list[tuple[GroundAction, ...]], State]:
+        """Return steps in which the team puts down all that it holds, and the state after them."""
+        steps: list[tuple[GroundAction, ...]] = []
+        for player in self._team:
+            for action in put_down(state, player):
+                steps.append((action,))
+                state = after(state, action)
+        return steps, state
 
     def _with_fewer(self) -> TeamPlan | None:
         """Return a plan in which one of the team does nothing, or None.
@@ -411,13 +436,11 @@ class _Decision:
 
     def _relieved(self, start: State, here: State) -> Plan | None:
         """Return a plan whose players first put down what keeps them from other work, or None."""
-        steps: list[tuple[GroundAction, ...]] = []
-        for player in self._team:
-            for action in put_down(start, player):
-                if not here.world.applicable(here, action):
-                    return None
-                steps.append((action,))
-                start, here = after(start, action), after(here, action)
+        steps, start = self._emptied(start)
+        for (action,) in steps:
+            if not here.world.applicable(here, action):
+                return None
+            here = after(here, action)
         plan = self._deferred(start, here) if steps else None
         if plan is None or not can_begin(plan, start, here, self._team):
             return None
