@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille import State, World
+from robotouille import GroundAction, State, World
 from robotouille.domain.rendering import language_of
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.courtesy import GIVEN, PAUSING, YIELDING
@@ -14,6 +14,7 @@ from robotouille.planning.policies.standing import (
     standing_at,
     walks_out_of_the_way,
 )
+from robotouille.planning.policies.team_talk import INSIST
 from robotouille.world.presentation.signals import Intent, Signal, signal_text, understood
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.scene import scene
@@ -30,11 +31,11 @@ class Kitchen:
         self.bot = PlannerPolicy(self.world, ME, start=self.state)
         self.bot.meet({ME: "bot", PERSON: "human"}, "realtime")
 
-    def step(self) -> str:
-        """Take a step, and return the name of the bot's action, if any."""
+    def step(self, other: GroundAction | None = None) -> str:
+        """Take a step with the person's action, and return the name of the bot's, if any."""
         action = self.bot.act(self.state)
-        step = self.state.step([] if action is None else [action])
-        self.bot.observe([(ME, a.action, a.applied) for a in step.attempts])
+        step = self.state.step([each for each in (action, other) if each is not None])
+        self.bot.observe([(a.action.player or ME, a.action, a.applied) for a in step.attempts])
         self.state = step.state
         return "" if action is None else action.name
 
@@ -107,16 +108,39 @@ def test_a_bot_leaves_the_station_of_an_item_that_somebody_needs(kitchen: Kitche
     assert standing_at(kitchen.state, ME) != station
 
 
-def test_a_bot_answers_a_request_with_what_it_does_next(kitchen: Kitchen) -> None:
-    kitchen.bot.meet({ME: "bot", PERSON: "human"}, "realtime")
-    while not any(said.text.startswith("Next") for said in kitchen.bot.speak()):
-        kitchen.step()
-    kitchen.bot.hear(PERSON, Speech("you take it", Signal(Intent.YOURS, "lettuce1")))
-    for _ in range(8):
-        kitchen.step()
-        if any(said.text.startswith("Next") for said in kitchen.bot.speak()):
-            return
-    raise AssertionError("no answer")
+def answers(kitchen: Kitchen, target: str) -> list[str]:
+    """Return what the bot says about a thing that a person leaves to it."""
+    kitchen.bot.hear(PERSON, Speech("you take it", Signal(Intent.YOURS, target)))
+    kitchen.step()
+    return [said.text for said in kitchen.bot.speak() if said.text.startswith("I ")]
+
+
+def test_a_bot_says_what_it_does_with_a_thing_that_a_person_leaves_to_it(kitchen: Kitchen) -> None:
+    kitchen.step()
+    kitchen.bot.speak()
+    assert answers(kitchen, "lettuce1") == ["I will pick up the lettuce"]
+    kitchen.step()
+    assert not [said for said in kitchen.bot.speak() if said.text.startswith("I ")]
+
+
+def test_a_bot_says_when_it_has_no_work_for_a_thing(kitchen: Kitchen) -> None:
+    spare = walks_out_of_the_way(kitchen.state, ME)[0].destination or ""
+    assert [text.split(" for ")[0] for text in answers(kitchen, spare)] == ["I have no work"]
+
+
+def test_a_bot_asks_once_for_an_item_that_a_person_carries_around() -> None:
+    kitchen = Kitchen("multi_agent/01@2")
+    place = scene(kitchen.state)["lettuce1"].host
+    for wanted in (f"move({PERSON}", "pick-up-item"):
+        options = [a for a in kitchen.state.actions(PERSON) if str(a).startswith(wanted)]
+        action = next(a for a in options if place in a.arguments[-1:])
+        kitchen.state = kitchen.state.step(action).state
+    asked = []
+    for number in range(INSIST - 10):
+        walks = [a for a in kitchen.state.actions(PERSON) if a.destination]
+        kitchen.step(walks[number % len(walks)] if number % 7 == 0 else None)
+        asked += [said.signal for said in kitchen.bot.speak() if said.signal]
+    assert asked == [Signal(Intent.NEED, "lettuce1")]
 
 
 def test_a_bot_thanks_for_a_place() -> None:

@@ -7,7 +7,13 @@ from typing import NamedTuple
 
 from robotouille.planning.policies.policy import Did, Script, does_something
 from robotouille.planning.policies.standing import leads_to, standing_at
-from robotouille.planning.policies.team_plan import WAYS, Assumption, TeamPlan, station_in_the_way
+from robotouille.planning.policies.team_plan import (
+    WAYS,
+    Assumption,
+    TeamPlan,
+    object_in_hand,
+    station_in_the_way,
+)
 from robotouille.world.timers import Timers
 from robotouille.world.world import State
 
@@ -189,6 +195,8 @@ class PlanWatch:
         if self.assumption is not Assumption.OTHERS_ASIDE or self._meddled:
             return KEEP
         if self._station_in_the_way(state, teammates) is not None:
+            return KEEP
+        if object_in_hand(self.script.rest(teammates.team), state, teammates.others) is not None:
             return KEEP
         # The others have stepped aside, so the plan now relies on the team alone.
         self.assumption = Assumption.TEAM

@@ -19,13 +19,13 @@ import random
 from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
-from robotouille.domain.rendering import NO_WORDS, Language, language_of
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Timing
 from robotouille.planning.plan import Plan, SearchResult
 from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
-from robotouille.planning.policies.aside import held_by, holds
+from robotouille.planning.policies.aside import holds
+from robotouille.planning.policies.conversation import Conversation
 from robotouille.planning.policies.courtesy import Courtesy
 from robotouille.planning.policies.plan_watch import (
     PastStep,
@@ -49,24 +49,12 @@ from robotouille.planning.policies.team_plan import (
     Assumption,
     TeamPlan,
     TeamSearch,
-    missing_action,
     station_in_the_way,
 )
-from robotouille.planning.policies.team_talk import (
-    ANNOUNCED_ACTIONS,
-    VERSION,
-    Talk,
-    announced_version,
-    appeal,
-    intention,
-    request,
-    requested,
-)
+from robotouille.planning.policies.team_talk import VERSION, announced_version
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.presentation.signals import Intent, Signal, understood
-from robotouille.world.presentation.wording import Wording
-from robotouille.world.presentation.work import Occupancy
+from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.world import State, World
 
 logger = logging.getLogger(__name__)
@@ -148,7 +136,7 @@ class PlannerPolicy:
         self._options = options
         self._world = world
         self._state = start
-        self._talk = Talk(silent=self._silent)
+        self._talk = Conversation(world, player, options.words, silent=self._silent)
         self.anticipating = False
         self._watch: PlanWatch | None = None
         self._needed: PlanBase | None = None
@@ -191,9 +179,9 @@ class PlannerPolicy:
         if speech.to_bots:
             self._hear_version(player, announced_version(speech.text))
         elif player not in self._team and self._state is not None:
-            signal = speech.signal or self._meaning(speech.text, self._state)
+            signal = self._talk.meaning(speech, self._state)
             if signal is not None:
-                self._heed(signal, self._state)
+                self._heed(player, signal, self._state)
 
     def _hear_version(self, player: str, version: int | None) -> None:
         if version == VERSION:
@@ -206,25 +194,15 @@ class PlannerPolicy:
             self._unlike.add(player)
             self._leave_out({player})
 
-    def _meaning(self, text: str, state: State) -> Signal | None:
-        """Return the signal that a chat message amounts to, if there is one."""
-        station = standing_at(state, self.player)
-        if station is not None and requested(text, station, state, self._wording):
-            return Signal(Intent.NEED, station)
-        signal = understood(text, state, self._wording)
-        if signal is None or signal.intent is not Intent.NEED:
-            return signal
-        # A text names a kind. It means the object in this seat's hand, if that is one.
-        kind = state.world.thing(signal.target).kind
-        for name in held_by(state, self.player):
-            if state.world.thing(name).kind == kind:
-                return Signal(Intent.NEED, name)
-        return signal
-
-    def _heed(self, signal: Signal, state: State) -> None:
+    def _heed(self, player: str, signal: Signal, state: State) -> None:
         self._courtesy.asked(signal, state, self._step)
         if signal.intent is Intent.YOURS:
-            self._talk.announce_again()
+            self._talk.ask_about(signal.target)
+            if self._followed is not None and self._followed.assumption is Assumption.EVERYBODY:
+                # The team no longer expects the player to help.
+                self._worked = deque((w for w in self._worked if w[1] != player), MAX_WORKED)
+                self._in_vain.clear()
+                self._drop_plan()
 
     def observe(self, did: Did) -> None:
         """Process all actions of a step. Called once for each step, before `act`."""
@@ -265,30 +243,15 @@ class PlannerPolicy:
 
     def speak(self) -> list[Speech]:
         """Return what this seat says since the last call."""
-        if self._talk.may_ask(self._step):
-            wish = self._wish()
-            if wish is not None:
-                self._talk.ask(wish, self._step)
+        state, watch = self._state, self._followed
+        if state is not None and watch is not None and not state.goal_reached:
+            self._talk.answer(watch.script, state, self._team)
+            # Only the first seat of a team asks, so that no request is sent twice.
+            if self.player == min(self._team):
+                self._talk.ask_for_help(watch, state, self._step, self._team, self._outsiders)
         others = (p for p in self._world.players if p != self.player)
         among_bots = any(self._known.get(player, "bot") == "bot" for player in others)
         return self._talk.speak(among_bots=among_bots)
-
-    def _wish(self) -> Speech | None:
-        """Return this seat's request on behalf of the team, if there is one."""
-        state, watch = self._state, self._followed
-        # Only the first seat of a team asks, so that no request is sent twice.
-        if state is None or watch is None or state.goal_reached or self.player != min(self._team):
-            return None
-        others = self._outsiders
-        missing = None
-        if watch.assumption is Assumption.EVERYBODY and watch.is_stuck:
-            missing = missing_action(watch.script, state, others, self._rules)
-        elif watch.assumption is not Assumption.OTHERS_ASIDE:
-            return None
-        if missing is not None:
-            return Speech(appeal(self._own(missing), state, self._wording))
-        station = station_in_the_way(watch.script.rest(self._team), state, others)
-        return None if station is None else request(station)
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
@@ -508,15 +471,6 @@ class PlannerPolicy:
 
     # Participants outside the team
 
-    @cached_property
-    def _wording(self) -> Wording:
-        """Words for chat messages to people and models."""
-        return Wording(self._world, language_of(self._world.task).with_words(self._options.words))
-
-    @cached_property
-    def _rules(self) -> Occupancy:
-        return Occupancy(self._world)
-
     @property
     def _outsiders(self) -> list[str]:
         return [p for p in self._world.players if p not in self._team]
@@ -563,5 +517,4 @@ class PlannerPolicy:
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
         may = self._talk.may_announce_actions(self._step, hurried=self._hurried)
         if others and self._state is not None and may:
-            coming = [self._own(each) for each in self._script.coming(ANNOUNCED_ACTIONS)]
-            self._talk.announce_actions(intention(coming, self._state, self._wording), self._step)
+            self._talk.announce_script(self._script, self._state, self._step)

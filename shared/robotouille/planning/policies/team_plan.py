@@ -16,7 +16,7 @@ from enum import Enum, auto
 
 from robotouille.planning.beam.planner import PLANNER, UNSOLVED_FACTOR
 from robotouille.planning.plan import Limits, Plan, Proof, SearchResult
-from robotouille.planning.policies.aside import after, holds, put_down, with_others_aside
+from robotouille.planning.policies.aside import after, held_by, holds, put_down, with_others_aside
 from robotouille.planning.policies.deferral import can_begin, defer_blocked
 from robotouille.planning.policies.policy import Script
 from robotouille.planning.policies.standing import leads_to, standing_at
@@ -182,6 +182,14 @@ def station_in_the_way(
     """Return the first destination of some actions at which another player stands."""
     taken = {standing_at(state, player) for player in others}
     return next((each.destination for each in coming if leads_to(each, taken)), None)
+
+
+def object_in_hand(
+    coming: Iterable[GroundAction], state: State, others: Collection[str]
+) -> str | None:
+    """Return the first object of some actions that another player holds."""
+    held = {name for player in others for name in held_by(state, player)}
+    return next((name for each in coming for name in each.arguments if name in held), None)
 
 
 # An appeal makes sense only for an action that the other player could take at once, after walking.

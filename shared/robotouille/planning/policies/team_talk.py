@@ -58,15 +58,28 @@ def next_intention(text: str) -> str:
 
 # Requests and appeals are plain sentences in the words of the window, so that people and models
 # understand them. Bots recognise them with the patterns above.
-def request(station: str) -> Speech:
-    """Return the request to leave a station."""
-    return Speech(signal=Signal(Intent.NEED, station))
+def request(target: str) -> Speech:
+    """Return the request to leave a station or to hand over an object."""
+    return Speech(signal=Signal(Intent.NEED, target))
 
 
 def appeal(action: GroundAction, state: State, wording: Wording) -> str:
     """Return the request to take an action."""
     words = wording.action(action, state)
     return f"Can you {words[0].lower()}{words[1:]}?"
+
+
+def promise(action: GroundAction, state: State, wording: Wording) -> str:
+    """Return the answer of a bot that takes over a thing: its first action with it."""
+    words = wording.action(action, state)
+    return f"I will {words[0].lower()}{words[1:]}"
+
+
+def refusal(target: str, state: State, wording: Wording) -> str:
+    """Return the answer of a bot that has no work for a thing."""
+    is_place = target in state.world.floor.stations
+    words = wording.place(target, state) if is_place else wording.thing(target, state)
+    return f"I have no work for {words} now"
 
 
 def appealed(text: str, player: str, state: State, wording: Wording) -> str | None:
@@ -137,6 +150,7 @@ class Talk:
         self._announces = not silent
         self._asked = self._told = -INSIST
         self._last_asked = NOTHING
+        self._asked_at: dict[Speech, int] = {}
         self._last_told = ""
         self._helpless = self._allowed = False
 
@@ -147,6 +161,11 @@ class Talk:
             self._announces = False
             return [announcement(), *said]
         return said
+
+    def say(self, text: str) -> None:
+        """Send a chat message."""
+        if not self._silent:
+            self._said.append(Speech(text))
 
     def announce(self) -> None:
         """Announce the seat's version to other planner bots."""
@@ -163,19 +182,20 @@ class Talk:
             self._told, self._last_told = step, text
             self._said.append(Speech(text))
 
-    def announce_again(self) -> None:
-        """Allow the next announcement of actions at once, as an answer to a request."""
-        self._told, self._last_told = -INSIST, ""
-
     def may_ask(self, step: int) -> bool:
         """Return whether the last request was long enough ago."""
         return not self._silent and step - self._asked >= ASK_AGAIN
 
-    def ask(self, wish: Speech, step: int) -> None:
-        """Send a request; repeat the same request only after a longer time."""
-        again = self._allowed or wish != self._last_asked or step - self._asked >= INSIST
-        if self.may_ask(step) and again:
-            self._asked, self._last_asked, self._allowed = step, wish, False
+    def ask(self, wish: Speech, step: int, *, moved: bool = True) -> None:
+        """Send a request.
+
+        The same request is repeated only after a longer time, or after the others have moved, which
+        matters unless `moved` is false.
+        """
+        again = step - self._asked_at.get(wish, -INSIST) >= INSIST
+        if self.may_ask(step) and (again or (moved and self._allowed)):
+            self._asked = self._asked_at[wish] = step
+            self._last_asked, self._allowed = wish, False
             self._said.append(wish)
 
     def allow_repetition(self) -> None:
@@ -190,6 +210,7 @@ class Talk:
     def clear_requests(self) -> None:
         """Forget the last request, because nothing is in the way any more."""
         self._last_asked = NOTHING
+        self._asked_at.clear()
         self._helpless = False
 
     def report_no_plan(self) -> None:
