@@ -408,15 +408,21 @@ def _work(anytime: AnytimePlanner, state: State, bots: tuple[str, ...]) -> str:
         if here is None:
             continue
         aside = with_others_aside(here, others)
-        plan = _plan(anytime, aside, bots)
+        plan = _leanest(anytime, aside, bots)
         if plan is None:
             continue
         later = with_others_aside(after_possible(plan, aside, here, bots), others)
-        rest = _plan(anytime, later, bots)
+        rest = _leanest(anytime, later, bots)
         # Moving things around is no progress.
         if rest is not None and _deeds(rest) < _deeds(plan):
             return "work"
     return ""
+
+
+def _leanest(anytime: AnytimePlanner, state: State, bots: tuple[str, ...]) -> Plan | None:
+    """Return the plan with the fewest actions other than walks of a few plans."""
+    plans = [next(anytime.search(state, team=bots, seed=seed)).plan for seed in range(4)]
+    return min((plan for plan in plans if plan is not None), key=_deeds, default=None)
 
 
 def _deeds(plan: Plan) -> int:

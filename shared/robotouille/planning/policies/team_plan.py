@@ -439,8 +439,11 @@ class _Decision:
 
     def _deferred(self, start: State, here: State) -> Plan | None:
         """Return a plan from a state with all work first that is possible in another one."""
-        found = self._find(start, self._team)
-        return found.plan and defer_blocked(found.plan, start, here, self._team)
+        plan = self._find(start, self._team).plan
+        if plan is None and self._effort.brief and len(self._team) > 1:
+            # A search for one player has far fewer choices.
+            plan = self._find(start, (self._team[self._tried % len(self._team)],)).plan
+        return plan and defer_blocked(plan, start, here, self._team)
 
     def _relieved(self, start: State, here: State) -> Plan | None:
         """Return a plan whose players first put down what keeps them from other work, or None."""
