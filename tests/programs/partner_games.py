@@ -277,7 +277,7 @@ class Report:
 
     @property
     def fault(self) -> str:
-        """What is wrong with the game, or nothing."""
+        """The faults of the game, or nothing."""
         slow = 0 < self.planned * SLOW < self.steps
         still = any(each.work for each in self.stood)
         lost = not self.won and self.could_win
@@ -402,8 +402,9 @@ def _work(anytime: AnytimePlanner, state: State, bots: tuple[str, ...]) -> str:
     if _plan(anytime, state, bots) is not None:
         return "goal"
     others = [p for p in state.world.players if p not in bots]
-    # What a bot holds may keep it from all other work.
-    for bot in ("", *bots):
+    # An object in hand may keep a bot from all other work. To put it down is no progress yet.
+    fewest = sys.maxsize
+    for bot in (*bots, ""):
         here = _relieved(state, bot)
         if here is None:
             continue
@@ -411,10 +412,11 @@ def _work(anytime: AnytimePlanner, state: State, bots: tuple[str, ...]) -> str:
         plan = _leanest(anytime, aside, bots)
         if plan is None:
             continue
+        needed = _deeds(plan) if bot else min(_deeds(plan), fewest - 1)
+        fewest = min(fewest, needed)
         later = with_others_aside(after_possible(plan, aside, here, bots), others)
         rest = _leanest(anytime, later, bots)
-        # Moving things around is no progress.
-        if rest is not None and _deeds(rest) < _deeds(plan):
+        if rest is not None and _deeds(rest) < needed:
             return "work"
     return ""
 

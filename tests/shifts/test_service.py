@@ -18,8 +18,10 @@ from robotouille.envs import RobotouilleEnv
 from robotouille.errors import RobotouilleError
 from robotouille.generation.generator import GenerationError, Generator
 from robotouille.planning.policies.planner_policy import PlannerOptions
+from robotouille.planning.policies.policy import Speech
 from robotouille.planning.policies.shift_policy import ShiftPolicy
 from robotouille.replay import Recording, read_recording
+from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.seat_policy import play
@@ -186,6 +188,22 @@ def test_bot_does_nothing_without_orders(tmp_path: Path) -> None:
         assert policy.act(state) is None
         state = state.step(None).state
     assert policy.act(state) is not None
+
+
+def test_a_favour_lasts_when_the_next_order_begins(tmp_path: Path) -> None:
+    arrivals = [{"at": 0, "dish": "toast"}, {"at": 1, "dish": "toast"}]
+    world = bistro(tmp_path, arrivals=arrivals)
+    policy, state = ShiftPolicy(world, "robot1", ALONE, start=world.initial), world.initial
+    policy.meet({"robot1": "bot", "person": "human"}, "realtime")
+    while state.orders is not None and not state.orders.served:
+        action = policy.act(state)
+        nearly = state.step(action).state
+        if nearly.orders is not None and nearly.orders.served:
+            policy.hear("person", Speech("", Signal(Intent.WAIT)))
+            action = state.actions("robot1")[0] if action is None else action
+        policy.observe([("robot1", action, True)] if action is not None else [])
+        state = nearly
+    assert policy.act(state) is None
 
 
 # Environments

@@ -107,3 +107,19 @@ def test_partners_never_stand_still_while_work_is_possible(task: str, person: st
     report = play(Setting(f"multi_agent/{task}", 3, person, "partner", 0))
     assert report.won
     assert not [each for each in report.stood if each.work]
+
+
+@pytest.mark.slow
+def test_partners_work_for_other_orders_while_a_person_stands_at_the_stove() -> None:
+    report = play(Setting("shifts/03_one_stove", 2, "at_stove", "partner", 0))
+    assert report.points is not None and report.points > 0
+    assert not report.fault
+
+
+@pytest.mark.slow
+def test_a_third_partner_helps_in_a_shift() -> None:
+    two, three = (
+        play(Setting("shifts/02_burger_stand", seats, "nobody", "partner", 0)) for seats in (2, 3)
+    )
+    assert two.points is not None and three.points is not None
+    assert three.points >= two.points

@@ -1,4 +1,4 @@
-"""What a planner bot understands of people's messages, and what it says to them."""
+"""Messages between a planner bot and people: requests, answers and announcements."""
 
 from __future__ import annotations
 

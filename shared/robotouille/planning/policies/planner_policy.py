@@ -289,7 +289,7 @@ class PlannerPolicy:
         agenda, before = self._agenda, watch.base.state
         if agenda.topic(state) != agenda.topic(before):
             return True
-        # Somebody who waits can work for a goal that is not urgent.
+        # A team that waits can work for a goal that is not urgent.
         return watch.assumption is not Assumption.TEAM and agenda.goals(state) != agenda.goals(
             before
         )

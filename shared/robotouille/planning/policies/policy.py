@@ -198,7 +198,7 @@ class Script:
         return [row.action for row in self._rows[self.player][done : done + count]]
 
     def errand(self) -> list[GroundAction]:
-        """Return the actions of this seat up to the one after its next action that is no walk."""
+        """Return the actions of this seat up to its second action other than a walk."""
         found, left = [], 2
         for row in self._rows[self.player][self._done[self.player] :]:
             found.append(row.action)
