@@ -365,6 +365,8 @@ class PlannerPolicy:
             return False
         if script is None or self._waited or self._courtesy.at_work(self._step):
             return True
+        if self._watch is not None and self._would_stand_laden(self._watch, state):
+            return True
         return script.waits(state) or (script.finished and not (self.has_plan or self._only))
 
     def _scripted(self, state: State) -> GroundAction | None:
@@ -383,7 +385,8 @@ class PlannerPolicy:
     def _would_stand_laden(self, watch: PlanWatch, state: State) -> bool:
         """Return whether the seat would take an object to a place that another player has taken."""
         # An object in hand would keep the seat from other work.
-        if watch.assumption is not Assumption.OTHERS_ASIDE or holds(state, self.player):
+        aside = self._hurried and watch.assumption is Assumption.OTHERS_ASIDE
+        if not aside or holds(state, self.player):
             return False
         return station_in_the_way(watch.script.errand(), state, self._outsiders) is not None
 
