@@ -80,7 +80,7 @@ def samples(tones: tuple[Tone, ...], whole: float | None = None) -> list[int]:
     """Return a sound as 16-bit samples.
 
     Args:
-        whole: Seconds of a sound that is repeated: what goes on at its end is heard at its start.
+        whole: Seconds of a sound that is repeated. Tones that last longer go on at its start.
             Default: the sound ends with its last tone.
     """
     length = whole or max(tone.rest + tone.length for tone in tones)

@@ -1,4 +1,4 @@
-"""How players and the panel move between two states: joy, work, glances, breath, ticks, stars."""
+"""Movements of players and the panel between two states: joy, glances, breath, ticks, stars."""
 
 from __future__ import annotations
 

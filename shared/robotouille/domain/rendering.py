@@ -72,7 +72,7 @@ class FloorArt(Schema):
 
     Attributes:
         on_wall: Pictures that hang on the wall, from left to right.
-        beside: Pictures that stand in the room to the left and right of the kitchen.
+        beside: Pictures for the room to the left and right of the kitchen.
     """
 
     default: FileName | None = None

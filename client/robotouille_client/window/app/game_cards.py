@@ -96,7 +96,7 @@ class Rating:
     """Stars of a finished game, of three.
 
     Attributes:
-        words: What three stars take.
+        words: Line that says what three stars take.
         points: Points of a shift; None for other games.
     """
 

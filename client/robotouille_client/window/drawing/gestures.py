@@ -1,4 +1,4 @@
-"""How players hold themselves at one moment: hops, raised arms, glances, shut eyes.
+"""Gestures of players: hops, raised arms, glances, shut eyes.
 
 Nothing here reads a clock: the time comes with the view. Without a time, as in still pictures,
 players move only with the steps of the game.
@@ -43,7 +43,7 @@ _SHAKEN, _TURNS = 0.04, 6.0
 
 @dataclass(frozen=True, slots=True)
 class Gesture:
-    """How a player is drawn at one moment.
+    """Posture of a player at one moment.
 
     Attributes:
         lift: Height above the ground, in tiles.
@@ -82,7 +82,7 @@ class Gestures:
         for name, gesture in self._all(view, poses, animation):
             found[name] = gesture
             if name in held:
-                # What a player holds is drawn on the side to which it looks.
+                # The picture shows held objects on the side to which the player looks.
                 found[name] = replace(gesture, arms="out", facing=poses[name].facing)
         return found
 

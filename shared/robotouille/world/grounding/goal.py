@@ -35,7 +35,7 @@ MAX_FIT_WORK = 3 * MAX_WORK
 
 
 class _Work:
-    """Rows at which searches have looked, up to a limit. With `each`, every answer starts anew."""
+    """Rows at which searches have looked, up to a limit. With `each`, the count begins again after every answer."""
 
     def __init__(self, limit: int = MAX_WORK, *, each: bool = True) -> None:
         self._limit = limit
@@ -196,7 +196,7 @@ class Goal:
                 # Usually the earlier choices can stay; otherwise all of them are reconsidered.
                 found = self._extended(chosen, *rows[-1]) or self._choice(rows, work)
             except GoalTooHardError:
-                # What cannot be decided in time counts as not true.
+                # A condition that takes too long to decide counts as not true.
                 continue
             if found is not None:
                 held, chosen = rows, found
