@@ -213,7 +213,7 @@ async def test_a_list_without_end_is_cut_off(monkeypatch: pytest.MonkeyPatch) ->
         sent += 1
         rows = [
             messages.EpisodeInfo(
-                episode=f"e{request.skip + number}", code="", task="x", clock="turn",
+                episode=f"e{request.skip + number}", code="KQXZB-MHTWA", task="x", clock="turn",
                 phase="waiting", step=0, max_steps=9, seats=[],
             )
             for number in range(100)
