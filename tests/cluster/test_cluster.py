@@ -193,7 +193,7 @@ class TestLease:
         ):
             games = await two_players(nodes, ada, bob)
             owner = nodes.owner(games[0].episode)
-            monkeypatch.setattr(owner.bus, "store", lambda *_: asyncio.sleep(3600))
+            monkeypatch.setattr(owner.bus, "store", lambda *_: asyncio.sleep(30))
             while not games[0].ended:
                 await step(*games)
             await asyncio.sleep(1)
