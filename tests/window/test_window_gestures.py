@@ -68,7 +68,7 @@ def test_players_cheer_for_two_seconds_when_the_game_is_won(course) -> None:
 
 def test_idle_players_breathe_and_blink_but_not_in_a_pause(course) -> None:
     shown = at(course, 1, previous=None)
-    moments = [replace(shown, seconds=n / 20) for n in range(80)]
+    moments = [replace(shown, seconds=n / 12) for n in range(44)]
     assert 3 <= looks(Painter(), moments) <= 12, "few pictures cost little"
     assert looks(Painter(preferences=STILL), moments) == 1
     assert looks(Painter(), [replace(view, offline=0.0) for view in moments]) == 1
