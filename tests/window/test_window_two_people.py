@@ -12,7 +12,7 @@ from robotouille.episode import Clock
 from robotouille.replay.recording import read_recording
 from robotouille.world.scene import scene
 from robotouille_client.bots.partners import prompt_partners
-from robotouille_client.window.app.local_game import GUEST, GameSetup, LocalGame
+from robotouille_client.window.app.local_game import COMPANION, GameSetup, LocalGame
 from robotouille_client.window.app.play_menu import PlayMenu
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.input.commands import Command, Gamepads
@@ -49,7 +49,7 @@ class Couple:
         self.game = LocalGame(setup, "ada", self.timer, folder, prompt_partners)
         self.source = self.game.source
         self.window: Window = headless_window(clock=self.timer)
-        self.me, self.guest = self.source.view().me or "", self.source.view().guest or ""
+        self.me, self.companion = self.source.view().me or "", self.source.view().companion or ""
         self.window.frame(self.source)
 
     def frames(self, seconds: float) -> None:
@@ -80,16 +80,16 @@ class Couple:
 
 def test_letters_move_one_person_and_arrows_the_other(tmp_path: Path) -> None:
     couple = Couple(tmp_path)
-    assert {seat.name for seat in couple.source.view().seats} == {"ada", GUEST}
-    before = couple.at(couple.guest)
+    assert {seat.name for seat in couple.source.view().seats} == {"ada", COMPANION}
+    before = couple.at(couple.companion)
     for command in way(couple.source.view().state, couple.me, "table4"):
         couple.press(LETTERS[command])
-    assert (couple.at(couple.me), couple.at(couple.guest)) == ("table4", before)
-    for command in way(couple.source.view().state, couple.guest, "table3"):
+    assert (couple.at(couple.me), couple.at(couple.companion)) == ("table4", before)
+    for command in way(couple.source.view().state, couple.companion, "table3"):
         couple.press(ARROWS[command])
-    assert (couple.at(couple.me), couple.at(couple.guest)) == ("table4", "table3")
+    assert (couple.at(couple.me), couple.at(couple.companion)) == ("table4", "table3")
     couple.press(pygame.K_RSHIFT)
-    assert couple.held(couple.guest)
+    assert couple.held(couple.companion)
     couple.press(pygame.K_e)
     assert couple.held(couple.me)
     while not couple.source.finished:
@@ -98,22 +98,22 @@ def test_letters_move_one_person_and_arrows_the_other(tmp_path: Path) -> None:
     assert path is not None
     recording = read_recording(path)
     assert recording.verify().ok
-    assert set(recording.participants.values()) == {("ada", "human"), (GUEST, "human")}
+    assert set(recording.participants.values()) == {("ada", "human"), (COMPANION, "human")}
 
 
 @pytest.mark.parametrize(("pads", "pad"), [((0,), 0), ((4, 7), 7)])
-def test_the_guest_has_the_only_gamepad_or_the_second(
+def test_the_companion_has_the_only_gamepad_or_the_second(
     monkeypatch: pytest.MonkeyPatch, pads: tuple[int, ...], pad: int
 ) -> None:
     couple = Couple()
     plugged = dict.fromkeys(pads)
     monkeypatch.setattr(Gamepads, "plugged", property(lambda self: tuple(plugged)))
     before = couple.at(couple.me)
-    for command in way(couple.source.view().state, couple.guest, "table3"):
+    for command in way(couple.source.view().state, couple.companion, "table3"):
         couple.push(BUTTONS[command], pad)
-    assert (couple.at(couple.me), couple.at(couple.guest)) == (before, "table3")
+    assert (couple.at(couple.me), couple.at(couple.companion)) == (before, "table3")
     couple.push(pygame.CONTROLLER_BUTTON_A, pad)
-    assert couple.held(couple.guest)
+    assert couple.held(couple.companion)
     if len(pads) > 1:
         for command in way(couple.source.view().state, couple.me, "table4"):
             couple.push(BUTTONS[command], pads[0])
@@ -136,7 +136,7 @@ def test_the_menu_offers_a_second_person_where_there_is_a_seat() -> None:
     assert alone.setup.people == 1
 
 
-def test_a_task_for_one_has_no_guest() -> None:
+def test_a_task_for_one_has_no_companion() -> None:
     setup = GameSetup("synchronous/01", people=2, clock=Clock.TURN)
     game = LocalGame(setup, "ada", Timer(), None, prompt_partners)
-    assert game.source.view().guest is None
+    assert game.source.view().companion is None

@@ -130,7 +130,7 @@ class View:
         phase: Part of the current step's time that has passed, from 0 to 1.
         step_seconds: Duration of a step; None if the clock has no fixed one.
         me: Player controlled by the local participant; None for a spectator.
-        guest: Player controlled by a second person at the same window.
+        companion: Player controlled by a second person at the same window.
         hover: Object under the mouse.
         waits_for: Players whose decision the current step has been waiting for.
         thinking: Bots that have been deciding for a while, whether or not a step waits for them.
@@ -180,7 +180,7 @@ class View:
     step_seconds: float | None = None
     seconds: float | None = None
     since_end: float | None = None
-    guest: str | None = None
+    companion: str | None = None
 
     @property
     def over(self) -> bool:

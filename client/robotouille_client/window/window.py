@@ -232,11 +232,13 @@ class Window:
         if self.card is None and self._strip_handles(event, view):
             return
         self._input.show_notice(self._gamepads.notice(event))
+        if event.type == pygame.CONTROLLERDEVICEREMOVED:
+            self._input.release()
         pressed = self._gamepads.read(event)
-        if view.guest is not None and self.card is None and self._gamepads.for_guest(event):
-            self._input.guest_command(pressed, source, view)
+        if view.companion is not None and self.card is None and self._gamepads.for_companion(event):
+            self._input.companion_command(pressed, source, view)
             if self._gamepads.let_go(event):
-                self._input.guest.release()
+                self._input.companion.release()
             return
         self._run_command(self._dispatch(event, pressed, source, view), view)
         if self._gamepads.let_go(event):
@@ -257,7 +259,7 @@ class Window:
 
     def _take_input_for_card(self) -> None:
         self._drawn_last = None
-        self._input.controller.release()
+        self._input.release()
         if self._strip is not None:
             self._strip.handle(pygame.Event(pygame.WINDOWFOCUSLOST), pygame.Rect(0, 0, 0, 0))
 

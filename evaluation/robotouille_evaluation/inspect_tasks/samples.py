@@ -93,7 +93,8 @@ def of_distribution(function: Callable[P, R]) -> Callable[P, R]:
 @lru_cache(maxsize=2)
 def load_pack(folder: str) -> Pack:
     """Return the pack of a folder, else the built-in pack of shifts or of tasks with goals."""
-    if folder == SHIFTS and not Path(folder).is_dir():
+    # The name is that of the built-in pack, even next to a folder with that name.
+    if folder == SHIFTS:
         return build_shift_pack()
     return read_pack(Path(folder)) if folder else build_own_pack()
 
@@ -184,6 +185,8 @@ def keep_row(state: TaskState, row: ResultRow) -> None:
 @of_distribution
 def outcome() -> Scorer:
     """Return the scorer: success within the budget, and metrics of docs/metrics.md.
+
+    A cancelled episode has no success. A cancelled shift has no share, and does not count.
 
     Undefined metrics, such as the optimality rate of a failure, are NaN. Inspect's metrics leave
     NaN out.

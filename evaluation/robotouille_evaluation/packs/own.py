@@ -164,7 +164,15 @@ def pack_with(names: Iterable[str]) -> Pack:
     Raises:
         RobotouilleError: They belong to several packs.
     """
-    wanted = {SHIFTS if name.partition("/")[0] == SHIFTS else NAME for name in names} or {NAME}
+    shifts = [name for name in task_names() if name.startswith(f"{SHIFTS}/")]
+    others = [name for name in task_names() if name not in shifts]
+
+    def pack_of(name: str) -> str:
+        # Parts of names may be given, too, if only shifts have them.
+        part = any(name in task for task in shifts) and not any(name in task for task in others)
+        return SHIFTS if name.partition("/")[0] == SHIFTS or part else NAME
+
+    wanted = {pack_of(name) for name in names} or {NAME}
     if len(wanted) > 1:
         raise RobotouilleError(
             "shifts and tasks with goals are different packs: evaluate them in two runs"

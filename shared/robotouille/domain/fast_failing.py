@@ -34,12 +34,22 @@ def fast_failing(schema: CoreSchema) -> SchemaValidator:
         return SchemaValidator(schema)
 
 
+MAX_NAMES = 10_000
+"""Largest number of names in an object. Validators report every unknown name and wrong value."""
+
+
 def has_more_values(value: Any, limit: int) -> bool:
-    """Return whether a JSON value holds more than a number of values, at any depth."""
+    """Return whether a JSON value holds more than a number of values, at any depth.
+
+    Raises:
+        ValueError: An object has more than `MAX_NAMES` names.
+    """
     waiting, found = [value], 0
     while waiting:
         inner = waiting.pop()
         if isinstance(inner, dict):
+            if len(inner) > MAX_NAMES:
+                raise ValueError(f"{len(inner):,} names in one object; at most {MAX_NAMES:,}")
             inner = inner.values()
         elif not isinstance(inner, list | tuple):
             continue

@@ -159,11 +159,18 @@ def validate(raw: Any, model: type[M], source: str) -> M:
         FileError: The value is invalid; the error lists all its faults.
     """
     try:
-        if has_more_values(raw, MANY):
+        if _is_large(raw, source):
             _quick(model).validate_python(raw)
         return model.model_validate(raw)
     except ValidationError as error:
         raise FileError(source, _faults(raw, model, _errors(error))) from None
+
+
+def _is_large(raw: Any, source: str) -> bool:
+    try:
+        return has_more_values(raw, MANY)
+    except ValueError as error:
+        raise FileError(source, [Fault("", str(error))]) from None
 
 
 @cache

@@ -100,7 +100,8 @@ class ShiftGenerator(Generator):
     def _varied(self, rng: SeededRng) -> Task:
         problem = self.task.problem
         shift = None if problem.shift is None else varied(problem.shift, rng)
-        return replace(self.task, problem=problem.model_copy(update={"shift": shift}))
+        update = {"shift": shift, "goal_description": _description(shift)}
+        return replace(self.task, problem=problem.model_copy(update=update))
 
     def _proven(self, instance: Instance) -> Instance:
         for fault in lint_task(instance.task):
@@ -114,6 +115,11 @@ class ShiftGenerator(Generator):
             points[seats] = last.orders.score
             results[seats] = SearchResult(plan, 0, Proof.NONE, "planner bots", 0)
         return replace(with_planner_points(instance, points), results=results)
+
+
+def _description(shift: Shift | None) -> str:
+    """Return what to do in a shift whose menu has been drawn."""
+    return f"Serve what the guests order: {', '.join(shift.menu) if shift else 'nothing'}."
 
 
 def varied(shift: Shift, rng: SeededRng) -> Shift:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property
 
-from robotouille.domain.schema import GoalTerm
+from robotouille.domain.schema import Condition, DomainFile, GoalTerm
+from robotouille.domain.task import Task
 from robotouille.errors import RobotouilleError
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.shift import ShiftRules
 from robotouille.world.world import World
+
+_LOCATING = ("shares_tile", "bottom_of_stack")
+"""Layout rules of the predicates that say on which station a thing is."""
 
 
 class DishPlanner:
@@ -22,13 +26,40 @@ class DishPlanner:
         goal = rules_of(world).menu[dish].goal
         if not world.is_undivided:
             goal = _with_stations(goal, world)
-        problem = world.task.problem.model_copy(update={"shift": None, "goal": goal})
-        self.world = World(replace(world.task, name=f"{world.task.name}: {dish}", problem=problem))
+        task = world.task
+        problem = task.problem.model_copy(update={"shift": None, "goal": goal})
+        name, domain = f"{task.name}: {dish}", _taking_nothing_back(task)
+        self.world = World(replace(task, name=name, domain=domain, problem=problem))
 
     @cached_property
     def anytime(self) -> AnytimePlanner:
         """The planner of the dish, which analyses the kitchen once."""
         return AnytimePlanner(self.world)
+
+
+def _taking_nothing_back(task: Task) -> DomainFile:
+    """Return the domain of a shift without actions that take things from a station for discarding.
+
+    Without the rules of a shift, such a station would be a place to keep things. There they vanish.
+    """
+    domain, shift = task.domain, task.problem.shift
+    flag = None if shift is None or shift.discard is None else f"is{shift.discard}"
+    types = {p.name: p.param_types for p in domain.predicate_defs}
+    if flag not in types:
+        return domain
+    located = {rule.predicate for rule in domain.layout or () if rule.when in _LOCATING}
+    actions = []
+    for action in domain.action_defs:
+        stations = {
+            fx.params[-1]
+            for fx in action.immediate_fx
+            if not fx.is_true
+            and fx.predicate in located
+            and types[fx.predicate][-1:] == types[flag]
+        }
+        never = [Condition(predicate=flag, params=(s,), is_true=False) for s in sorted(stations)]
+        actions.append(action.model_copy(update={"precons": (*action.precons, *never)}))
+    return domain.model_copy(update={"action_defs": tuple(actions)})
 
 
 def _with_stations(goal: tuple[GoalTerm, ...], world: World) -> tuple[GoalTerm, ...]:

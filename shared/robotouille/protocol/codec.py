@@ -16,7 +16,7 @@ import msgpack
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, SchemaValidator
 
-from robotouille.domain.fast_failing import fast_failing
+from robotouille.domain.fast_failing import fast_failing, has_more_values
 from robotouille.errors import FileError, ProtocolError
 from robotouille.protocol.messages import (
     Act,
@@ -126,6 +126,12 @@ class Codec:
             ProtocolError: `message/...`, as for a client's message; at most `MAX_SERVER_BYTES`.
         """
         plain = self._unpack(payload, MAX_SERVER_BYTES)
+        if self.text and len(payload) > MAX_CLIENT_BYTES:
+            # MessagePack limits the names of objects while it decodes.
+            try:
+                has_more_values(plain, MAX_SERVER_ITEMS)
+            except ValueError as error:
+                raise ProtocolError("message/malformed", str(error)) from None
         message: ServerMessage = self._validate(plain, _quick_server_messages())
         return message
 

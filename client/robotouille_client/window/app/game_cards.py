@@ -180,7 +180,7 @@ def rate_game(
     """Return the stars of a game that has ended.
 
     Returns:
-        None for an unfinished order, and if the task has no limits or no known plan.
+        None if the goal was not reached, and if the task has no limits or no known plan.
     """
     scores = score_limits(task.problem, seats)
     if scores is not None:

@@ -73,11 +73,6 @@ def earned_in(task: str, stars: Mapping[str, int]) -> int:
     return max((n for name, n in stars.items() if name.partition("@")[0] == task), default=0)
 
 
-def title_of(task: str) -> str:
-    """Return what people call a task, such as `Lettuce burger`."""
-    return dish_title(task, load_task(task).goal_description)
-
-
 class ChapterRow(Row):
     """Levels of a chapter from left to right. Its `answer` is the level that was chosen.
 
@@ -193,7 +188,7 @@ class LevelMap(Form):
     def __init__(self, settings: Settings, last: str = "") -> None:
         self._settings = settings
         self._thumbnails = Thumbnails(settings.preferences.rendering)
-        self._titles: dict[str, str] = {}
+        self._texts: dict[str, tuple[str, str]] = {}
         tutorial = "Tutorial again" if settings.learned else "Tutorial (two minutes)"
         self._ends = [
             Button(tutorial, MenuChoice.TUTORIAL),
@@ -225,10 +220,15 @@ class LevelMap(Form):
         self.message = f"Earn a star in {self._title(level.before)!r} first, or choose All tasks."
 
     def _title(self, task: str) -> str:
+        return self._text_of(task)[0]
+
+    def _text_of(self, task: str) -> tuple[str, str]:
+        """Return the title and the goal of a task."""
         # Loading a task is slow, and the map is drawn again for each input.
-        if task not in self._titles:
-            self._titles[task] = title_of(task)
-        return self._titles[task]
+        if task not in self._texts:
+            goal = load_task(task).goal_description
+            self._texts[task] = dish_title(task, goal), goal
+        return self._texts[task]
 
     def _draw_beside(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
@@ -252,7 +252,7 @@ class LevelMap(Form):
         return width
 
     def _details(self, level: Level) -> tuple[str, ...]:
-        goal = load_task(level.task).goal_description
+        _, goal = self._text_of(level.task)
         if not level.is_open:
             return (goal, f"Opens with a star in {self._title(level.before)!r}.")
         stars = {0: "No star yet.", 1: "One star."}.get(level.stars, f"{level.stars} stars.")

@@ -26,7 +26,7 @@ from robotouille_client.bots.kinds import BotSetup, given_names
 from robotouille_client.bots.partners import MakePartners, PartnerProcess, Partners, PromptPartners
 from robotouille_client.window.sources.local import LocalSeats, LocalSource
 
-GUEST = "guest"
+COMPANION = "companion"
 """Name of the second person at a window."""
 KEPT_RECORDINGS = 50
 NO_CERTIFICATE = 1000
@@ -95,8 +95,8 @@ class LocalGame:
         # A person who only watches at first must not block the bots.
         me = seat_out_of_the_way(self.world.initial)
         others = [player for player in self.world.players if player != me]
-        guest = others.pop(0) if setup.people > 1 and others else ""
-        guest_name = GUEST if name.casefold() != GUEST else f"{GUEST} 2"
+        companion = others.pop(0) if setup.people > 1 and others else ""
+        companion_name = COMPANION if name.casefold() != COMPANION else f"{COMPANION} 2"
         # Equal names could not be distinguished in the chat.
         names = [n for n in given_names(setup.seed) if n.casefold() != name.casefold()]
         bots = BotSetup.named(setup.partner, setup.seed, words)
@@ -113,7 +113,11 @@ class LocalGame:
         self.source = LocalSource(
             episode,
             LocalSeats(
-                me, dict(zip(others, names, strict=False)), name, bots.agent, (guest, guest_name)
+                me,
+                dict(zip(others, names, strict=False)),
+                name,
+                bots.agent,
+                (companion, companion_name),
             ),
             self._partners,
             now,

@@ -218,8 +218,12 @@ class LocalGames:
                 return None
             last = self._ui.settings.task = str(picked)
             setup = await PlayMenu(self._ui.settings).ask(self._ui.ask)
-            if setup is not None:
-                return await self.play(setup)
+            if setup is None:
+                continue
+            answer = await self.play(setup)
+            # The new star, and what it opens, are on the map.
+            if answer != MenuChoice.MENU:
+                return answer
 
     async def play(self, setup: GameSetup) -> object:
         """Play a task, and play it again or continue with the next one until the player stops."""

@@ -278,11 +278,11 @@ class PlayMenu:
             seats=self._task.seats,
             partner=str(self._partner.value),
             rate=self._rate.value,
-            people=self._guests + 1,
+            people=self._companions + 1,
         )
 
     @property
-    def _guests(self) -> int:
+    def _companions(self) -> int:
         """Number of people besides the first one."""
         return min(int(str(self._people.value)), self._task.seats) - 1
 
@@ -308,13 +308,13 @@ class PlayMenu:
     def _rows(self) -> tuple[Row, ...]:
         start, back = self._ends
         people = (self._people,) if self._task.seats > 1 else ()
-        partners = (self._partner,) if self._task.seats > self._guests + 1 else ()
+        partners = (self._partner,) if self._task.seats > self._companions + 1 else ()
         return (start, *self._task.rows, *people, *partners, self._rate, back)
 
     def _describe(self) -> None:
         self._task.describe()
         self._arrange()
-        self.form.message = TWO_PEOPLE if self._guests else ""
+        self.form.message = TWO_PEOPLE if self._companions else ""
 
     def _team_words(self, seats: int) -> str:
         people = min(int(str(self._people.value)), seats)

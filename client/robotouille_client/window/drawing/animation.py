@@ -165,6 +165,8 @@ def _carrier(stage: SceneSprites, name: str) -> str | None:
     return None
 
 
+BEATS = 2
+"""Strokes of a tool in a step, and of the arms that hold it."""
 # Number of sizes and shades of a particle, each drawn once.
 _FRAMES = 12
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from robotouille.world.world import State
-from robotouille_client.window.drawing.animation import StepAnimation
+from robotouille_client.window.drawing.animation import BEATS, StepAnimation
 from robotouille_client.window.drawing.spots import Pose
 from robotouille_client.window.view import Bubble, View
 
@@ -25,10 +25,8 @@ CHEER_SECONDS = 2.2
 PRAISE_SECONDS = 0.8
 """Duration of the joy about a served dish."""
 
-# Strokes with a tool in a step, and arms raised at that time.
-_BEATS = 2
 # Heights of hops in tiles: of a step, of work, of a signal, of joy.
-_STEP, _STROKE, _WAVE, _JOY = 0.06, 0.03, 0.07, 0.13
+_STEP, _EFFORT, _WAVE, _JOY = 0.06, 0.03, 0.07, 0.13
 # Jumps of joy in a second.
 _JUMPS = 2.4
 # A breath: its seconds, and its heights in tiles. Few heights need few pictures.
@@ -171,11 +169,11 @@ def _walk(pose: Pose) -> Gesture:
 
 def _work(pose: Pose, phase: float) -> Gesture:
     """Return the gesture of work: the player turns to the viewer, and its arms go up and down."""
-    wave = math.sin(math.tau * _BEATS * phase)
+    wave = math.sin(math.tau * BEATS * phase)
     behind = pose.facing == "back"
     raised: Arms = "up" if behind else "out"
     return Gesture(
-        "front" if behind else pose.facing, raised if wave > 0 else "down", _STROKE * abs(wave)
+        "front" if behind else pose.facing, raised if wave > 0 else "down", _EFFORT * abs(wave)
     )
 
 

@@ -13,6 +13,7 @@ from robotouille.domain.art import SIDES, ParticleEffect
 from robotouille.world.grounding.objects import Object
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import (
+    BEATS,
     StepAnimation,
     ToolInUse,
     draw_particles,
@@ -123,8 +124,8 @@ class Preloader:
             yield rendering.effects[name]
 
 
-# Strokes of a tool in a step; its height over an object and the length of a stroke, in tiles.
-_BEATS, _TOOL, _STROKE = 2, 0.18, 0.16
+# Height of a tool over an object, and the length of its stroke, in tiles.
+_TOOL, _STROKE = 0.18, 0.16
 
 # Movements of an object that cooks, in a step, and how far it moves, in tiles.
 _SHAKES, _SHAKEN = 1.5, 0.012
@@ -242,7 +243,7 @@ class KitchenLayer:
         if spot is None:
             return
         tool, size = work.tool, round(work.tool.size * spot.tile)
-        wave = math.sin(math.tau * _BEATS * frame.time) if frame.lively else 0.0
+        wave = math.sin(math.tau * BEATS * frame.time) if frame.lively else 0.0
         lift, side = _TOOL + _STROKE * abs(wave), 0.0
         if tool.motion == "scrub":
             lift, side = _TOOL, _STROKE * wave

@@ -105,7 +105,7 @@ class Painter:
         stage, poses = frame.stage, frame.poses
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._overlays.highlight(surface, place, stage, view.hover)
-        self._kitchen.draw(surface, place, frame, (view.me, view.guest))
+        self._kitchen.draw(surface, place, frame, (view.me, view.companion))
         signs = self._overlays.draw(surface, place, view, stage, poses)
         # Objects on their way have not arrived: until then the ticket shows the state before.
         under_way = frame.animation.travels and view.phase < 1.0

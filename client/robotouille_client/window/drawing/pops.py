@@ -30,7 +30,12 @@ class Pops:
         self._began: dict[Hashable, tuple[Pop, float]] = {}
 
     def follow(self, shown: Mapping[Hashable, Pop], seconds: float | None) -> None:
-        """Start a movement for everything that was not shown before."""
+        """Start a movement for everything that was not shown before.
+
+        In a small window nothing is shown, which changes nothing.
+        """
+        if not shown and self._seen:
+            return
         if seconds is not None and self._seen is not None:
             for key in shown.keys() - self._seen:
                 self._began[key] = shown[key], seconds

@@ -164,7 +164,7 @@ They differ so that a stick that trembles near one of them does not press repeat
 
 
 class Gamepads:
-    """All connected gamepads. Without a guest, they are treated as one."""
+    """All connected gamepads. Without a companion, they are treated as one."""
 
     def __init__(self) -> None:
         self._held: dict[int, Command] = {}
@@ -211,10 +211,10 @@ class Gamepads:
         ended = event.type in (*released, pygame.CONTROLLERDEVICEREMOVED)
         return ended and _pad(event) not in self._held
 
-    def for_guest(self, event: pygame.Event) -> bool:
-        """Return whether an event comes from the guest's gamepad.
+    def for_companion(self, event: pygame.Event) -> bool:
+        """Return whether an event comes from the companion's gamepad.
 
-        The only gamepad is the guest's; of several, the first one is the first person's.
+        The only gamepad is the companion's; of several, the first one is the first person's.
         """
         playing = (
             pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP, pygame.CONTROLLERAXISMOTION,

@@ -112,9 +112,9 @@ class PlayHints:
         bound = controls.bindings.keyboard_actions
         always = {b.input_instructions.key for b in bound if b.input_instructions.at is None}
         use = " or ".join(key_words(k) for k in keys.keys(Command.USE) if k not in always)
-        arrows = () if view.guest else ("Arrows",)
+        arrows = () if view.companion else ("Arrows",)
         walk = dict.fromkeys((self._walk_keys(controls), *arrows))
-        guest = (("Arrows, Right Shift", "the second person: walk, do the most useful thing"),)
+        companion = (("Arrows, Right Shift", "the second person: walk, do the most useful thing"),)
         own = (
             (", ".join(walk), "walk to the next station that way"),
             (f"{use}, right click", "do the most useful thing here"),
@@ -132,7 +132,7 @@ class PlayHints:
         )
         if not view.me:
             return window
-        return (*own, *(guest if view.guest else ()), *controls.help(), *team, *window)
+        return (*own, *(companion if view.companion else ()), *controls.help(), *team, *window)
 
     def _escape_words(self, view: View) -> str:
         does = ["close this"]

@@ -11,8 +11,8 @@ from robotouille.world.presentation.signals import POINTING, Intent, Signal
 from robotouille.world.scene import scene
 from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
 from robotouille_client.window.input.commands import DIRECTIONS, FIXED, SIGNALS, Command, KeyMap
+from robotouille_client.window.input.companion_input import CompanionInput
 from robotouille_client.window.input.controls import Button, Controls
-from robotouille_client.window.input.guest_input import GuestInput
 from robotouille_client.window.input.hints import PlayHints
 from robotouille_client.window.input.input_controller import MAX_CHOICES, InputController
 from robotouille_client.window.options import WindowStyle
@@ -83,7 +83,7 @@ class PlayInput:
         clock: Callable[[], float],
     ) -> None:
         self.controller = InputController(keys, clock)
-        self.guest = GuestInput(clock)
+        self.companion = CompanionInput(clock)
         self._hints = PlayHints(self.controller, alone=style.strip is None, may_leave=may_leave)
         self._style = style
         self._target = target
@@ -120,13 +120,17 @@ class PlayInput:
     def tick(self, source: GameSource, view: View) -> None:
         """Send the actions that are due."""
         self.show_notice(self.controller.tick(source, view))
-        self.show_notice(self.guest.tick(source, view))
+        self.show_notice(self.companion.tick(source, view))
 
     def close(self) -> None:
         """Close the help and the list, and release held keys. A line of chat stays open."""
         self._help, self.controller.choices = False, None
+        self.release()
+
+    def release(self) -> None:
+        """Let go of the directions that are held."""
         self.controller.release()
-        self.guest.release()
+        self.companion.release()
 
     # Events
 
@@ -137,13 +141,13 @@ class PlayInput:
         elif event.type == pygame.WINDOWLEAVE:
             self._pointer = None
         elif event.type == pygame.WINDOWFOCUSLOST:
-            self.controller.release()
-            self.guest.release()
+            self.release()
 
     def handle(self, event: pygame.Event, source: GameSource, view: View) -> Command | None:
         """Handle an event; return a command that is not for the game."""
-        if self._chat.typed is None and self.guest.takes(event, view):
-            self.show_notice(self.guest.handle(event, self.controls(view), source, view))
+        # Arrow keys and Shift do not edit a line of chat.
+        if self.companion.takes(event, view):
+            self.show_notice(self.companion.handle(event, self.controls(view), source, view))
             return None
         if event.type == pygame.MOUSEBUTTONDOWN:
             # While a line of chat is open, keys edit the line, so the drawn keys do nothing.
@@ -159,10 +163,10 @@ class PlayInput:
             return self._key(_name(event), source, view)
         return None
 
-    def guest_command(self, command: Command | None, source: GameSource, view: View) -> None:
-        """Run a command of the guest's gamepad."""
+    def companion_command(self, command: Command | None, source: GameSource, view: View) -> None:
+        """Run a command of the companion's gamepad."""
         if command is not None:
-            self.show_notice(self.guest.command(command, self.controls(view), source, view))
+            self.show_notice(self.companion.command(command, self.controls(view), source, view))
 
     def command(
         self, command: Command, source: GameSource, view: View, key: str = ""
@@ -339,10 +343,10 @@ class PlayInput:
             prompt=self._notice if self._clock() < self._notice_until else "",
             typing=self._chat.typed,
             help=told.help(controls, view) if self._help else (),
-            hints=(*hints, *self.guest.hints(controls, view)),
+            hints=(*hints, *self.companion.hints(controls, view)),
             keys=told.permanent_keys(controls, view),
             queued=self.controller.queue.labels,
-            marks=tuple(m for m in (self._mark(view), self.guest.mark(view)) if m is not None),
+            marks=tuple(m for m in (self._mark(view), self.companion.mark(view)) if m is not None),
             choices=choices,
             chosen=self.controller.chosen % MAX_CHOICES,
             more=more,

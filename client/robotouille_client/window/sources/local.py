@@ -49,7 +49,7 @@ class LocalSeats:
         me: Player of the person at the window.
         bots: Names of the bots by player.
         name: Name of the person.
-        guest: Player of a second person at the window, and that person's name; empty without one.
+        companion: Player and name of a second person at the window; empty without one.
         agent: Description of the bots for the recording.
     """
 
@@ -57,7 +57,7 @@ class LocalSeats:
     bots: Mapping[str, str]
     name: str = "you"
     agent: str = ""
-    guest: tuple[str, str] = ("", "")
+    companion: tuple[str, str] = ("", "")
 
 
 class LocalSource(GameSource):
@@ -87,7 +87,7 @@ class LocalSource(GameSource):
         self._partners = partners
         self._now = now
         self._name = name
-        self._guest, guest_name = seats.guest
+        self._companion, companion_name = seats.companion
         self._record = record
         self._wording = Wording(
             episode.world, language_of(episode.world.task).with_words(words), me, bots
@@ -105,8 +105,8 @@ class LocalSource(GameSource):
         self._asked: dict[str, tuple[int, float]] = {}
         self._answers: dict[str, Decision] = {}
         episode.join(me, name, "human", now())
-        if self._guest:
-            episode.join(self._guest, guest_name, "human", now())
+        if self._companion:
+            episode.join(self._companion, companion_name, "human", now())
         for player, bot in bots.items():
             episode.join(player, bot, "bot", now(), agent=seats.agent)
         kinds = {seat.player: seat.controller.value for seat in episode.seats.values()}
@@ -140,7 +140,7 @@ class LocalSource(GameSource):
                 for s in episode.seats.values()
             ),
             me=self._me,
-            guest=self._guest or None,
+            companion=self._companion or None,
             bubbles=self._chat_log.bubbles,
             chat=self._chat_log.lines,
             status=self._status(),
@@ -274,7 +274,7 @@ class LocalSource(GameSource):
         change(PauseReason.PLAYER, self._now())
 
     def act(self, action: GroundAction) -> None:
-        player = action.player if action.player in (self._me, self._guest) else None
+        player = action.player if action.player in (self._me, self._companion) else None
         self._submit(player or self._me, action)
 
     def signal(self, signal: Signal) -> None:

@@ -408,7 +408,9 @@ class PlannerPolicy:
             if made.can_begin:
                 break
         self._may_improve = False
-        if made.assumption is Assumption.TEAM:
+        if self._pursued is None:
+            pass  # Without a goal, nothing was tried.
+        elif made.assumption is Assumption.TEAM:
             self._talk.clear_requests()
             self._in_vain.clear()
             self._may_improve = self._punctual and self._is_worth_improving(made.found)
@@ -417,7 +419,8 @@ class PlannerPolicy:
             # The next plan from this state tries the other assumption first.
             self._in_vain[here] = tried + 1
         # After a proof that the goal is out of reach, another search would be useless.
-        helpless = made.assumption is Assumption.NOTHING and not made.found.unsolvable
+        stuck = made.assumption is Assumption.NOTHING and not made.found.unsolvable
+        helpless = stuck and self._pursued is not None
         self._retry = min(2 * self._retry, MAX_RETRY) if helpless else RETRY
         lasting = self._world.shift is None
         if helpless and lasting and self._outsiders and self.player == min(self._team):

@@ -35,7 +35,10 @@ MAX_FIT_WORK = 3 * MAX_WORK
 
 
 class _Work:
-    """Rows at which searches have looked, up to a limit. With `each`, the count begins again after every answer."""
+    """Rows at which searches have looked, up to a limit.
+
+    With `each`, the count begins again after every answer.
+    """
 
     def __init__(self, limit: int = MAX_WORK, *, each: bool = True) -> None:
         self._limit = limit
@@ -161,7 +164,8 @@ class Goal:
         """Return for each predicate of the goal whether it holds, in the problem's order.
 
         A predicate holds if some choice of objects makes it true together with all earlier
-        predicates that hold. All predicates hold exactly if the goal does.
+        predicates that hold. All predicates hold exactly if the goal does, unless the search for
+        choices takes too long: predicates that cannot be decided in time count as not true.
         """
         return self.fit(facts).holding
 
@@ -291,13 +295,12 @@ class Goal:
                 return False
         return True
 
-    def _search(self, domains: Domains, rows: Rows, work: _Work | None = None) -> Iterator[Binding]:
+    def _search(self, domains: Domains, rows: Rows, work: _Work) -> Iterator[Binding]:
         """Narrow the choices, then branch on the variable with the fewest choices left.
 
         Raises:
             GoalTooHardError: The search takes more than MAX_WORK.
         """
-        work = _Work() if work is None else work
         narrowed = self._narrow(domains, rows, work)
         if narrowed is None:
             return

@@ -136,10 +136,12 @@ class GroundObjects:
 
     def make_room(self, wanted: Mapping[str, int]) -> None:
         """Assign bits to at least the wanted number of objects of each creatable kind."""
-        for kind, _ in self._creations:
-            while sum(o.kind == kind for o in self._things.values()) < wanted.get(kind, 0):
-                self._add_generation()
-        self._grown()
+        try:
+            for kind, _ in self._creations:
+                while sum(o.kind == kind for o in self._things.values()) < wanted.get(kind, 0):
+                    self._add_generation()
+        finally:
+            self._grown()
 
     def make_room_for_another(self) -> None:
         """Assign bits to one more object of every kind that can be created."""

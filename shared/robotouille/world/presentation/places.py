@@ -74,9 +74,8 @@ def places(floor: Floor, nouns: Mapping[str, str], words: PlaceWords) -> dict[st
     """
     called = _called(floor, nouns, words)
     if len(set(called.values())) < len(called) or not all(called.values()):
-        return _called(
-            floor, nouns, PlaceWords()
-        )  # A language's own words may name two stations alike.
+        # A language's own words may name two stations alike.
+        return _called(floor, nouns, PlaceWords())
     return called
 
 

@@ -13,7 +13,7 @@ from robotouille_client.window.input.controls import Controls, use
 from robotouille_client.window.input.input_controller import InputController
 from robotouille_client.window.view import GameSource, View
 
-GUEST_KEYS: Mapping[str, Command] = {
+COMPANION_KEYS: Mapping[str, Command] = {
     "left": Command.LEFT,
     "right": Command.RIGHT,
     "up": Command.UP,
@@ -24,30 +24,30 @@ GUEST_KEYS: Mapping[str, Command] = {
 """Keys of the second person. The first person walks with letters then."""
 
 
-class GuestInput:
-    """Walks and work of the player `View.guest`."""
+class CompanionInput:
+    """Walks and work of the player `View.companion`."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._controller = InputController(KeyMap(), clock)
 
     def takes(self, event: pygame.Event, view: View) -> bool:
-        """Return whether a key event is for the guest."""
+        """Return whether a key event is for the companion."""
         pressed = event.type in (pygame.KEYDOWN, pygame.KEYUP)
-        return view.guest is not None and pressed and _name(event) in GUEST_KEYS
+        return view.companion is not None and pressed and _name(event) in COMPANION_KEYS
 
     def handle(
         self, event: pygame.Event, controls: Controls, source: GameSource, view: View
     ) -> str:
-        """Handle a key of the guest; return a notice, or ""."""
-        command = GUEST_KEYS[_name(event)]
+        """Handle a key of the companion; return a notice, or ""."""
+        command = COMPANION_KEYS[_name(event)]
         if event.type == pygame.KEYUP:
             self._controller.release(command)
             return ""
         return self.command(command, controls, source, view)
 
     def command(self, command: Command, controls: Controls, source: GameSource, view: View) -> str:
-        """Run a command of the guest; return a notice, or ""."""
-        own = _as_guest(view)
+        """Run a command of the companion; return a notice, or ""."""
+        own = _as_companion(view)
         if command in DIRECTIONS:
             return self._controller.walk(controls, command, source, own)
         if command is Command.USE:
@@ -60,27 +60,27 @@ class GuestInput:
 
     def tick(self, source: GameSource, view: View) -> str:
         """Send the actions that are due; return a notice, or ""."""
-        return "" if view.guest is None else self._controller.tick(source, _as_guest(view))
+        return "" if view.companion is None else self._controller.tick(source, _as_companion(view))
 
     def mark(self, view: View) -> ActionMark | None:
-        """Return the mark of the guest's last action."""
+        """Return the mark of the companion's last action."""
         sent = self._controller.queue.sent
-        if view.guest is None or sent is None:
+        if view.companion is None or sent is None:
             return None
-        station = self._controller.target(view.state, view.guest)
+        station = self._controller.target(view.state, view.companion)
         return ActionMark(station, sent.fate) if station else None
 
     def hints(self, controls: Controls, view: View) -> KeyRows:
-        """Return what the guest's key does now."""
-        if view.guest is None or view.frozen or view.state.busy_steps(view.guest):
+        """Return what the companion's key does now."""
+        if view.companion is None or view.frozen or view.state.busy_steps(view.companion):
             return ()
-        resolved = use(controls, view.state, view.guest)
+        resolved = use(controls, view.state, view.companion)
         return ((key_words("right shift"), resolved.hint),) if resolved.valid else ()
 
 
-def _as_guest(view: View) -> View:
-    """Return a view in which the guest is the local player."""
-    return dataclasses.replace(view, me=view.guest)
+def _as_companion(view: View) -> View:
+    """Return a view in which the companion is the local player."""
+    return dataclasses.replace(view, me=view.companion)
 
 
 def _name(event: pygame.Event) -> str:
