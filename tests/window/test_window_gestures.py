@@ -30,9 +30,15 @@ def course() -> list[State]:
 def served() -> tuple[State, State, State]:
     """Return the states before, at, and after the first order that is served."""
     states: list[State] = []
-    play_shift(World(load_task("shifts/01_sandwich_bar@1")), watch=states.append)
-    first = next(n for n, state in enumerate(states) if state.orders and state.orders.served)
-    return states[first - 1], states[first], states[first + 1]
+
+    def watch(state: State) -> None:
+        states.append(state)
+        if len(states) > 1 and states[-2].orders and states[-2].orders.served:
+            raise StopIteration
+
+    with pytest.raises(StopIteration):
+        play_shift(World(load_task("shifts/01_sandwich_bar@1")), watch=watch)
+    return states[-3], states[-2], states[-1]
 
 
 def at(states: list[State], step: int, **fields: object) -> View:

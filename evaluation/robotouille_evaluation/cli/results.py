@@ -43,8 +43,6 @@ def compare(
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare two agents on the episodes that both have played."""
-    from robotouille_evaluation.metrics.outcomes import is_shift
-
     rows, _ = _rows_of(runs)
     rows = _of_variant(rows, variant)
     of_first, of_second = (_of_agent(rows, name) for name in (first, second))
@@ -55,7 +53,7 @@ def compare(
         )
     # A shift that failed before its first step has no points to compare.
     shifts = [pair for pair in found if pair[0].score is not None and pair[1].score is not None]
-    goals = [pair for pair in found if not is_shift(pair[0])]
+    goals = [pair for pair in found if not pair[0].is_shift]
     result: dict[str, Any] = {"episodes": len(found)}
     lines = []
     if goals:

@@ -29,12 +29,7 @@ def succeeded(row: ResultRow) -> bool:
 
 def with_goal(rows: Iterable[ResultRow]) -> list[ResultRow]:
     """Return the episodes that are not shifts."""
-    return [row for row in rows if not is_shift(row)]
-
-
-def is_shift(row: ResultRow) -> bool:
-    """Return whether a row is of a shift, even if its episode failed before it had a score."""
-    return row.score is not None or row.budget.rule.startswith("shift")
+    return [row for row in rows if not row.is_shift]
 
 
 def success_rate(rows: Sequence[ResultRow]) -> float | None:

@@ -233,6 +233,11 @@ class ResultRow(RowModel):
         return f"real time: {self.real_time}" if self.real_time is not None else ""
 
     @property
+    def is_shift(self) -> bool:
+        """True for a shift, even if its episode failed before it had a score."""
+        return self.score is not None or self.budget.rule.startswith("shift")
+
+    @property
     def pair(self) -> Pair:
         """Fields that a row of another agent must share to be compared with this one."""
         return Pair(
