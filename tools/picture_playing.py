@@ -97,14 +97,14 @@ def pause(frames: int) -> Iterator[str]:
 
 def menus(display: Display, out: Path) -> Iterator[str]:
     """Draw the menu of local games."""
-    yield from ("", "return")
+    yield from ("", "down", "return")
     yield from pause(12)
     display.save(out / "menu.png")
 
 
 def tasks(display: Display, out: Path) -> Iterator[str]:
     """Draw the list of tasks."""
-    yield from ("", "return", "", "down", "return")
+    yield from ("", "down", "return", "", "down", "return")
     yield from pause(150)
     display.save(out / "tasks.png")
 

@@ -43,7 +43,7 @@ WIDTH, BESIDE = 76, 22
 """Width of the map and of the details next to it, in text heights."""
 _HEAD, _GAP = 1.4, 0.5
 """Height of a chapter's title and the gap between two levels, in text heights."""
-_TILE = 3.1
+_TILE = 2.5
 """Largest side of a level's picture, in text heights."""
 
 
