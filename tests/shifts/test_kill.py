@@ -17,9 +17,9 @@ from robotouille_client import connect
 from robotouille_client.bots import play
 from robotouille_client.window.replay.recorded_history import RecordedHistory
 from tests.programs.drill.server import ServerProcess, free_port
-from tests.shifts.test_service import recomputed
 from tests.support.lost_connections import cut
 from tests.support.processes import program
+from tests.support.shifts import recomputed
 from tests.support.team_games import RandomWalker
 
 PROBLEM = Path(__file__).parents[2] / "problems" / "shifts" / "06_rush_hour.json"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 
 from robotouille.batch import BatchWorld
-from robotouille.domain.schema import Arrival
 from robotouille.envs import RobotouilleEnv
 from robotouille.errors import RobotouilleError
 from robotouille.generation.generator import GenerationError, Generator
@@ -27,7 +25,7 @@ from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.seat_policy import play
 from tests.support.lost_connections import cut
 from tests.support.servers import crash, serving, with_clients
-from tests.support.shifts import EXAMPLE, bistro, example
+from tests.support.shifts import EXAMPLE, bistro, example, recomputed
 from tests.support.virtual_time import virtual
 
 ALONE = PlannerOptions(alone=True)
@@ -35,50 +33,6 @@ ALONE = PlannerOptions(alone=True)
 
 def scores(recording: Recording) -> list[int]:
     return [state.orders.score for _, state in recording.states() if state.orders is not None]
-
-
-def recomputed(recording: Recording) -> tuple[int, int, int]:
-    """Compute the result of a shift from its file and the facts of a kitchen without a shift.
-
-    Dishes are recognised by the goals of tasks of their own, and orders kept in a list of rows.
-    """
-    task = recording.task
-    shift = task.problem.shift
-    assert shift is not None
-    factor = task.profile.delay_factor
-    arrivals = [each for each in shift.arrivals if isinstance(each, Arrival)]
-    plain = {}
-    for name, dish in shift.menu.items():
-        problem = task.problem.model_copy(update={"shift": None, "goal": dish.goal})
-        plain[name] = World(replace(task, problem=problem))
-    waiting: list[tuple[int, str]] = []
-    queue = [(each.at * factor, each.dish) for each in arrivals]
-    points = served = expired = 0
-    before: State | None = None
-    frames = iter(recording.steps)
-    for time, state in recording.states():
-        if before is not None:
-            frame = next(frames)
-            for name in dict.fromkeys(dish for _, dish in sorted(waiting)):
-                world = plain[name]
-                facts = (before.facts, before.timer_rows(), before.timers.busy)
-                moves = [world.action(*move["action"]) for move in frame["moves"]]
-                if world.restore(*facts).step(moves).state.goal_reached:
-                    due = min(due for due, dish in waiting if dish == name)
-                    waiting.remove((due, name))
-                    dish, patience = shift.menu[name], shift.menu[name].patience * factor
-                    points += dish.points + dish.tip * (due - time) // patience
-                    served += 1
-                    break
-            for due, name in [row for row in waiting if row[0] <= time]:
-                waiting.remove((due, name))
-                points -= shift.menu[name].penalty
-                expired += 1
-        while queue and queue[0][0] <= time and len(waiting) < shift.most_open:
-            name = queue.pop(0)[1]
-            waiting.append((time + shift.menu[name].patience * factor, name))
-        before = state
-    return points, served, expired
 
 
 @virtual

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from robotouille.domain.loading import load_task
+from robotouille.domain.schema import Arrival
 from robotouille.domain.task import Task
+from robotouille.replay import Recording
 from robotouille.world.world import State, World
 
-__all__ = ["EXAMPLE", "act", "bistro", "example", "file_of"]
+__all__ = ["EXAMPLE", "act", "bistro", "example", "file_of", "recomputed"]
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "first_shift.json"
 
@@ -96,3 +99,47 @@ def act(state: State, *sentences: str | None) -> State:
         assert all(attempt.applied for attempt in result.attempts)
         state = result.state
     return state
+
+
+def recomputed(recording: Recording) -> tuple[int, int, int]:
+    """Compute the result of a shift from its file and the facts of a kitchen without a shift.
+
+    Dishes are recognised by the goals of tasks of their own, and orders kept in a list of rows.
+    """
+    task = recording.task
+    shift = task.problem.shift
+    assert shift is not None
+    factor = task.profile.delay_factor
+    arrivals = [each for each in shift.arrivals if isinstance(each, Arrival)]
+    plain = {}
+    for name, dish in shift.menu.items():
+        problem = task.problem.model_copy(update={"shift": None, "goal": dish.goal})
+        plain[name] = World(replace(task, problem=problem))
+    waiting: list[tuple[int, str]] = []
+    queue = [(each.at * factor, each.dish) for each in arrivals]
+    points = served = expired = 0
+    before: State | None = None
+    frames = iter(recording.steps)
+    for time, state in recording.states():
+        if before is not None:
+            frame = next(frames)
+            for name in dict.fromkeys(dish for _, dish in sorted(waiting)):
+                world = plain[name]
+                facts = (before.facts, before.timer_rows(), before.timers.busy)
+                moves = [world.action(*move["action"]) for move in frame["moves"]]
+                if world.restore(*facts).step(moves).state.goal_reached:
+                    due = min(due for due, dish in waiting if dish == name)
+                    waiting.remove((due, name))
+                    dish, patience = shift.menu[name], shift.menu[name].patience * factor
+                    points += dish.points + dish.tip * (due - time) // patience
+                    served += 1
+                    break
+            for due, name in [row for row in waiting if row[0] <= time]:
+                waiting.remove((due, name))
+                points -= shift.menu[name].penalty
+                expired += 1
+        while queue and queue[0][0] <= time and len(waiting) < shift.most_open:
+            name = queue.pop(0)[1]
+            waiting.append((time + shift.menu[name].patience * factor, name))
+        before = state
+    return points, served, expired
