@@ -198,3 +198,11 @@ def test_messages_of_servers_are_limited_in_values_and_errors(codec: Codec) -> N
     with pytest.raises(ProtocolError) as caught:
         codec.decode_server(wrong)
     assert caught.value.field == "episodes.0"
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_objects_of_servers_have_a_limited_number_of_names(codec: Codec) -> None:
+    created = {"type": "created", "episode": "e", "code": "c", "tokens": {}}
+    tokens = {f"robot{number}": 0 for number in range(10_001)}
+    with pytest.raises(ProtocolError, match="message/malformed"):
+        codec.decode_server(codec.pack({**created, "tokens": tokens}))

@@ -120,6 +120,24 @@ def test_the_companion_has_the_only_gamepad_or_the_second(
         assert couple.at(couple.me) == "table4"
 
 
+def test_keys_of_the_companion_are_let_go_while_the_other_types() -> None:
+    couple = Couple()
+    couple.send(pygame.KEYDOWN, key=pygame.K_RIGHT, mod=0, unicode="")
+    couple.send(pygame.KEYDOWN, key=pygame.K_t, mod=0, unicode="t")
+    couple.send(pygame.KEYUP, key=pygame.K_RIGHT, mod=0)
+    couple.frames(4.0)
+    assert couple.at(couple.companion) == "table3", "one walk, to the next table"
+
+
+def test_an_unplugged_gamepad_lets_go() -> None:
+    couple = Couple()
+    button = BUTTONS[Command.RIGHT]
+    couple.send(pygame.CONTROLLERBUTTONDOWN, button=button, instance_id=7)
+    couple.send(pygame.CONTROLLERDEVICEREMOVED, instance_id=7)
+    couple.frames(4.0)
+    assert couple.at(couple.companion) == "table3", "one walk, to the next table"
+
+
 def test_the_menu_offers_a_second_person_where_there_is_a_seat() -> None:
     menu = PlayMenu(Settings(task="multi_agent/01", seats=3))
     labels = [row.label for row in menu.form.rows]

@@ -74,8 +74,18 @@ def test_a_name_from_a_server_does_not_fill_the_memory(number: int) -> None:
     assert len(world.table.atoms) <= MAX_GROWTH + 100
 
 
+def test_a_world_that_cannot_grow_further_still_plays() -> None:
+    world = World(related(2))
+    with pytest.raises(TooManyObjectsError):
+        world.admit(["x400"])
+    (make,) = (a for a in world.actions(world.initial, "robot1") if a.name == "make")
+    made = world.step(world.initial, make).state
+    assert [thing.name for thing in made.objects if thing.kind == "x"] == ["x1"]
+
+
 def test_shipped_kitchens_leave_room_for_long_games() -> None:
     for name in ("workshop/01", "workshop/02", "multi_agent/10", "shifts/06_rush_hour"):
         world = World(load_task(name))
         for _ in range(60):
             world.make_room_for_another()
+        assert len(world.table.atoms) <= world.table_sizes[0] + MAX_GROWTH

@@ -532,7 +532,7 @@ def _has_hung_up(transport: asyncio.Transport) -> bool:
 
     The event loop finds that out only when it reads. Only Linux tells earlier.
     """
-    # A transport need not have a socket; that of the simulation has none.
+    # The transport of the simulation has no socket.
     sock = transport.get_extra_info("socket")
     if not HANG_UP or sock is None or sock.fileno() < 0:
         return False
