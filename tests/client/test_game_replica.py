@@ -270,6 +270,18 @@ def test_snapshot_answers_the_last_action_of_each_seat(
     assert team.propose(None, 0.0) == 10
 
 
+def test_answer_of_another_seat_with_the_same_number_is_ignored(
+    server: ScriptedServer, team: GameReplica
+) -> None:
+    """Another process that plays the same seats numbers its actions on its own."""
+    first = team.propose("Wait", 0.0, seat="robot1")
+    server.delta()
+    theirs = messages.SeatAnswer(seat="robot2", seq=first, step=1)
+    team.receive(server.snapshot(answers=[theirs], seq=first), 0.0)
+    assert team.results() == []
+    assert [act.seat for act in team.unanswered] == ["robot1"]
+
+
 def test_rejection_names_its_seat(team: GameReplica) -> None:
     team.propose("x", 0.0, seat="robot1")
     seq = team.propose("Boil the sea", 0.0, seat="robot2")

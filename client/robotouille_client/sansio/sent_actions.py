@@ -85,7 +85,9 @@ class SentActions:
             if earlier < seq:
                 superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
                 self.resolve(earlier, ActResult.of(result.step, (superseded,)))
-        self.resolve(seq, result)
+        # Another process that played these seats may have used the number for another seat.
+        if self._undecided.get(seq) == seat:
+            self.resolve(seq, result)
 
     def settle_idle(self, step: int, turn: str | None) -> None:
         """Settle decisions to do nothing after a step: those of one seat (its turn) or of all."""
