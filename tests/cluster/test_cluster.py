@@ -252,6 +252,59 @@ class TestHandOver:
                 assert now.episode.seats[game.seat or ""].name == "bob"
                 await leaving
 
+    @virtual
+    @pytest.mark.parametrize("late", [False, True])
+    async def test_node_adopts_an_episode_only_from_its_owner(
+        self, tmp_path: Path, late: bool
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            created = await ada.create(TASK, seats=2)
+            owner = nodes.owner(created.episode)
+            asker, other = nodes.others(owner)
+            if late:
+                # The request arrives when a third node has the episode already.
+                asker, owner = owner, asker
+                record = owner.cluster.node.directory.find(created.episode)
+                assert record is not None
+                assert await owner.cluster.node.claims.claim(record) == ""
+                await asyncio.sleep(1)
+            subject = f"adopt.{other.cluster.node.name}.{created.episode}"
+            name = asker.cluster.node.name.encode()
+            assert await asker.bus.request(subject, name, 5.0) == b"another node has it"
+            assert nodes.owner(created.episode) is owner
+            name = owner.cluster.node.name.encode()
+            assert await owner.bus.request(subject, name, 5.0) == b""
+            await asyncio.sleep(1)
+            assert nodes.owner(created.episode) is other
+
+    @virtual
+    async def test_node_that_was_suspended_asks_nobody_to_adopt_what_it_has_lost(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            games = [await ada.create(TASK, seats=2) for _ in range(4)]
+            suspended = nodes.owner(games[0].episode)
+            kept = suspended.rooms - {games[0].episode}
+            successor = nodes.others(suspended)[0]
+            # A node that continues after a suspension learns nothing before its report is stored.
+            suspended.bus.deafen()
+            record = successor.cluster.node.directory.find(games[0].episode)
+            assert record is not None
+            assert await successor.cluster.node.claims.claim(record) == ""
+            suspended.cluster.node.members._renewed -= 60.0
+            request, asked = suspended.bus.request, list[str]()
+
+            async def noted(subject: str, data: bytes, seconds: float) -> bytes:
+                asked.append(subject.rpartition(".")[2])
+                return await request(subject, data, seconds)
+
+            monkeypatch.setattr(suspended.bus, "request", noted)
+            await suspended.cluster.node.leave()
+            assert kept
+            assert set(asked) == kept
+            assert not suspended.rooms
+            assert nodes.owner(games[0].episode) is successor
+
 
 class TestTakeover:
     @virtual

@@ -47,6 +47,11 @@ def test_seed_gives_the_same_course_again() -> None:
     assert run_cluster_seed(7).digest != run_cluster_seed(8).digest
 
 
+def test_node_that_leaves_after_a_suspension_hands_over_nothing_that_others_have() -> None:
+    report = run_cluster_seed(900_321)
+    assert report.ok, failure_text(report)
+
+
 # Faults that the simulation finds
 
 

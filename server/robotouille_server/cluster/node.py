@@ -464,11 +464,16 @@ class ClusterNode:
             return
         try:
             await journal.stored()
-            if room.episode.ended or self._rooms is None:
+            # While this node was suspended, another node may have taken the episode over. Only a
+            # write shows whether this is so.
+            if not journal.check_ownership():
+                await journal.stored()
+            if room.episode.ended or not self._has(room):
                 return
             room.suspend()
             subject = f"adopt.{target.name}.{room.id}"
-            refusal = (await self.bus.request(subject, b"", ADOPT_SECONDS)).decode()
+            answer = await self.bus.request(subject, self.name.encode(), ADOPT_SECONDS)
+            refusal = answer.decode()
         except BusError as error:
             refusal = str(error)
         if refusal:
@@ -476,13 +481,25 @@ class ClusterNode:
         # If it failed, another node claims the episode when this one is gone.
         self._give_up(room.id, target)
 
+    def _has(self, room: Room) -> bool:
+        return self._rooms is not None and self._rooms.rooms.get(room.id) is room
+
     async def _adopt(self, episode: str, data: bytes) -> bytes:
-        """Take an episode over from a node that leaves."""
+        """Take an episode over from a node that leaves.
+
+        Args:
+            episode: The episode's id.
+            data: The name of the node that leaves.
+        """
         if self.members.own.leaving:
             return b"this node leaves, too"
         record = self.directory.find(episode)
         if record is None:
             return b"it is unknown"
+        # The request may come late, or from a node that does not know yet that it has lost the
+        # episode. A claim would take the episode from a node that is alive.
+        if data != record.node.encode():
+            return b"another node has it"
         return (await self.claims.claim(record)).encode()
 
     def _give_up(self, episode: str, target: NodeReport | None = None) -> None:
