@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,8 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
-from robotouille_server.cluster.bus import Stored
-from tests.support.buses import SimulatedNats
+from robotouille_server.cluster.bus import Bucket, Entry, Stored, UnavailableError
+from tests.support.buses import SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.virtual_time import virtual
 
@@ -150,6 +151,39 @@ class TestLease:
             owner.cluster.node._suspect = True
             await asyncio.sleep(20)
             assert nodes.owner(created.episode) is owner
+
+    @virtual
+    async def test_node_that_repairs_the_buckets_watches_each_of_them_once(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes:
+            node = nodes[0]
+            before = sorted(watch.bucket for watch in nodes.nats.watches(node.bus))
+            for _ in range(3):
+                node.cluster.node._suspect = True
+                await asyncio.sleep(2)
+                assert not node.cluster.node._suspect
+            after = sorted(watch.bucket for watch in nodes.nats.watches(node.bus))
+            assert after == before == sorted(Bucket)
+
+    @virtual
+    async def test_node_whose_first_attempt_to_join_fails_watches_each_bucket_once(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        watch, failures = SimulatedBus.watch, [UnavailableError("NATS does not answer")]
+
+        async def fail_once(
+            bus: SimulatedBus, bucket: Bucket, changed: Callable[[str, Entry | None], None]
+        ) -> None:
+            if bucket is Bucket.EPISODES and failures:
+                raise failures.pop()
+            await watch(bus, bucket, changed)
+
+        monkeypatch.setattr(SimulatedBus, "watch", fail_once)
+        async with cluster_of(tmp_path, 1) as nodes:
+            assert not failures
+            watched = sorted(watch.bucket for watch in nodes.nats.watches(nodes[0].bus))
+            assert watched == sorted(Bucket)
 
     @virtual
     async def test_claims_of_an_episode_whose_node_lives_leave_one_true_recording(

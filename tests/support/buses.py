@@ -66,6 +66,7 @@ class _Watch:
     complete: asyncio.Future[None]
     position: int = 0
     scheduled: bool = False
+    ended: bool = False
 
 
 @dataclass(slots=True, eq=False)
@@ -228,9 +229,13 @@ class SimulatedNats:
     # Watches
 
     def watch(self, watch: _Watch) -> None:
-        if watch not in self._watches:
+        if watch not in self._watches and not watch.ended:
             self._watches.append(watch)
             self._wake(watch)
+
+    def end_watch(self, watch: _Watch) -> None:
+        watch.ended = True
+        self._watches = [other for other in self._watches if other is not watch]
 
     def _changed(self, bucket: Bucket) -> None:
         for watch in self._watches:
@@ -319,7 +324,7 @@ def _receive(subscription: _Subscription, data: bytes) -> None:
 
 
 def _deliver_changes(watch: _Watch, changes: list[tuple[str, Entry | None]]) -> None:
-    if watch.bus.closed:
+    if watch.bus.closed or watch.ended:
         return
     for change in changes:
         watch.changed(*change)
@@ -346,6 +351,7 @@ class SimulatedBus:
         self._nats = nats
         self._storage = nats.storage
         self._buffered: list[Callable[[], None]] = []
+        self._watching: dict[Bucket, _Watch] = {}
 
     @property
     def connected(self) -> bool:
@@ -432,8 +438,16 @@ class SimulatedBus:
 
     async def watch(self, bucket: Bucket, changed: Changed) -> None:
         watch = _Watch(self, bucket, changed, self._nats.loop.create_future())
-        await self._ask(lambda: self._nats.watch(watch))
-        await _answered(watch.complete, WATCH_SECONDS)
+        try:
+            await self._ask(lambda: self._nats.watch(watch))
+            await _answered(watch.complete, WATCH_SECONDS)
+        except BaseException:
+            self._nats.end_watch(watch)
+            raise
+        earlier = self._watching.pop(bucket, None)
+        self._watching[bucket] = watch
+        if earlier is not None:
+            self._nats.end_watch(earlier)
 
     async def store(self, name: str, content: bytes) -> None:
         await self._ask(lambda: self._storage.keep_file(name, content))

@@ -129,7 +129,8 @@ class Bus(Protocol):
         """Call `changed` for all keys that exist now, then for every change.
 
         Return when all existing keys were reported. Deleted keys are reported without an entry;
-        keys that have expired are not reported.
+        keys that have expired are not reported. This ends an earlier watch of the bucket, but an
+        attempt that fails does not.
         """
 
     async def store(self, name: str, content: bytes) -> None:

@@ -17,6 +17,7 @@ from nats.aio.msg import Msg
 from nats.errors import Error as NatsError
 from nats.errors import NoRespondersError
 from nats.errors import TimeoutError as NatsTimeoutError
+from nats.js import JetStreamContext
 from nats.js.api import (
     ConsumerConfig,
     DeliverPolicy,
@@ -101,6 +102,7 @@ class NatsBus:
         self._nats = Client()
         self._js = CarefulJetStream(self._nats, timeout=ANSWER_SECONDS)
         self._buckets: dict[Bucket, KeyValue] = {}
+        self._watching: dict[Bucket, JetStreamContext.PushSubscription] = {}
         self._outgoing: deque[tuple[Append, bytes]] = deque()
         self._published: deque[tuple[str, bytes]] = deque()
         self._published_bytes = 0
@@ -433,15 +435,17 @@ class NatsBus:
                 idle_heartbeat=HEARTBEAT_SECONDS,
             )
             try:
-                if not (await watching.consumer_info()).num_pending and not watching.delivered:
-                    return
-                async with asyncio.timeout(CONNECT_SECONDS):
-                    await complete.wait()
+                if (await watching.consumer_info()).num_pending or watching.delivered:
+                    async with asyncio.timeout(CONNECT_SECONDS):
+                        await complete.wait()
             except BaseException:
                 # The caller will watch again.
-                with contextlib.suppress(NatsError, OSError, TimeoutError):
-                    await watching.unsubscribe()
+                await _end_watch(watching)
                 raise
+        earlier = self._watching.pop(bucket, None)
+        self._watching[bucket] = watching
+        if earlier is not None:
+            await _end_watch(earlier)
 
     # Files and requests
 
@@ -493,6 +497,11 @@ class NatsBus:
                 await subscription.unsubscribe()
 
         return end
+
+
+async def _end_watch(watching: JetStreamContext.PushSubscription) -> None:
+    with contextlib.suppress(NatsError, OSError, TimeoutError):
+        await watching.unsubscribe()
 
 
 def _acknowledged(answer: Msg) -> int | BusError:

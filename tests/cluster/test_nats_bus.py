@@ -1,0 +1,67 @@
+"""Watches of buckets on a real NATS server."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from nats.js import JetStreamContext
+
+from robotouille.nats_address import NatsAddress
+from robotouille_server.cluster.bus import Bucket, Entry, UnavailableError
+from robotouille_server.cluster.nats_bus import NatsBus, nats_bus
+from tests.support.nats import missing, nats_cluster
+
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.slow,
+    pytest.mark.skipif(bool(missing()), reason=missing()),
+]
+
+PATIENCE = 60
+
+
+def noting(changes: list[str]) -> Callable[[str, Entry | None], None]:
+    return lambda key, entry: changes.append(key)
+
+
+async def put(bus: NatsBus, key: str, changes: list[str]) -> None:
+    """Set a key, and wait until a watch reports it."""
+    await bus.put(Bucket.NODES, key, b"report")
+    async with asyncio.timeout(PATIENCE):
+        while key not in changes:
+            await asyncio.sleep(0.01)
+    # A second watch would report the key at about the same time.
+    await asyncio.sleep(0.2)
+
+
+async def test_watch_of_a_bucket_replaces_an_earlier_one(tmp_path: Path) -> None:
+    with nats_cluster(tmp_path, servers=1) as cluster:
+        async with nats_bus(NatsAddress(tuple(cluster.urls), "robotouille")) as bus:
+            first, second = list[str](), list[str]()
+            await bus.watch(Bucket.NODES, noting(first))
+            await put(bus, "a", first)
+            await bus.watch(Bucket.NODES, noting(second))
+            assert second == ["a"], "existing keys are reported again"
+            await put(bus, "b", second)
+            assert first == ["a"]
+            assert second == ["a", "b"]
+
+
+async def test_attempt_to_watch_that_fails_leaves_only_the_earlier_watch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def unanswered(watching: JetStreamContext.PushSubscription) -> None:
+        raise TimeoutError
+
+    with nats_cluster(tmp_path, servers=1) as cluster:
+        async with nats_bus(NatsAddress(tuple(cluster.urls), "robotouille")) as bus:
+            first, second = list[str](), list[str]()
+            await bus.watch(Bucket.NODES, noting(first))
+            monkeypatch.setattr(JetStreamContext.PushSubscription, "consumer_info", unanswered)
+            with pytest.raises(UnavailableError):
+                await bus.watch(Bucket.NODES, noting(second))
+            await put(bus, "a", first)
+            assert second == []
