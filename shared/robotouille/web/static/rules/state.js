@@ -1,0 +1,313 @@
+/**
+ * State of an episode, read from snapshots and deltas (docs/protocol.md). States never change.
+ *
+ * @typedef {import("./task.js").Task} Task
+ * @typedef {import("./task.js").Thing} Thing
+ * @typedef {import("./task.js").Atom} Atom
+ * @typedef {{number: number, due: number}} Order
+ * @typedef {{
+ *   time: number, open: Order[], arrived: number, score: number, served: number, expired: number,
+ * }} Orders
+ */
+import { effectOf, progressOf } from "./effects.js";
+import { atomName, byText } from "./task.js";
+
+const EXISTS = "~exists";
+const SPECIAL = new Map([[-1, EXISTS], [-2, "~used"]]);
+
+/** Atoms by their position in messages. Tables only grow, so the states of a game share one. */
+class Table {
+  /**
+   * @param {Task} task
+   * @param {string[]} predicates
+   */
+  constructor(task, predicates) {
+    this.task = task;
+    this.predicates = predicates;
+    /** @type {Map<string, Thing>} */
+    this.things = new Map();
+    /** @type {Map<string, number>} Rank of each object in the order of the table. */
+    this.rank = new Map();
+    /** @type {Atom[]} */
+    this.atoms = [];
+    /** @type {Map<string, number>} */
+    this.position = new Map();
+  }
+
+  /**
+   * Append objects and atoms of a message.
+   * @param {any[]} objects
+   * @param {any[]} atoms
+   */
+  extend(objects, atoms) {
+    for (const [name, kind, type] of objects) {
+      if (![name, kind].every((each) => typeof each === "string") || this.things.has(name)) {
+        throw new Error(`invalid object ${name}`);
+      }
+      if (!this.task.types.includes(type)) throw new Error(`invalid type ${type}`);
+      const thing = this.task.things.get(name);
+      this.rank.set(name, this.rank.size);
+      this.things.set(name, thing ?? { name, kind, type, tile: null, facing: null, label: null });
+    }
+    const names = [...this.things.keys()];
+    for (const [number, ...places] of atoms) {
+      const predicate = SPECIAL.get(number) ?? this.predicates[number];
+      const args = places.map((/** @type {number} */ place) => names[place]);
+      const types = SPECIAL.has(number) ? [args[0]] : this.task.predicates.get(predicate);
+      if (types?.length !== args.length || args.includes(undefined)) throw new Error("invalid atom");
+      this.position.set(atomName([predicate, ...args]), this.atoms.length);
+      this.atoms.push([predicate, ...args]);
+    }
+  }
+
+  /**
+   * Return the table with more objects and atoms, and leave tables of other states as they are.
+   * @param {number} size Number of atoms that the caller knows.
+   * @param {any[]} objects
+   * @param {any[]} atoms
+   */
+  extended(size, objects, atoms) {
+    if (!objects.length && !atoms.length) return this;
+    if (size !== this.atoms.length) throw new Error("the state is older than its table");
+    const copy = new Table(this.task, this.predicates);
+    copy.things = new Map(this.things);
+    copy.rank = new Map(this.rank);
+    copy.atoms = [...this.atoms];
+    copy.position = new Map(this.position);
+    copy.extend(objects, atoms);
+    return copy;
+  }
+}
+
+export class State {
+  /**
+   * @param {Table} table
+   * @param {{
+   *   step: number, facts: Uint8Array, timers: Map<string, number[]>, busy: Map<string, number>,
+   *   orders: Orders | null,
+   * }} values
+   */
+  constructor(table, { step, facts, timers, busy, orders }) {
+    this.task = table.task;
+    this.step = step;
+    this.table = table;
+    this.orders = orders;
+    /** Counters of the active effects by label, in order of creation. */
+    this.timers = timers;
+    this._facts = facts;
+    this._busy = busy;
+    /** @type {Map<string, Thing> | null} */
+    this._objects = null;
+    /** @type {Map<string, Atom[]> | null} */
+    this._truths = null;
+    /** @type {Atom[] | null} */
+    this._atoms = null;
+  }
+
+  /**
+   * Read a snapshot.
+   * @param {Task} task
+   * @param {any} message
+   */
+  static fromSnapshot(task, message) {
+    const table = new Table(task, message.predicates);
+    table.extend(message.objects, message.atoms);
+    const facts = new Uint8Array(table.atoms.length);
+    mark(facts, message.facts, 1);
+    const timers = checked(task, table, new Map(message.timers));
+    const busy = new Map(/** @type {[string, number][]} */ (Object.entries(message.busy)));
+    return new State(table, { step: message.step, facts, timers, busy, orders: orders(message) });
+  }
+
+  /**
+   * Return the state after a step.
+   * @param {any} delta
+   */
+  after(delta) {
+    const size = this._facts.length;
+    const table = this.table.extended(size, delta.objects ?? [], delta.atoms ?? []);
+    const facts = new Uint8Array(table.atoms.length);
+    facts.set(this._facts);
+    mark(facts, delta.add ?? [], 1);
+    mark(facts, delta.remove ?? [], 0);
+    let { timers, _busy: busy } = this;
+    const changes = Object.entries(delta.timers ?? {});
+    if (changes.length) {
+      timers = new Map(timers);
+      for (const [label, counters] of changes) {
+        if (counters === null) timers.delete(label);
+        else timers.set(label, /** @type {number[]} */ (counters));
+      }
+      checked(this.task, table, timers);
+    }
+    if (delta.busy) busy = new Map(Object.entries(delta.busy));
+    const waited = this.orders && { ...this.orders, time: this.orders.time + 1 };
+    return new State(table, {
+      step: delta.step,
+      facts,
+      timers,
+      busy,
+      orders: waited && (orders(delta) ?? waited),
+    });
+  }
+
+  /** Objects that exist now, by type, then in the order of their names' numbers. */
+  get objects() {
+    if (!this._objects) {
+      const { types } = this.task;
+      const there = [...this.table.things.values()].filter(({ name }) => this.exists(name));
+      there.sort((a, b) => types.indexOf(a.type) - types.indexOf(b.type));
+      this._objects = new Map(there.map((thing) => [thing.name, thing]));
+    }
+    return this._objects;
+  }
+
+  /**
+   * Return an object by its name, whether or not it exists now.
+   * @param {string} name
+   */
+  thing(name) {
+    return this.table.things.get(name) ?? this.task.things.get(name);
+  }
+
+  /**
+   * Return the kind of an object; unknown objects are kinds of their own.
+   * @param {string} name
+   */
+  kindOf(name) {
+    return this.thing(name)?.kind ?? name;
+  }
+
+  /**
+   * Return whether play can create or delete an object.
+   * @param {string} name
+   */
+  isTransient(name) {
+    return this.task.transient.has(this.thing(name)?.type);
+  }
+
+  /** @param {string} name */
+  exists(name) {
+    return !this.isTransient(name) || this._isMarked(`${EXISTS}(${name})`);
+  }
+
+  /**
+   * Return whether a fact is true. A fact about an object that does not exist is false.
+   * @param {string} predicate
+   * @param {string[]} names
+   */
+  holds(predicate, ...names) {
+    const atom = atomName([predicate, ...names]);
+    if (this.table.position.has(atom)) return this._isMarked(atom);
+    return this.task.staticNames.has(atom) && names.every((name) => this.exists(name));
+  }
+
+  /** @param {string} atom */
+  _isMarked(atom) {
+    const position = this.table.position.get(atom);
+    return position !== undefined && this._facts[position] === 1;
+  }
+
+  /**
+   * Return the true atoms of a predicate.
+   * @param {string} predicate
+   * @returns {Atom[]}
+   */
+  truths(predicate) {
+    if (!this._truths) {
+      this._truths = new Map();
+      for (let i = 0; i < this._facts.length; i++) {
+        if (!this._facts[i]) continue;
+        const atom = this.table.atoms[i];
+        const known = this._truths.get(atom[0]);
+        if (known) known.push(atom);
+        else this._truths.set(atom[0], [atom]);
+      }
+    }
+    let found = this._truths.get(predicate);
+    if (!found) {
+      const fixed = this.task.statics.get(predicate) ?? [];
+      found = fixed.filter(([, ...names]) => names.every((name) => this.exists(name)));
+      this._truths.set(predicate, found);
+    }
+    return found;
+  }
+
+  /** Return every true atom, sorted. */
+  atoms() {
+    if (!this._atoms) {
+      const predicates = [...this.task.predicates.keys()];
+      this._atoms = predicates.flatMap((each) => this.truths(each)).sort(byNames);
+    }
+    return this._atoms;
+  }
+
+  /** Return the names of all true atoms, sorted. */
+  names() {
+    return this.atoms().map(atomName).sort(byText);
+  }
+
+  /**
+   * Return for how many more steps a player is walking or working and cannot act.
+   * @param {string | null} player
+   */
+  busySteps(player) {
+    return (player !== null && this._busy.get(player)) || 0;
+  }
+
+  /** @param {string} label */
+  effect(label) {
+    return effectOf(this.task, label, (name) => this.kindOf(name));
+  }
+
+  /** Return the progress of all counting effects, in order of creation. */
+  progress() {
+    return progressOf(this);
+  }
+}
+
+/**
+ * @param {Uint8Array} facts
+ * @param {any[]} positions
+ * @param {0 | 1} value
+ */
+function mark(facts, positions, value) {
+  for (const position of positions) {
+    if (!(position >= 0 && position < facts.length)) throw new Error(`no atom ${position}`);
+    facts[position] = value;
+  }
+}
+
+/**
+ * Check that the effects exist and have as many counters as the task says.
+ * @param {Task} task
+ * @param {Table} table
+ * @param {Map<string, number[]>} timers
+ */
+function checked(task, table, timers) {
+  for (const [label, counters] of timers) {
+    const { nodes } = effectOf(task, label, (name) => table.things.get(name)?.kind ?? name);
+    if (nodes.length !== counters.length) throw new Error(`invalid counters of ${label}`);
+  }
+  return timers;
+}
+
+/**
+ * Return the orders of a message; null if it has none.
+ * @param {any} message
+ * @returns {Orders | null}
+ */
+function orders(message) {
+  if (!message.orders) return null;
+  const [time, open, arrived, score, served, expired] = message.orders;
+  const listed = open.map((/** @type {[number, number]} */ [number, due]) => ({ number, due }));
+  return { time, open: listed, arrived, score, served, expired };
+}
+
+/** @param {Atom} a @param {Atom} b */
+function byNames(a, b) {
+  for (let i = 0; i < a.length && i < b.length; i++) {
+    if (a[i] !== b[i]) return byText(a[i], b[i]);
+  }
+  return a.length - b.length;
+}
