@@ -63,7 +63,7 @@ class Server:
         self._used_tokens = credentials.used
         self.sessions = Sessions(settings, self.metrics, credentials, around.randomness)
         limit = settings.max_connections + MAX_SURPLUS_CONNECTIONS
-        pages = HttpPages(settings, self._full, self._is_ready, self._metrics_page)
+        pages = HttpPages(settings, self._full, self._is_ready, self._metrics_page, self.worker)
         newcomers = Newcomers(settings.max_connections_per_address, pages.newcomer_group)
         self.admission = Admission(self.metrics, limit, settings.hello_seconds, newcomers)
         loop_budget = self.admission.loop_budget

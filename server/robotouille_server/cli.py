@@ -349,8 +349,17 @@ def _invitation(server: Server, room: Room) -> list[str]:
         _validity(room),
         f"  play:   robotouille-client {room.code}{url}{token}",
         f"  a bot:  robotouille-bot planner --episode {room.code}{url}{token}",
+        *_page(server, room),
         *_for_others(server, room, token),
     ]
+
+
+def _page(server: Server, room: Room) -> list[str]:
+    """Return the link for browsers. The page cannot send a token, so it needs none."""
+    page = server.listener.page_url
+    if not page or server.settings.require_token:
+        return []
+    return [f"  in a browser:  {page}#{room.code}"]
 
 
 def _validity(room: Room) -> str:

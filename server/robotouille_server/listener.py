@@ -14,6 +14,7 @@ from websockets.http11 import Request, Response
 
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import codec_for
+from robotouille.web import WebSite
 from robotouille_server.auth import (
     CountedConnection,
     Visitor,
@@ -36,10 +37,11 @@ from robotouille_server.transport import (
     PendingConnection,
     ServerTLS,
 )
+from robotouille_server.web_pages import OwnSite, WebPages
 
 
 class HttpPages:
-    """HTTP requests on the port of the WebSocket: probes, `/metrics`, and refusals.
+    """HTTP requests on the port of the WebSocket: probes, `/metrics`, the page, and refusals.
 
     `/healthz` is answered as long as the process works, `/readyz` while clients should come.
 
@@ -48,6 +50,7 @@ class HttpPages:
         full: Returns whether the server accepts no further connections.
         ready: Returns whether new clients should come to this process.
         metrics_page: Returns the metrics at a time of the event loop.
+        worker: The position of this process among the workers.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class HttpPages:
         full: Callable[[], bool],
         ready: Callable[[], bool],
         metrics_page: Callable[[float], bytes],
+        worker: WorkerSlot,
     ) -> None:
         self._full = full
         self._ready = ready
@@ -63,6 +67,15 @@ class HttpPages:
         self._proxies = parse_networks(settings.trust_proxy, "--trust-proxy")
         self._metrics_from = parse_networks(settings.metrics_from, "--metrics-from")
         self._origins = parse_origins(settings.origins)
+        ports = range(worker.first_port, worker.first_port + worker.count)
+        self._own = OwnSite(settings.page_names.split(","), {settings.port, *ports})
+        self._web = WebPages(WebSite(), self._own) if settings.page else None
+
+    def listens(self, name: str, port: int) -> None:
+        """Add the name of a certificate, which may be empty, and a port to the server's own."""
+        self._own.ports.add(port)
+        if name:
+            self._own.names.add(name.lower())
 
     def visitor(self, connection: Connection, request: Request) -> Visitor:
         """Return where a request comes from."""
@@ -88,12 +101,21 @@ class HttpPages:
         if self._full():
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "the server is full\n")
         if "websocket" not in ",".join(request.headers.get_all("Upgrade")).lower():
-            text = "This is a Robotouille server. Play: robotouille-client --url ws://…\n"
-            return connection.respond(HTTPStatus.UPGRADE_REQUIRED, text)
+            return self._page(connection, path, request)
+        if self._web is not None and self._own.has_page(request.headers):
+            return None
         refusal = origin_refusal(request.headers, self._origins)
         if refusal is not None:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal)
         return None
+
+    def _page(self, connection: Connection, path: str, request: Request) -> Response:
+        page = self._web.answer(path, request.headers) if self._web is not None else None
+        if page is None:
+            text = "This is a Robotouille server. Play: robotouille-client --url ws://…\n"
+            return connection.respond(HTTPStatus.UPGRADE_REQUIRED, text)
+        connection.charge(len(page.body or b"") / 1024)
+        return page
 
     def _metrics(self, connection: Connection, request: Request) -> Response:
         peer, headers = connection.remote_address, request.headers
@@ -247,9 +269,11 @@ class Listener:
             # asyncio uses one number both for the queue and for the connections accepted in a row.
             with listening.dup() as same:
                 same.listen(WAITING_TO_BE_ACCEPTED)
+        bound = next(iter(socket.sockets)).getsockname()[1]
+        self._pages.listens(self._tls.name if self._tls is not None else "", bound)
         if not self.sockets:
             # Noted here, because a draining server has closed its sockets.
-            self._port = next(iter(socket.sockets)).getsockname()[1]
+            self._port = bound
         self.sockets.append(socket)
 
     # Addresses
@@ -270,6 +294,13 @@ class Listener:
         """Address for people: with TLS, the first name in the certificate."""
         name = self._tls.name if self._tls is not None else ""
         return self._url(name) if name else self.url
+
+    @property
+    def page_url(self) -> str:
+        """Address of the page for people, without a code; empty if there is none."""
+        if not self._settings.page:
+            return ""
+        return f"http{self.public_url.removeprefix('ws')}/play"
 
     def _url(self, host: str) -> str:
         scheme = "wss" if self._tls is not None else "ws"

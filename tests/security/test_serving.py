@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed
 
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import Surroundings
@@ -17,7 +17,15 @@ from robotouille_server.auth.keys import FileKeyring, rotate
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import Tokens
 from robotouille_server.runtime.workers import WorkerSlot
-from tests.support.handshakes import FORWARDED, ONE_COOK, TWO_COOKS, hello, mint_token, opened
+from tests.support.handshakes import (
+    FORWARDED,
+    ONE_COOK,
+    TWO_COOKS,
+    hello,
+    mint_token,
+    opened,
+    status,
+)
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import virtual
 
@@ -138,15 +146,6 @@ async def test_keys_can_be_rotated_while_the_server_runs(tmp_path: Path) -> None
         for token in (old, new):
             async with opened(server) as connection:
                 assert (await hello(connection, token=token))["code"] == "auth/invalid"
-
-
-async def status(server: Server, **headers: str) -> tuple[int, str]:
-    """Return the HTTP status of a handshake; 101 if it is accepted."""
-    try:
-        async with opened(server, **headers):
-            return 101, ""
-    except InvalidStatus as error:
-        return error.response.status_code, (error.response.body or b"").decode()
 
 
 @virtual

@@ -7,13 +7,14 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
 
 from robotouille.protocol import messages
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from tests.support.servers import Raw
 
-__all__ = ["FORWARDED", "ONE_COOK", "TWO_COOKS", "hello", "mint_token", "opened"]
+__all__ = ["FORWARDED", "ONE_COOK", "TWO_COOKS", "hello", "mint_token", "opened", "status"]
 
 
 FORWARDED = {"X-Forwarded-For": "203.0.113.9"}
@@ -33,6 +34,15 @@ async def hello(connection: Raw, **fields: Any) -> dict[str, Any]:
     """Send `hello` and return the reply."""
     message = {"type": "hello", "protocol": 1, "name": "ada", **fields}
     return await connection.ask(message, "welcome", "bye")
+
+
+async def status(server: Server, **headers: str) -> tuple[int, str]:
+    """Return the HTTP status of a handshake, and its text; 101 if it is accepted."""
+    try:
+        async with opened(server, **headers):
+            return 101, ""
+    except InvalidStatus as error:
+        return error.response.status_code, (error.response.body or b"").decode()
 
 
 def mint_token(server: Server, role: Role, **options: Any) -> str:

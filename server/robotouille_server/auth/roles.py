@@ -40,7 +40,9 @@ PERMISSIONS: dict[Role, frozenset[str]] = {
 
 def check_permission(role: Role, message: messages.ClientMessage) -> None:
     """Raise ProtocolError `auth/role` if a role may not send a message."""
-    if message.type not in PERMISSIONS[role]:
+    again = isinstance(message, messages.Create) and message.rematch is not None
+    # A rematch is only for those who had a seat in the game, which the lobby checks.
+    if message.type not in PERMISSIONS[role] and not (again and role.includes(Role.PLAYER)):
         least = next(r for r in reversed(_ORDER) if message.type in PERMISSIONS[r])
         text = f"a {role} may not send {message.type!r}; this needs a token with the role {least}"
         raise ProtocolError("auth/role", text, "type")

@@ -132,7 +132,9 @@ def visitor(peer: object, headers: Headers, proxies: Collection[Network] = ()) -
     # A proxy on this machine also connects from a loopback address, but its headers or the public
     # name in `Host` show that it forwards another client (docs/security.md, "Posing as a local
     # program").
-    local = address.is_loopback and not forwarded and _names_this_machine(headers)
+    # A web page is not a program of this machine's users, even if it is on this server.
+    page = "Origin" in headers
+    local = address.is_loopback and not (forwarded or page) and _names_this_machine(headers)
     for hop in _hops(headers):
         # Any client can send `X-Forwarded-For`. Only a hop that a trusted proxy has added counts.
         if not any(address in network for network in proxies):
@@ -181,6 +183,15 @@ def _address(text: object) -> Address | None:
         return None
     mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
     return mapped or address
+
+
+def is_address(text: str) -> bool:
+    """Return whether a host is an IP address, without a port."""
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _group(address: Address) -> str:

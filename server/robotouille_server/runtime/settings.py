@@ -144,6 +144,12 @@ class ServerSettings(BaseSettings):
         description="Comma-separated origins of web pages that may connect, such as "
         "https://example.org.",
     )
+    page: bool = Field(True, description="Serve the page on which people play in a browser.")
+    page_names: str = Field(
+        "",
+        description="Comma-separated host names of the page, such as those of a proxy and of the "
+        "nodes of a cluster. Addresses, localhost and the certificate's name need no entry.",
+    )
     trust_proxy: str = Field(
         "",
         description="Comma-separated proxies whose X-Forwarded-For header is trusted: "

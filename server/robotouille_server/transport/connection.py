@@ -393,6 +393,10 @@ class Connection(BufferedReader):
         """Return a plain answer to the request."""
         return self._library.reject(status, text)
 
+    def charge(self, cost: float) -> None:
+        """Charge the event loop's budget for an answer; the unit is that of a frame."""
+        self._admission.loop_budget.spend(cost)
+
     # Receiving
 
     def data_received(self, data: bytes) -> None:

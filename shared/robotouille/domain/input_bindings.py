@@ -7,6 +7,7 @@ of its own, which is the same in every window.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from string import ascii_lowercase, digits
 from typing import Any
 
@@ -35,10 +36,15 @@ SHARED_KEY = "e"
 
 def bindings_of(task: Task) -> InputFile:
     """Return the bindings of a task's domain, with a click or key for every action."""
-    path = input_path(task.domain, task.folder)
+    return domain_bindings(task.domain, task.folder)
+
+
+def domain_bindings(domain: DomainFile, beside: Path | None = None) -> InputFile:
+    """Return the bindings of a domain, which is in a folder or shipped."""
+    path = input_path(domain, beside)
     if path is None:
-        return _made_up(task.domain)
-    return with_all_actions(read_extending(path, INPUT_FILES), task.domain)
+        return _made_up(domain)
+    return with_all_actions(read_extending(path, INPUT_FILES), domain)
 
 
 def with_all_actions(inputs: InputFile, domain: DomainFile) -> InputFile:

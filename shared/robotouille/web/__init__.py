@@ -1,0 +1,5 @@
+"""Client for browsers: its files, and the looks of shipped kitchens."""
+
+from robotouille.web.site import WebFile, WebSite
+
+__all__ = ["WebFile", "WebSite"]

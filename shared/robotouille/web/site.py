@@ -1,0 +1,145 @@
+"""Files of the browser client, addressed by their content.
+
+Browsers keep a file for ever, because its address changes with the content of any file. Only the
+first page has a fixed address.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from robotouille.domain.input_bindings import domain_bindings
+from robotouille.domain.related_files import read_extending, rendering_path
+from robotouille.domain.rendering import RENDERING_FILES, RenderingFile
+from robotouille.domain.schema import InputFile
+from robotouille.domain.task import read_domain
+from robotouille.installation import data_folder
+
+STATIC = Path(__file__).parent / "static"
+PAGE = "index.html"
+DEFAULTS = "published_defaults"
+"""File in the folder of the domains that is not a domain."""
+KINDS = {
+    ".css": "text/css; charset=utf-8",
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".json": "application/json",
+    ".svg": "image/svg+xml",
+}
+"""Types of the files that are served. Other files in the folder are not."""
+
+
+@dataclass(frozen=True, slots=True)
+class WebFile:
+    """File of the site.
+
+    Attributes:
+        kind: Value of `Content-Type`.
+        content: The file.
+        packed: The file, compressed with gzip.
+    """
+
+    kind: str
+    content: bytes
+    packed: bytes
+
+    @classmethod
+    def of(cls, name: str, content: bytes) -> WebFile:
+        """Return a file, with the type that its name ends with."""
+        kind = KINDS[PurePosixPath(name).suffix]
+        # Without a time, equal files have equal archives.
+        return cls(kind, content, gzip.compress(content, 9, mtime=0))
+
+
+class WebSite:
+    """Files of the browser client.
+
+    `looks/NAME.json` has the rendering and the key bindings of the shipped domain NAME, and
+    `pictures/FOLDER.json` all SVG pictures of a folder of `assets`, by their file names. One
+    compressed file of pictures is a tenth of the size of the pictures, and needs one request.
+
+    Attributes:
+        version: Digest of all files, part of their addresses.
+    """
+
+    def __init__(self, folder: Path = STATIC) -> None:
+        self._makers = dict(_files(folder))
+        self._made: dict[str, WebFile] = {}
+        self.version = self._digest()
+
+    @cached_property
+    def page(self) -> WebFile:
+        """The first page, with the addresses of all modules."""
+        text = (self._makers[PAGE])().decode()
+        scripts = (name for name in sorted(self._makers) if name.endswith(".js"))
+        links = "\n".join(f'    <link rel="modulepreload" href="{{files}}/{n}">' for n in scripts)
+        text = text.replace("{modules}", links.strip()).replace("{files}", f"play/{self.version}")
+        return WebFile.of(PAGE, text.encode())
+
+    def find(self, name: str) -> WebFile | None:
+        """Return a file by its name, such as `play/main.js`; None if it does not exist."""
+        maker = self._makers.get(name)
+        if maker is None:
+            return None
+        if name not in self._made:
+            self._made[name] = WebFile.of(name, maker())
+        return self._made[name]
+
+    def _digest(self) -> str:
+        found = hashlib.sha256()
+        for name, maker in sorted(self._makers.items()):
+            content = maker()
+            found.update(f"{name} {len(content)}\n".encode())
+            found.update(content)
+        return found.hexdigest()[:16]
+
+
+Maker = Callable[[], bytes]
+
+
+def _files(folder: Path) -> Iterator[tuple[str, Maker]]:
+    for path in sorted(folder.rglob("*")):
+        if path.suffix in KINDS:
+            yield path.relative_to(folder).as_posix(), path.read_bytes
+    for domain in _shipped_domains():
+        yield f"looks/{domain}.json", partial(_shipped_look, domain)
+    for path in sorted(data_folder("assets").iterdir()):
+        if path.is_dir() and any(path.glob("*.svg")):
+            yield f"pictures/{path.name}.json", partial(_pictures, path)
+
+
+def _shipped_domains() -> Iterator[str]:
+    """Yield the names of the shipped domains. Names with a dot are those of input files."""
+    for path in sorted(data_folder("domains").glob("*.json")):
+        if "." not in path.stem and path.stem != DEFAULTS:
+            yield path.stem
+
+
+def _shipped_look(name: str) -> bytes:
+    domain = read_domain(name)
+    rendering = read_extending(rendering_path(domain, None), RENDERING_FILES)
+    return _packed(look_files(rendering, domain_bindings(domain)))
+
+
+def look_files(rendering: RenderingFile, bindings: InputFile) -> dict[str, Any]:
+    """Return a rendering and key bindings as the page reads them, with all default words."""
+    return {
+        "rendering": rendering.model_dump(mode="json", by_alias=True, exclude_defaults=True),
+        "bindings": bindings.model_dump(mode="json", by_alias=True, exclude_defaults=True),
+        "language": rendering.language.model_dump(mode="json"),
+    }
+
+
+def _pictures(folder: Path) -> bytes:
+    return _packed({path.name: path.read_text() for path in sorted(folder.glob("*.svg"))})
+
+
+def _packed(value: Any) -> bytes:
+    return json.dumps(value, separators=(",", ":"), sort_keys=True).encode()

@@ -1,0 +1,71 @@
+// Speech bubbles over the cooks, and reasons why an action did not work.
+
+import { byId, element } from "./dom.js";
+import { now } from "./game.js";
+import { pictureURL } from "../kitchen/pictures.js";
+
+/** @typedef {import("../kitchen/painter.js").Kitchen} Kitchen */
+/** @typedef {import("../kitchen/look.js").Look} Look */
+/** @typedef {import("../rules/words.js").Wording} Wording */
+
+const SECONDS = 4;
+const MAX_LETTERS = 120;
+
+export class Bubbles {
+  /** @param {Kitchen} kitchen @param {Look} look @param {() => Wording} wording */
+  constructor(kitchen, look, wording) {
+    this.kitchen = kitchen;
+    this.look = look;
+    this.wording = wording;
+    this.root = byId("bubbles");
+    /** @type {Map<string, {box: HTMLElement, until: number}>} */
+    this.shown = new Map();
+  }
+
+  /**
+   * Show words over a player.
+   * @param {string} player @param {string} words @param {{rejected?: boolean, target?: string}} [how]
+   */
+  show(player, words, { rejected = false, target = "" } = {}) {
+    this.shown.get(player)?.box.remove();
+    const cut = words.length > MAX_LETTERS ? `${words.slice(0, MAX_LETTERS)}…` : words;
+    const box = element("div", { class: rejected ? "bubble rejected" : "bubble" }, cut);
+    const picture = target && this.pictureOf(target);
+    if (picture) box.append(" ", element("img", { src: picture, alt: "" }));
+    this.root.append(box);
+    this.shown.set(player, { box, until: now() + SECONDS });
+  }
+
+  /** Show a chat message or signal. @param {import("./game.js").Line} line */
+  say(line) {
+    this.show(line.seat, line.text, { target: line.intent ? line.target : "" });
+  }
+
+  /** @param {string} name */
+  pictureOf(name) {
+    const appearance = this.kitchen.appearanceOf(name);
+    return appearance ? pictureURL(this.look, appearance) : "";
+  }
+
+  /** Move the bubbles with their players. @param {number} at */
+  place(at) {
+    for (const [player, { box, until }] of this.shown) {
+      const spot = this.kitchen.spotOf(player);
+      if (at > until || !spot) {
+        box.remove();
+        this.shown.delete(player);
+        continue;
+      }
+      const half = box.offsetWidth / 2 + 4;
+      const x = Math.min(Math.max(spot.x, half), this.root.clientWidth - half);
+      const y = Math.max(spot.y - spot.tile * 0.75, box.offsetHeight + 4);
+      box.style.left = `${x}px`;
+      box.style.top = `${y}px`;
+    }
+  }
+
+  close() {
+    for (const { box } of this.shown.values()) box.remove();
+    this.shown.clear();
+  }
+}

@@ -1,0 +1,266 @@
+// The conversation with a server: greeting, reconnects, redirects. See docs/protocol.md.
+
+/**
+ * @typedef {Record<string, any> & {type: string}} Message
+ * @typedef {{name: string, token?: string, resume?: string}} Identity
+ * @typedef {{
+ *   message: (message: Message) => void,
+ *   status: (status: "connecting" | "online" | "offline" | "closed") => void,
+ *   farewell: (code: string, reason: string) => void,
+ *   resume: (token: string) => void,
+ * }} Listener
+ */
+
+const SUBPROTOCOL = "robotouille.v1.json";
+const FIRST_DELAY = 0.25;
+const LONGEST_DELAY = 8;
+const ANSWER_SECONDS = 10;
+const TICK_SECONDS = 2;
+// A pause of the page's timers that shows that the machine was asleep: its connection is dead.
+const ASLEEP_SECONDS = 25;
+const MAX_MOVES = 4;
+// Redirects count as one round until the conversation has lasted this long.
+const SETTLED_SECONDS = 1;
+
+/** Codes that make a resume token useless. */
+const TOKEN_CODES = new Set(["auth/expired", "auth/invalid", "auth/required", "auth/revoked"]);
+/** Codes of errors after which the same request may succeed. */
+const TEMPORARY_CODES = new Set(["server/handover", "server/recording", "rate/limited"]);
+
+/** A participant's conversation with a server, over any number of connections. */
+export class Connection {
+  /**
+   * @param {string} url
+   * @param {Identity} identity
+   * @param {Message} join The message that enters the episode.
+   * @param {() => Message | null} seen The part of the episode that the page already has.
+   * @param {Listener} listener
+   */
+  constructor(url, identity, join, seen, listener) {
+    this.url = url;
+    this.home = url;
+    this.identity = identity;
+    this.join = join;
+    this.seen = seen;
+    this.listener = listener;
+    /** @type {WebSocket | null} */
+    this.socket = null;
+    this.joined = false;
+    this.closed = false;
+    this.failures = 0;
+    this.moves = 0;
+    this.openedAt = 0;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    this.timer = undefined;
+    this.tickedAt = Date.now();
+    this.ticker = setInterval(() => this.tick(), TICK_SECONDS * 1000);
+    this.onOnline = () => this.connectNow();
+    addEventListener("online", this.onOnline);
+    this.connect();
+  }
+
+  get online() {
+    return this.joined && this.socket?.readyState === WebSocket.OPEN;
+  }
+
+  /** Send a message; return false without a conversation. @param {Message} message */
+  send(message) {
+    if (!this.online) return false;
+    this.socket?.send(JSON.stringify(message));
+    return true;
+  }
+
+  /** Close for good. */
+  close() {
+    this.closed = true;
+    clearTimeout(this.timer);
+    clearInterval(this.ticker);
+    removeEventListener("online", this.onOnline);
+    this.drop();
+    this.listener.status("closed");
+  }
+
+  /** Try to connect without waiting longer. */
+  connectNow() {
+    if (this.closed || this.socket) return;
+    clearTimeout(this.timer);
+    this.connect();
+  }
+
+  connect() {
+    this.listener.status("connecting");
+    let socket;
+    try {
+      socket = new WebSocket(this.url, SUBPROTOCOL);
+    } catch {
+      this.lost();
+      return;
+    }
+    this.socket = socket;
+    this.timer = setTimeout(() => this.lost(), ANSWER_SECONDS * 1000);
+    socket.onopen = () => this.greet();
+    socket.onmessage = (event) => {
+      if (socket === this.socket) this.take(event.data);
+    };
+    socket.onclose = () => {
+      if (socket === this.socket) this.lost();
+    };
+  }
+
+  greet() {
+    this.openedAt = Date.now();
+    const { name, token, resume } = this.identity;
+    /** @type {Message} */
+    const hello = { type: "hello", protocol: 1, name, kind: "human" };
+    if (resume) {
+      hello.resume = resume;
+      hello.view = "state";
+      const seen = this.seen();
+      if (seen) hello.seen = seen;
+    } else if (token) {
+      hello.token = token;
+    }
+    this.socket?.send(JSON.stringify(hello));
+  }
+
+  /** @param {unknown} data */
+  take(data) {
+    /** @type {Message} */
+    let message;
+    try {
+      message = JSON.parse(String(data));
+    } catch {
+      this.end("message/invalid", "");
+      return;
+    }
+    if (message === null || typeof message !== "object") return;
+    if (message.type === "welcome") this.welcome(message);
+    else if (message.type === "moved") this.moved(message);
+    else if (message.type === "bye") this.bye(message);
+    else if (message.type === "error" && !this.joined) this.refused(message);
+    else this.pass(message);
+  }
+
+  /** @param {Message} message */
+  pass(message) {
+    if (message.type === "joined") {
+      this.joined = true;
+      clearTimeout(this.timer);
+      if (typeof message.resume === "string") this.keep(message.resume);
+      this.join = { ...this.join, episode: message.code };
+      if (message.seat) this.join.seat = message.seat;
+      this.failures = 0;
+      this.listener.message(message);
+      this.listener.status("online");
+      return;
+    }
+    this.listener.message(message);
+  }
+
+  /** @param {Message} message */
+  welcome(message) {
+    this.keep(String(message.resume));
+    // The answer to a resume continues with `joined`. Otherwise the server has forgotten us.
+    if (!message.resumed) this.socket?.send(JSON.stringify(this.join));
+  }
+
+  /** @param {string} token */
+  keep(token) {
+    this.identity = { ...this.identity, resume: token };
+    this.listener.resume(token);
+  }
+
+  /** @param {Message} message */
+  refused(message) {
+    const code = String(message.code);
+    if (this.identity.resume && TOKEN_CODES.has(code)) {
+      this.identity = { ...this.identity, resume: undefined };
+      this.greet();
+    } else if (TEMPORARY_CODES.has(code)) {
+      this.lost();
+    } else {
+      this.end(code, String(message.message));
+    }
+  }
+
+  /** @param {Message} message */
+  moved(message) {
+    this.moves = Date.now() - this.openedAt > SETTLED_SECONDS * 1000 ? 1 : this.moves + 1;
+    const next = redirected(this.url, message);
+    if (next === null || this.moves > MAX_MOVES) {
+      this.lost();
+      return;
+    }
+    this.url = next;
+    this.drop();
+    this.connect();
+  }
+
+  /** @param {Message} message */
+  bye(message) {
+    if (message.retry) this.lost();
+    else this.end(String(message.code), String(message.reason));
+  }
+
+  /** @param {string} code @param {string} reason */
+  end(code, reason) {
+    this.close();
+    this.listener.farewell(code, reason);
+  }
+
+  drop() {
+    clearTimeout(this.timer);
+    const socket = this.socket;
+    this.socket = null;
+    this.joined = false;
+    socket?.close();
+  }
+
+  lost() {
+    if (this.closed) return;
+    this.drop();
+    this.listener.status("offline");
+    this.failures += 1;
+    // A node that has failed may have passed the episode on: the first address finds it.
+    if (this.failures % 3 === 0) this.url = this.home;
+    const delay = Math.min(LONGEST_DELAY, FIRST_DELAY * 2 ** (this.failures - 1));
+    this.timer = setTimeout(() => this.connect(), delay * (0.5 + Math.random() / 2) * 1000);
+  }
+
+  tick() {
+    const now = Date.now();
+    const asleep = now - this.tickedAt > ASLEEP_SECONDS * 1000;
+    this.tickedAt = now;
+    if (asleep && this.socket) {
+      this.failures = 0;
+      this.lost();
+    }
+  }
+}
+
+/**
+ * Return the address that a `moved` message leads to; null if it must not be followed.
+ * @param {string} from @param {Message} message
+ */
+export function redirected(from, message) {
+  const here = new URL(from);
+  try {
+    if (message.url) {
+      const there = new URL(message.url);
+      const downgrade = here.protocol === "wss:" && there.protocol !== "wss:";
+      return downgrade || !/^wss?:$/.test(there.protocol) ? null : there.href;
+    }
+    here.port = String(message.port);
+    return here.href;
+  } catch {
+    return null;
+  }
+}
+
+/** Return the address of the WebSocket next to a page. @param {string} page */
+export function socketAddress(page) {
+  const url = new URL("./", page);
+  url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+  url.hash = url.search = "";
+  return url.href;
+}

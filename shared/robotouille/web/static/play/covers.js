@@ -1,0 +1,179 @@
+// What covers the kitchen: the waiting room, pauses, a lost connection, the end.
+
+import { byId, element, setText } from "./dom.js";
+import { now } from "./game.js";
+import { seatMark, seatWords } from "./panel.js";
+import { listed, text } from "./texts.js";
+
+/** @typedef {import("./game.js").Game} Game */
+/** @typedef {{ready: (ready: boolean) => void, rematch: () => void, share: () => void}} Answers */
+
+const STARS = 3;
+
+/** Chooses and draws the cover. It is built again only when its content changes. */
+export class Cover {
+  /** @param {Game} game @param {Answers} answers */
+  constructor(game, answers) {
+    this.game = game;
+    this.answers = answers;
+    this.root = byId("cover");
+    this.shown = "";
+    this.offline = false;
+    /** @type {HTMLElement | null} */
+    this.ticking = null;
+  }
+
+  update() {
+    const { game } = this;
+    const kind = this.kind();
+    const shown = JSON.stringify([kind, kind === "lobby" && game.seats, game.rematch, game.pause?.reason,
+      game.seats.map((seat) => seat.present)]);
+    if (shown !== this.shown) {
+      this.shown = shown;
+      this.ticking = null;
+      this.draw(kind);
+    }
+    if (this.ticking) setText(this.ticking, this.counted(kind));
+  }
+
+  kind() {
+    const { game } = this;
+    if (game.outcome) return "end";
+    if (this.offline) return "offline";
+    if (game.phase === "paused" && game.pause) return "pause";
+    if (game.phase !== "waiting") return "";
+    return game.startsAt === null ? "lobby" : "count";
+  }
+
+  /** @param {string} kind */
+  draw(kind) {
+    const slips = new Map([
+      ["lobby", () => this.lobby()],
+      ["count", () => this.count()],
+      ["pause", () => this.pause()],
+      ["offline", () => slip(text("offline"), element("p", {}, text("offlineDetail")))],
+      ["end", () => this.end()],
+    ]);
+    const make = slips.get(kind);
+    this.root.hidden = !make;
+    this.root.classList.toggle("light", kind === "count");
+    const focused = this.root.contains(document.activeElement);
+    this.root.replaceChildren(...(make ? [make()] : []));
+    const button = this.root.querySelector("button.main");
+    // The keyboard goes on where it was: in the cover, or in the kitchen behind it.
+    if (button instanceof HTMLElement && (kind === "end" || kind === "lobby")) button.focus();
+    else if (focused) byId("kitchen").focus();
+  }
+
+  lobby() {
+    const { game } = this;
+    const rows = game.seats.map((seat, index) => {
+      const state = !seat.name ? "isFree" : !seat.present ? "isAway" : seat.ready ? "isReady" : "isHere";
+      const marks = seatWords({ ...seat, present: true }, game);
+      return element(
+        "li", { class: "seat" }, seatMark(index), ` ${seat.name || seat.player} `,
+        element("span", { class: "faint" }, [marks, text(state)].filter(Boolean).join(", ")),
+      );
+    });
+    const made = slip(text("lobby"), element("p", {}, waiting(game)), element("ul", {}, ...rows));
+    const ready = game.seat?.ready ?? true;
+    const share = button(text("copy"), () => this.answers.share());
+    made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
+    const choose = game.me !== null &&
+      button(text(ready ? "notReady" : "ready"), () => this.answers.ready(!ready), !ready);
+    made.append(element("p", { class: "buttons" }, choose, share));
+    return made;
+  }
+
+  count() {
+    this.ticking = element("p", { class: "count", role: "timer" });
+    return this.ticking;
+  }
+
+  pause() {
+    const { game } = this;
+    const away = game.seats.filter((seat) => seat.name && !seat.present).map((seat) => seat.name);
+    const reason = game.pause?.reason ?? "";
+    const title = new Map([
+      ["absence", text("absence", { names: listed(away) })],
+      ["restart", text("restart")],
+      ["operator", text("operator")],
+      ["storage", text("storage")],
+      ["deserted", text("deserted")],
+    ]).get(reason) ?? text("paused");
+    const detail = element("p");
+    if (reason === "storage") detail.textContent = text("storageDetail");
+    else if (reason === "restart") detail.textContent = text("waitsDetail", { names: listed(away) });
+    else if (game.pause?.left != null) this.ticking = detail;
+    return slip(title, detail);
+  }
+
+  /** Return the text of a countdown. @param {string} kind */
+  counted(kind) {
+    const { game } = this;
+    if (kind === "count") {
+      const left = Math.ceil((game.startsAt ?? 0) - now());
+      return left > 0 ? String(left) : text("go");
+    }
+    const left = Math.max(0, (game.pause?.left ?? 0) - (now() - game.pausedAt));
+    const key = game.pause?.reason === "absence" ? "absenceDetail" : "endsDetail";
+    return text(key, { seconds: Math.ceil(left) });
+  }
+
+  end() {
+    const { game } = this;
+    const made = slip(outcomeWords(game.outcome));
+    const stars = starsOf(game);
+    if (stars !== null) {
+      const row = element("p", { class: "stars", role: "img", "aria-label": `${stars} / ${STARS}` });
+      for (let each = 0; each < STARS; each += 1) {
+        row.append(element("span", { class: each < stars ? "" : "off" }, "★"));
+      }
+      made.append(row);
+    }
+    if (game.outcome?.detail) made.append(element("p", {}, String(game.outcome.detail)));
+    if (game.me !== null || game.rematch) {
+      const words = text(game.rematch ? "joinRematch" : "rematch");
+      made.append(element("p", { class: "buttons" }, button(words, () => this.answers.rematch(), true)));
+    }
+    return made;
+  }
+}
+
+/** Return a card with a title. @param {string} title @param {...(Node | false)} content */
+export function slip(title, ...content) {
+  return element("div", { class: "slip" }, element("h2", {}, title), ...content);
+}
+
+/** @param {string} words @param {() => void} does */
+export function button(words, does, main = false) {
+  return element("button", { type: "button", class: main ? "main" : "", onclick: does }, words);
+}
+
+/** Return what a game that has not started waits for. @param {Game} game */
+export function waiting(game) {
+  if (game.me !== null && game.seat && !game.seat.ready) return text("waitingReady");
+  const late = game.seats.filter((seat) => seat.name && (!seat.present || !seat.ready));
+  const free = game.seats.filter((seat) => !seat.name).length;
+  const more = free === 0 ? [] : [free === 1 ? text("oneMore") : text("more", { count: free })];
+  const whom = [...late.map((seat) => seat.name), ...more];
+  return text("waiting", { whom: whom.length ? listed(whom) : text("others") });
+}
+
+/** Return an outcome in words. @param {Record<string, any> | null} outcome */
+export function outcomeWords(outcome) {
+  const key = new Map([
+    ["goal", "goalReached"], ["shift_over", "shiftOver"], ["step_limit", "stepLimit"],
+    ["abandoned", "abandoned"], ["aborted", "aborted"],
+  ]).get(outcome?.reason);
+  const { points = 0, served = 0 } = outcome?.score ?? {};
+  return text(key ?? "ended", { steps: outcome?.steps ?? 0, points, served });
+}
+
+/** Return the stars of a shift that is over; null if its task has none. @param {Game} game */
+function starsOf(game) {
+  const bounds = game.task?.problem.shift?.stars?.[game.task.players.length];
+  const points = game.outcome?.score?.points;
+  if (!Array.isArray(bounds) || points == null || game.outcome?.reason !== "shift_over") return null;
+  return bounds.filter((bound) => points >= bound).length;
+}

@@ -1,0 +1,315 @@
+// A copy of one episode, kept up to date by the server's messages.
+
+import { readTask } from "../rules/task.js";
+import { State } from "../rules/state.js";
+
+/**
+ * @typedef {import("./connection.js").Message} Message
+ * @typedef {import("../rules/task.js").Task} Task
+ * @typedef {import("../rules/actions.js").Action} Action
+ * @typedef {{player: string, name: string, kind: string, present: boolean, controller: string,
+ *   ready: boolean}} Seat
+ * @typedef {{seq: number, action: Action | null, step: number, at: number}} Sent
+ * @typedef {{number: number, name: string, seat: string, text: string, intent: string,
+ *   target: string}} Line
+ * @typedef {
+ *   {type: "task"} | {type: "step", at: number, jumped: boolean} | {type: "roster"} |
+ *   {type: "answer", sent: Sent, applied: boolean, why: any[], reasons: string[]} |
+ *   {type: "said", line: Line, old: boolean} | {type: "notice", text: string} | {type: "ended"} |
+ *   {type: "refused", code: string, message: string} | {type: "left", reason: string}
+ * } GameEvent
+ */
+
+// An unanswered action is sent again after this time: the server executes it once.
+const REPEAT_SECONDS = 5;
+// Dropped deltas after which a snapshot is requested again; a request may fall to a rate limit.
+const RESYNC_EVERY = 20;
+const MAX_LINES = 200;
+
+/** @returns {number} The time in seconds, on a clock that never goes back. */
+export const now = () => performance.now() / 1000;
+
+/** One episode as this page knows it. */
+export class Game {
+  /**
+   * @param {(message: Message) => boolean} send
+   * @param {(event: GameEvent) => void} emit
+   */
+  constructor(send, emit) {
+    this.send = send;
+    this.emit = emit;
+    this.episode = "";
+    this.code = "";
+    this.role = "player";
+    /** @type {string | null} */
+    this.me = null;
+    this.name = "";
+    /** @type {Task | null} */
+    this.task = null;
+    /** @type {State | null} */
+    this.state = null;
+    /** @type {State | null} The state one step earlier, if it is known. */
+    this.before = null;
+    this.step = 0;
+    this.stepAt = 0;
+    this.phase = "waiting";
+    /** @type {Seat[]} */
+    this.seats = [];
+    /** @type {Record<string, any>} */
+    this.clock = {};
+    /** @type {{reason: string, left: number | null} | null} */
+    this.pause = null;
+    this.pausedAt = 0;
+    /** @type {number | null} The end of the countdown. */
+    this.startsAt = null;
+    /** @type {string | null} */
+    this.turn = null;
+    /** @type {string[]} */
+    this.waitsFor = [];
+    this.spectators = 0;
+    this.rematch = "";
+    /** @type {Record<string, any> | null} */
+    this.outcome = null;
+    this.said = 0;
+    this.seq = 0;
+    /** @type {Sent | null} The action that has no answer yet. */
+    this.sent = null;
+    this.skipped = 0;
+    this.resyncing = false;
+  }
+
+  get running() {
+    return this.phase === "running" && this.outcome === null;
+  }
+
+  /** Seconds of a step in real time; null if the clock waits for decisions. */
+  get stepSeconds() {
+    return this.clock.clock === "realtime" && this.clock.step_rate > 0
+      ? 1 / this.clock.step_rate
+      : null;
+  }
+
+  get seat() {
+    return this.seats.find((seat) => seat.player === this.me) ?? null;
+  }
+
+  /** The field `seen` of `hello`. */
+  seen() {
+    if (!this.state) return null;
+    return { episode: this.episode, step: this.step, said: this.said, stale: this.resyncing };
+  }
+
+  /** Send an action for the next step; it replaces one that has no answer yet. */
+  act(/** @type {Action | null} */ action) {
+    if (!this.running || !this.me) return;
+    const previous = this.sent;
+    this.seq += 1;
+    this.sent = { seq: this.seq, action, step: this.step, at: now() };
+    if (previous) this.answer(previous, false, [{ kind: "superseded" }], []);
+    this.repeat(true);
+  }
+
+  /** Send the unanswered action again, at once or when it is due. */
+  repeat(atOnce = false) {
+    const sent = this.sent;
+    if (!sent || (!atOnce && now() - sent.at < REPEAT_SECONDS)) return;
+    sent.at = now();
+    const { action, seq, step } = sent;
+    const named = action && { name: action.name, args: action.args };
+    this.send({ type: "act", seq, action: named, basis: step });
+  }
+
+  /** Send a chat message. @param {string} text */
+  say(text) {
+    return this.send({ type: "say", text });
+  }
+
+  /** @param {string} intent @param {string} target */
+  signal(intent, target) {
+    return this.send(target ? { type: "signal", intent, target } : { type: "signal", intent });
+  }
+
+  ready(/** @type {boolean} */ ready) {
+    this.send({ type: "ready", ready });
+  }
+
+  /** Take a message of the server. @param {Message} message */
+  receive(message) {
+    const handler = HANDLERS.get(message.type);
+    if (handler) handler.call(this, message);
+  }
+
+  /** @param {Message} message */
+  joined(message) {
+    this.episode = message.episode;
+    this.code = message.code;
+    this.role = message.role;
+    this.me = message.seat ?? null;
+    this.name = message.name ?? "";
+    this.seq = Math.max(this.seq, message.seq ?? 0);
+    this.resyncing = false;
+    // The deltas up to this step follow; only then is it known what became of an action.
+    this.catchUp = message.step ?? 0;
+    if (this.state && this.step >= this.catchUp) this.repeat(true);
+  }
+
+  /** @param {Message} message */
+  snapshot(message) {
+    if (this.state && message.step < this.step) return;
+    const first = this.task === null || (message.task && message.digest !== this.digest);
+    if (message.task && first) {
+      this.task = readTask(message.task);
+      this.digest = message.digest;
+    }
+    if (!this.task) return;
+    const jumped = !this.state || message.step !== this.step;
+    this.before = null;
+    this.state = State.fromSnapshot(this.task, message);
+    this.step = message.step;
+    this.stepAt = now();
+    this.resyncing = false;
+    this.clock = message.clock ?? {};
+    this.outcome = message.outcome ?? null;
+    this.roster(message);
+    this.seq = Math.max(this.seq, message.seq ?? 0);
+    if (first) this.emit({ type: "task" });
+    if (this.sent && this.sent.seq === message.last_seq) {
+      const reasons = message.last_reasons ?? [];
+      this.answer(this.sent, reasons.length === 0, [], reasons);
+    } else if (this.sent && this.sent.seq < (message.seq ?? 0) && this.sent.step < message.step) {
+      this.answer(this.sent, false, [{ kind: "superseded" }], []);
+    }
+    this.emit({ type: "step", at: this.stepAt, jumped });
+    if (this.step >= (this.catchUp ?? 0)) this.repeat(true);
+    if (this.outcome) this.emit({ type: "ended" });
+  }
+
+  /** @param {Message} message */
+  delta(message) {
+    if (!this.state || message.step <= this.step) return;
+    if (this.resyncing || message.step !== this.step + 1) {
+      this.resync();
+      return;
+    }
+    const before = this.state;
+    try {
+      this.state = before.after(message);
+    } catch {
+      this.resync();
+      return;
+    }
+    this.before = before;
+    this.step = message.step;
+    this.turn = message.turn ?? null;
+    this.stepAt = now();
+    this.settle(message);
+    this.emit({ type: "step", at: this.stepAt, jumped: false });
+    if (this.step === this.catchUp) this.repeat(true);
+  }
+
+  /** Read the answer to this page's action. @param {Message} message */
+  settle(message) {
+    const sent = this.sent;
+    if (!sent) return;
+    const index = this.task?.players.indexOf(this.me ?? "") ?? -1;
+    const rows = message.did ?? [];
+    for (let row = 0; row < rows.length; row += 1) {
+      if (rows[row][0] !== index || (message.seq?.[row] ?? 0) < sent.seq) continue;
+      const unmet = message.unmet?.[row] ?? [];
+      this.answer(sent, unmet.length === 0, message.why?.[row] ?? [], unmet);
+      return;
+    }
+    // A delta lists actions only, so a step without one is the answer to "nothing".
+    if (sent.action === null) this.answer(sent, true, [], []);
+  }
+
+  /** @param {Sent} sent @param {boolean} applied @param {any[]} why @param {string[]} reasons */
+  answer(sent, applied, why, reasons) {
+    if (this.sent === sent) this.sent = null;
+    this.emit({ type: "answer", sent, applied, why, reasons });
+  }
+
+  resync() {
+    if (!this.resyncing || this.skipped >= RESYNC_EVERY) {
+      this.resyncing = true;
+      this.skipped = 0;
+      this.send({ type: "resync" });
+    }
+    this.skipped += 1;
+  }
+
+  /** @param {Message} message */
+  rejected(message) {
+    const sent = this.sent;
+    if (!sent || sent.seq !== message.seq) return;
+    if (message.code === "rate/limited") {
+      sent.at = now() - REPEAT_SECONDS + 0.25;
+      return;
+    }
+    this.answer(sent, false, message.why ?? [], message.reasons ?? []);
+  }
+
+  /** @param {Message} message */
+  roster(message) {
+    this.phase = message.phase;
+    this.turn = message.turn ?? null;
+    this.seats = message.seats ?? [];
+    const pause = message.pause ?? null;
+    if (pause) this.pausedAt = now();
+    this.pause = pause;
+    this.startsAt = message.starts_in == null ? null : now() + message.starts_in;
+    this.spectators = message.spectators ?? 0;
+    this.waitsFor = message.waits_for ?? [];
+    if (message.rematch) this.rematch = message.rematch;
+    this.emit({ type: "roster" });
+  }
+
+  /** @param {Message} message */
+  chat(message) {
+    const number = message.number ?? 0;
+    // Messages come again after a reconnect.
+    if (number && number <= this.said) return;
+    this.said = Math.max(this.said, number);
+    const { name, seat = "", text, intent = "", target = "" } = message;
+    const line = { number, name, seat, text, intent, target };
+    this.emit({ type: "said", line, old: message.step < this.step - MAX_LINES });
+  }
+
+  /** @param {Message} message */
+  ended(message) {
+    this.outcome = message.outcome;
+    this.phase = "ended";
+    this.pause = null;
+    if (this.sent) this.answer(this.sent, false, [], []);
+    this.emit({ type: "ended" });
+  }
+}
+
+/** @type {Map<string, (this: Game, message: Message) => void>} */
+const HANDLERS = new Map([
+  ["joined", Game.prototype.joined],
+  ["snapshot", Game.prototype.snapshot],
+  ["delta", Game.prototype.delta],
+  ["rejected", Game.prototype.rejected],
+  ["roster", Game.prototype.roster],
+  ["said", Game.prototype.chat],
+  ["ended", Game.prototype.ended],
+  [
+    "notice",
+    function notice(message) {
+      this.emit({ type: "notice", text: String(message.text) });
+    },
+  ],
+  [
+    "error",
+    function error(message) {
+      this.emit({ type: "refused", code: message.code, message: message.message });
+    },
+  ],
+  [
+    "left",
+    function left(message) {
+      this.emit({ type: "left", reason: message.reason ?? "" });
+    },
+  ],
+]);

@@ -1,0 +1,74 @@
+// Entry of the page: reads the link, asks for a name, and enters the kitchen.
+
+import { byId, element, inputById, setText } from "./dom.js";
+import { Session } from "./session.js";
+import { keep, recall, seatToken } from "./storage.js";
+import { loadTexts, text } from "./texts.js";
+
+/** Return what the address of the page asks for. */
+function invitation() {
+  const code = decodeURIComponent(location.hash.slice(1)).trim().toUpperCase();
+  return { code, watch: location.pathname.endsWith("/watch") };
+}
+
+function showForm(fault = "") {
+  const { code, watch } = invitation();
+  byId("game").hidden = true;
+  byId("enter").hidden = false;
+  const intro = code ? (watch ? "introWatch" : "introCode") : "intro";
+  setText(byId("enter-intro"), text(intro, { code }));
+  setText(byId("code-label"), text("code"));
+  setText(byId("name-label"), text("name"));
+  setText(byId("enter-button"), text(watch ? "watch" : "join"));
+  setText(byId("enter-fault"), fault);
+  byId("code-row").hidden = code !== "";
+  inputById("code").value = code;
+  inputById("name").value ||= recall("name") ?? "";
+  inputById(code ? "name" : "code").focus();
+}
+
+function submitted() {
+  const code = inputById("code").value.trim().toUpperCase();
+  const name = inputById("name").value.trim();
+  if (!code) return showForm(text("missingCode"));
+  if (!name) return showForm(text("missingName"));
+  keep("name", name);
+  if (invitation().code !== code) history.replaceState(null, "", `#${encodeURIComponent(code)}`);
+  return enter(code, name);
+}
+
+/** @param {string} code @param {string} name */
+function enter(code, name) {
+  const { watch } = invitation();
+  byId("enter").hidden = true;
+  const session = new Session({ code, name, watch }, {
+    left: (fault) => showForm(fault),
+    moved: (next) => {
+      history.replaceState(null, "", `#${encodeURIComponent(next)}`);
+      enter(next, name);
+    },
+    watch: () => {
+      history.replaceState(null, "", `watch#${encodeURIComponent(code)}`);
+      enter(code, name);
+    },
+  });
+  session.start();
+}
+
+async function start() {
+  await loadTexts();
+  byId("enter-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    submitted();
+  });
+  addEventListener("hashchange", () => location.reload());
+  const { code, watch } = invitation();
+  const name = recall("name");
+  // A reload of the page returns to the seat without a question.
+  if (code && name && !watch && seatToken(code)) enter(code, name);
+  else showForm();
+}
+
+start().catch((error) => {
+  document.body.append(element("p", { role: "alert" }, String(error)));
+});

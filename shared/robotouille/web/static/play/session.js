@@ -1,0 +1,435 @@
+// One visit of a kitchen: connects the conversation, the game, the picture and the controls.
+
+import { Kitchen } from "../kitchen/painter.js";
+import { goalTerms } from "../rules/goal.js";
+import { Wording } from "../rules/words.js";
+import { Bubbles } from "./bubbles.js";
+import { Connection, socketAddress } from "./connection.js";
+import { Cover, button, outcomeWords, slip, waiting } from "./covers.js";
+import { byId, element, setText } from "./dom.js";
+import { Game, now } from "./game.js";
+import { Hands } from "./hands.js";
+import { loadLook } from "./look.js";
+import { Chat, showSeats, Ticket } from "./panel.js";
+import { keepSeat, seatToken } from "./storage.js";
+import { text } from "./texts.js";
+
+/** @typedef {import("./connection.js").Message} Message */
+/** @typedef {import("./game.js").GameEvent} GameEvent */
+/** @typedef {{code: string, name: string, watch: boolean}} Visit */
+/**
+ * @typedef {{left: (fault: string) => void, moved: (code: string) => void, watch: () => void}} Exits
+ */
+
+const NOTICE_SECONDS = 4;
+// The live region speaks at most this often, so that a screen reader can follow.
+const SPOKEN_SECONDS = 1;
+
+export class Session {
+  /** @param {Visit} visit @param {Exits} exits */
+  constructor(visit, exits) {
+    this.visit = visit;
+    this.exits = exits;
+    /** @type {Connection | null} */
+    this.connection = null;
+    /** @type {Map<number, (answer: Message) => void>} */
+    this.asked = new Map();
+    this.lastRef = 0;
+    this.game = new Game((message) => this.connection?.send(message) ?? false, (e) => this.on(e));
+    this.chat = new Chat();
+    this.cover = new Cover(this.game, {
+      ready: (ready) => this.game.ready(ready),
+      rematch: () => this.rematch(),
+      share: () => this.share(),
+    });
+    /** @type {Kitchen | null} */
+    this.kitchen = null;
+    /** @type {Hands | null} */
+    this.hands = null;
+    /** @type {Ticket | null} */
+    this.ticket = null;
+    /** @type {Bubbles | null} */
+    this.bubbles = null;
+    /** @type {any} */
+    this.language = null;
+    this.noticeUntil = 0;
+    this.spokenAt = 0;
+    this.over = false;
+    /** @type {Map<string, import("./game.js").Seat>} */
+    this.known = new Map();
+    this.abort = new AbortController();
+  }
+
+  start() {
+    const { code, name, watch } = this.visit;
+    byId("game").hidden = false;
+    this.texts();
+    /** @type {Message} */
+    const join = watch
+      ? { type: "join", episode: code, role: "spectator", view: "state" }
+      : { type: "join", episode: code, view: "state", ready: false, agent: "browser" };
+    const resume = watch ? undefined : seatToken(code);
+    this.connection = new Connection(
+      socketAddress(location.href), { name, resume }, join, () => this.game.seen(),
+      {
+        message: (message) => this.receive(message),
+        status: (status) => this.connected(status),
+        farewell: (reason, words) => this.farewell(reason, words),
+        resume: (token) => this.game.code && !watch && keepSeat(this.game.code, token),
+      },
+    );
+    const frame = () => {
+      if (this.over) return;
+      this.draw();
+      requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+    this.timer = setInterval(() => this.tick(), 250);
+  }
+
+  /** Set the texts that do not change. */
+  texts() {
+    const { signal } = this.abort;
+    setText(byId("help-button"), text("help"));
+    setText(byId("leave-button"), text("leave"));
+    const say = byId("say");
+    /** @type {HTMLInputElement} */ (byId("said")).placeholder = text("say");
+    byId("said").setAttribute("aria-label", text("say"));
+    setText(/** @type {HTMLElement} */ (say.lastElementChild), text("send"));
+    say.addEventListener("submit", (event) => this.say(event), { signal });
+    byId("leave-button").addEventListener("click", () => this.leave(), { signal });
+    byId("lines").setAttribute("aria-label", text("chat"));
+    setText(byId("title"), this.visit.code);
+    setText(byId("status"), text("connecting"));
+  }
+
+  // Messages
+
+  /** @param {Message} message */
+  receive(message) {
+    const waits = message.ref == null ? undefined : this.asked.get(message.ref);
+    if (waits) {
+      this.asked.delete(message.ref);
+      waits(message);
+    } else {
+      this.game.receive(message);
+    }
+    if (message.type === "joined" && this.game.role === "player") {
+      keepSeat(this.game.code, message.resume ?? this.connection?.identity.resume ?? null);
+    }
+  }
+
+  /**
+   * Send a request and return its answer, which may be an error.
+   * @param {Message} message
+   * @returns {Promise<Message>}
+   */
+  ask(message) {
+    this.lastRef += 1;
+    const ref = this.lastRef;
+    return new Promise((resolve) => {
+      this.asked.set(ref, resolve);
+      this.connection?.send({ ...message, ref });
+    });
+  }
+
+  /** @param {GameEvent} event */
+  on(event) {
+    if (event.type === "task") this.furnish().catch((error) => this.notify(String(error)));
+    else if (event.type === "step") this.stepped();
+    else if (event.type === "roster") this.roster();
+    else if (event.type === "answer") this.answered(event);
+    else if (event.type === "said") this.heard(event.line, event.old);
+    else if (event.type === "notice") this.announce(event.text);
+    else if (event.type === "ended") this.ended();
+    else if (event.type === "refused") this.notify(event.message);
+    else this.farewell("episode/left", event.reason);
+  }
+
+  /** Load the look of the kitchen, and draw it from now on. */
+  async furnish() {
+    const { task } = this.game;
+    if (!task) return;
+    const { look, bindings, language } = await loadLook(task, (message) => this.ask(message));
+    if (this.over) return;
+    this.language = language;
+    const canvas = /** @type {HTMLCanvasElement} */ (byId("kitchen"));
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", text("kitchen", { count: task.players.length }));
+    const quiet = matchMedia("(prefers-reduced-motion: reduce)");
+    this.kitchen = new Kitchen(canvas, task, look, { reducedMotion: quiet.matches });
+    this.kitchen.me = this.game.me;
+    this.bubbles = new Bubbles(this.kitchen, look, () => this.wording());
+    this.ticket = new Ticket(this.game, look, goalTerms);
+    this.hands = new Hands(this.game, this.kitchen, { bindings, language }, {
+      notify: (words) => this.notify(words),
+      wording: () => this.wording(),
+      signal: this.abort.signal,
+    });
+    new ResizeObserver(() => this.resize()).observe(byId("stage"));
+    this.resize();
+    this.show();
+    this.roster();
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = byId("stage");
+    this.kitchen?.resize(clientWidth, clientHeight, devicePixelRatio);
+  }
+
+  /** Return the words of the kitchen for this reader. */
+  wording() {
+    const { task, me, seats } = this.game;
+    const others = seats.filter((seat) => seat.name && seat.player !== me);
+    const names = new Map(others.map((seat) => [seat.player, seat.name]));
+    return new Wording(/** @type {any} */ (task), this.language, me, names);
+  }
+
+  // What the page shows
+
+  show() {
+    const { game, kitchen } = this;
+    if (!kitchen || !game.state) return;
+    kitchen.show(game.state, {
+      step: game.step,
+      before: game.before,
+      stepSeconds: game.stepSeconds,
+      receivedAt: game.stepAt,
+      outcome: game.outcome,
+    });
+  }
+
+  stepped() {
+    const { game } = this;
+    this.show();
+    this.ticket?.update();
+    this.hands?.stepped();
+    const { max_steps: limit = 0 } = game.clock;
+    const steps = text("steps", { step: game.step, limit });
+    const { orders } = game.state ?? {};
+    const points = orders ? `${text("points", { points: orders.score })} · ` : "";
+    setText(byId("progress"), points + steps);
+    this.status();
+  }
+
+  roster() {
+    const { game, known } = this;
+    for (const seat of game.seats) {
+      const old = known.get(seat.player);
+      const news = old && seat.player !== game.me ? change(old, seat) : "";
+      if (news) this.happened(news);
+      known.set(seat.player, seat);
+    }
+    showSeats(game);
+    if (this.kitchen) this.kitchen.seats = game.seats;
+    this.hands?.stepped();
+    this.status();
+  }
+
+  status() {
+    const { game } = this;
+    setText(byId("status"), this.statusWords());
+    setText(byId("title"), game.task ? titleOf(game.task) : this.visit.code);
+    this.cover.update();
+  }
+
+  statusWords() {
+    const { game } = this;
+    if (game.outcome) return outcomeWords(game.outcome);
+    if (!this.connection?.online) return text(game.state ? "offline" : "connecting");
+    if (game.phase === "paused") return text("paused");
+    if (game.phase === "waiting") return waiting(game);
+    if (game.me === null) return text("watching");
+    if (game.turn === game.me) return text("yourTurn");
+    const turn = game.seats.find((seat) => seat.player === game.turn);
+    return turn ? text("theirTurn", { name: turn.name || turn.player }) : "";
+  }
+
+  /** @param {Extract<GameEvent, {type: "answer"}>} answer */
+  answered(answer) {
+    this.hands?.answered(answer);
+    const superseded = answer.why.some((each) => each.kind === "superseded");
+    if (answer.applied || superseded || !answer.reasons.length || !this.game.me) return;
+    const { state } = this.game;
+    const [why] = answer.why;
+    const reason = why && state ? this.wording().reason({ ...why, words: answer.reasons[0] }, state)
+      : answer.reasons[0];
+    this.bubbles?.show(this.game.me, reason, { rejected: true });
+    this.speak(text("rejected", { reason }));
+  }
+
+  /** @param {import("./game.js").Line} line @param {boolean} old */
+  heard(line, old) {
+    this.chat.say(line.name, line.text);
+    if (!old && line.seat) this.bubbles?.say(line);
+    if (line.seat !== this.game.me) this.speak(text("saidBy", { name: line.name, text: line.text }));
+  }
+
+  /** @param {string} news */
+  happened(news) {
+    this.chat.happened(news);
+    this.speak(news);
+  }
+
+  /** @param {string} words */
+  announce(words) {
+    this.chat.happened(words);
+    this.notify(words);
+  }
+
+  ended() {
+    keepSeat(this.game.code, null);
+    this.show();
+    this.status();
+    this.speak(outcomeWords(this.game.outcome));
+  }
+
+  /** Say something to a screen reader. @param {string} words */
+  speak(words) {
+    if (now() - this.spokenAt < SPOKEN_SECONDS && byId("live").textContent) {
+      byId("live").append(` ${words}`);
+    } else {
+      setText(byId("live"), words);
+    }
+    this.spokenAt = now();
+  }
+
+  /** Show a short text for a moment. @param {string} words */
+  notify(words) {
+    if (!words) return;
+    setText(byId("notice"), words);
+    this.noticeUntil = now() + NOTICE_SECONDS;
+  }
+
+  draw() {
+    const at = now();
+    this.hands?.tick();
+    this.kitchen?.draw(at);
+    this.bubbles?.place(at);
+  }
+
+  tick() {
+    if (this.noticeUntil && now() > this.noticeUntil) {
+      this.noticeUntil = 0;
+      setText(byId("notice"), "");
+    }
+    if (this.connection?.online) this.game.repeat();
+    this.cover.update();
+  }
+
+  // What the reader does
+
+  /** @param {Event} event */
+  say(event) {
+    event.preventDefault();
+    const input = /** @type {HTMLInputElement} */ (byId("said"));
+    const said = input.value.trim();
+    if (!said) return;
+    if (this.game.say(said)) input.value = "";
+    else this.notify(text("offline"));
+    byId("kitchen").focus();
+  }
+
+  share() {
+    const link = new URL(`play#${this.game.code}`, location.href).href;
+    const copied = navigator.clipboard?.writeText(link);
+    if (copied) copied.then(() => this.notify(text("copied")), () => this.notify(link));
+    else this.notify(link);
+  }
+
+  async rematch() {
+    const { game } = this;
+    const answer = game.rematch
+      ? { type: "created", code: game.rematch }
+      : await this.ask({ type: "create", rematch: game.episode });
+    if (answer.type !== "created") {
+      this.notify(String(answer.message));
+      return;
+    }
+    this.close();
+    this.exits.moved(String(answer.code));
+  }
+
+  leave() {
+    this.connection?.send({ type: "leave" });
+    keepSeat(this.game.code, null);
+    this.close();
+    this.exits.left("");
+  }
+
+  /** @param {"connecting" | "online" | "offline" | "closed"} status */
+  connected(status) {
+    this.cover.offline = status !== "online" && status !== "closed" && this.game.state !== null;
+    this.status();
+  }
+
+  /** Show why this visit has ended. @param {string} code @param {string} reason */
+  farewell(code, reason) {
+    // The end card stays: nothing can change any more.
+    if (this.game.outcome) return;
+    const { code: kitchen } = this.game;
+    if (kitchen && code !== "session/elsewhere") keepSeat(kitchen, null);
+    this.close();
+    if (!this.game.state) {
+      byId("game").hidden = true;
+    }
+    const [title, detail, retry] = FAREWELLS.get(code) ?? ["sorry", "", "again"];
+    const words = detail ? text(detail) : reason;
+    const cover = byId("cover");
+    cover.hidden = false;
+    byId("game").hidden = false;
+    const choices = element("p", { class: "buttons" });
+    if (retry === "watch") choices.append(button(text("watch"), () => this.exits.watch(), true));
+    else if (retry) {
+      choices.append(button(text(retry), () => location.reload(), true));
+    }
+    cover.replaceChildren(slip(text(title), element("p", {}, words), choices));
+    setText(byId("status"), text(title));
+  }
+
+  close() {
+    this.over = true;
+    clearInterval(this.timer);
+    this.connection?.close();
+    this.abort.abort();
+    this.hands?.close();
+    this.bubbles?.close();
+    byId("cover").hidden = true;
+    setText(byId("notice"), "");
+  }
+}
+
+/** @type {Map<string, [string, string, string]>} Title, detail and button by the server's code. */
+const FAREWELLS = new Map([
+  ["session/elsewhere", ["elsewhere", "elsewhereDetail", "playHere"]],
+  ["episode/unknown", ["unknown", "unknownDetail", "again"]],
+  ["episode/ended", ["over", "", ""]],
+  ["episode/full", ["full", "fullDetail", "watch"]],
+  ["seat/taken", ["taken", "takenDetail", "watch"]],
+  ["episode/banned", ["banned", "", ""]],
+  ["server/stopped", ["stopped", "", "again"]],
+  ["protocol/version", ["version", "versionDetail", "again"]],
+  ["auth/required", ["token", "tokenDetail", ""]],
+  ["auth/invalid", ["token", "tokenDetail", ""]],
+  ["auth/expired", ["token", "tokenDetail", ""]],
+  ["auth/revoked", ["token", "tokenDetail", ""]],
+]);
+
+/** Return the news between two rosters of a seat. */
+function change(
+  /** @type {import("./game.js").Seat} */ old,
+  /** @type {import("./game.js").Seat} */ seat,
+) {
+  if (old.name !== seat.name) {
+    return seat.name ? text("joined", { name: seat.name }) : text("gone", { name: old.name });
+  }
+  if (!seat.name || old.present === seat.present) return "";
+  return text(seat.present ? "back" : "away", { name: seat.name });
+}
+
+/** Return a task's title, such as `Lettuce burger`. @param {import("../rules/task.js").Task} task */
+function titleOf(task) {
+  const file = task.name.split("/").pop()?.replace(/\.json$/, "") ?? task.name;
+  const words = file.replace(/^\d+_/, "").replaceAll("_", " ");
+  return words.charAt(0).toUpperCase() + words.slice(1);
+}

@@ -1,0 +1,32 @@
+// The page's texts in the reader's language.
+
+import english from "../texts/en.js";
+
+const LANGUAGES = ["en", "de"];
+
+/** @type {Record<string, string>} */
+let texts = english;
+
+/** Load the texts of the language that the address or the browser asks for. */
+export async function loadTexts() {
+  const asked = new URLSearchParams(location.search).get("lang");
+  const wanted = [asked, ...navigator.languages].map((name) => (name ?? "").slice(0, 2));
+  const found = wanted.find((name) => LANGUAGES.includes(name)) ?? "en";
+  if (found !== "en") {
+    const { default: own } = await import(`../texts/${found}.js`);
+    texts = { ...english, ...own };
+  }
+  document.documentElement.lang = found;
+}
+
+/**
+ * Return a text with its fields filled in.
+ * @param {string} key @param {Record<string, string | number>} [fields]
+ */
+export function text(key, fields = {}) {
+  return (texts[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => String(fields[name] ?? ""));
+}
+
+/** Return names as a list, such as `Ada, Ben, Cem`. @param {string[]} names */
+export const listed = (names) =>
+  new Intl.ListFormat(document.documentElement.lang, { type: "conjunction" }).format(names);
