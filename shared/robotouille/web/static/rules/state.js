@@ -304,8 +304,12 @@ function orders(message) {
   return { time, open: listed, arrived, score, served, expired };
 }
 
-/** @param {Atom} a @param {Atom} b */
-function byNames(a, b) {
+/**
+ * Compare lists of names.
+ * @param {string[]} a
+ * @param {string[]} b
+ */
+export function byNames(a, b) {
   for (let i = 0; i < a.length && i < b.length; i++) {
     if (a[i] !== b[i]) return byText(a[i], b[i]);
   }
