@@ -1,4 +1,4 @@
-"""Pages with nothing but the browser client's kitchen, and the window's pictures of the same states.
+"""Pages with only the browser client's kitchen, and the window's pictures of the same states.
 
 To look at games: `python -m tests.web.kitchen_page TASK... --out FOLDER` writes pictures of both.
 """
@@ -6,11 +6,13 @@ To look at games: `python -m tests.web.kitchen_page TASK... --out FOLDER` writes
 from __future__ import annotations
 
 import argparse
-import json
 import os
+import base64
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +31,8 @@ from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.view import View
 
 __all__ = [
-    "CHROMIUM", "FLAGS", "kitchen_page", "look_of", "planned_game", "recorded", "window_picture",
+    "CHROMIUM", "FLAGS", "kitchen_page", "look_of", "planned_game", "recorded", "web_picture",
+    "window_picture",
 ]  # fmt: skip
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -58,12 +61,19 @@ window.begin = async ({ task, snapshot, deltas, look, me }, width, height, ratio
 };
 window.paint = async (step, phase) => {
   const before = step > 0 ? states[step - 1] : null;
-  kitchen.show(states[step], { step, before, stepSeconds: 1, receivedAt: 0 });
+  // At this time, nobody blinks.
+  kitchen.show(states[step], { step, before, stepSeconds: 1, receivedAt: 1 });
   // Tiles for kinds without a picture are decoded when they are needed.
   for (let i = 0; i < 3; i += 1) {
-    kitchen.draw(phase);
+    kitchen.draw(1 + phase);
     await new Promise((done) => setTimeout(done, 20));
   }
+};
+window.picture = () => {
+  const [left, top, width, height] = kitchen.layout.kitchen;
+  const part = Object.assign(document.createElement("canvas"), { width, height });
+  part.getContext("2d").drawImage(canvas, -left, -top);
+  return part.toDataURL();
 };
 window.timings = async () => {
   const found = [];
@@ -114,7 +124,7 @@ def recorded(states: Sequence[State], look: dict[str, Any]) -> dict[str, Any]:
     snapshot = {"step": 0, **writer.tables(states[0]), **writer.values(states[0])}
     deltas = [
         {"step": number, **writer.changes(before, after)}
-        for number, (before, after) in enumerate(zip(states, states[1:], strict=False), 1)
+        for number, (before, after) in enumerate(pairwise(states), 1)
     ]
     return {
         "task": world.task.json, "snapshot": snapshot, "deltas": deltas, "look": look,
@@ -148,6 +158,15 @@ def kitchen_page(size: tuple[int, int] = (1280, 720), ratio: float = 1.0) -> Ite
         yield page
         browser.close()
     assert errors == []
+
+
+def web_picture(page: Any, states: Sequence[State], step: int, phase: float) -> pygame.Surface:
+    """Return the wall and the floor of the page's picture of a step that `begin` has received."""
+    # Walks begin in earlier steps, so that these are drawn too.
+    for number in range(max(0, step - 12), step + 1):
+        page.evaluate("([step, phase]) => paint(step, phase)", [number, phase])
+    content = page.evaluate("picture()").partition(",")[2]
+    return pygame.image.load(BytesIO(base64.b64decode(content)), "picture.png")
 
 
 def window_picture(
@@ -186,7 +205,7 @@ def main() -> None:
             stem = name.replace("/", "-")
             for step in options.steps:
                 number = min(step, len(states) - 1)
-                page.evaluate("([step, phase]) => paint(step, phase)", [number, options.phase])
+                web_picture(page, states, number, options.phase)
                 page.screenshot(path=options.out / f"{stem}-{number}-web.png")
                 window = window_picture(
                     states, number, options.phase, (1280, 720), states[0].world.players[0]

@@ -1,0 +1,215 @@
+"""Random games with everything that the browser client computes from them, as JSON lines.
+
+A line is a game (`task`, `snapshot`, `bindings`, `language`) or a step of it (`delta`). Both have
+the answers of the Python code in `expect`. `rules.mjs` compares them with those of the browser
+client. To write lines for another program: `python -m tests.web.vectors --states 100 --seed 1`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from robotouille import Timing, World, load_task
+from robotouille.domain.input_bindings import bindings_of
+from robotouille.domain.loading import task_names
+from robotouille.domain.rendering import Language, language_of
+from robotouille.domain.task import Task
+from robotouille.errors import RobotouilleError
+from robotouille.protocol.states import StateWriter, why_row
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.presentation.work import Occupancy, useful_actions, work_in_progress
+from robotouille.world.timers import Progress
+from robotouille.world.unmet import Unmet
+from robotouille.world.world import State
+from robotouille_client.window.input.commands import KeyMap
+from robotouille_client.window.input.controls import (
+    Controls,
+    ResolvedInput,
+    ends_work,
+    handled,
+    possible,
+    use,
+    walk,
+)
+from robotouille_client.window.input.input_controller import InputController
+
+__all__ = ["COMPAT", "games", "published_tasks", "shipped_tasks"]
+
+COMPAT = Path(__file__).parents[3] / "shared" / "compat"
+DIRECTIONS = ((-1, 0), (1, 0), (0, 1), (0, -1))
+KEYS = ("", "e", "space")
+STEPS = 40
+"""Steps of one game."""
+
+
+def shipped_tasks(rng: random.Random) -> Iterator[Task]:
+    """Yield every shipped task with a random timing profile and number of seats."""
+    for name in task_names():
+        seats = rng.choice(load_task(name).problem.seats or (None,))
+        yield load_task(name, seats=seats, timing=rng.choice(list(Timing)), seed=rng.randrange(9))
+
+
+def published_tasks() -> Iterator[Task]:
+    """Yield the tasks of the published dialect; none if the files are missing."""
+    for path in sorted((COMPAT / "upstream" / "problems").rglob("*.json")):
+        try:
+            yield load_task(str(path))
+        except RobotouilleError:  # Some files are not problems.
+            continue
+
+
+def games(tasks: Iterator[Task], states: int, rng: random.Random) -> Iterator[dict[str, Any]]:
+    """Yield the lines of games of some tasks, with a number of states in all."""
+    chosen = list(tasks)
+    rng.shuffle(chosen)
+    steps = max(1, min(STEPS, states // max(1, len(chosen))))
+    while chosen and states > 0:
+        for task in chosen:
+            for line in _game(task, min(steps, states), rng):
+                states -= 1
+                yield line
+            if states <= 0:
+                return
+
+
+def _game(task: Task, states: int, rng: random.Random) -> Iterator[dict[str, Any]]:
+    world = World(task)
+    state, writer = world.initial, StateWriter(world)
+    language = language_of(task)
+    # Games start at different times of their work, so that short samples see all of it.
+    for _ in range(rng.choice((0, 10, 60)) if states < STEPS else 0):
+        state = _step(state, rng)
+    own = rng.random() < 0.8
+    view = _Answers(world, language if own else Language(), rng)
+    tables, values = writer.tables(state), writer.values(state)
+    yield {
+        "task": task.json,
+        "snapshot": {"step": 0, "task": task.json, **tables, **values},
+        "bindings": view.controls.bindings.model_dump(mode="json", by_alias=True),
+        "language": view.controls.language.model_dump(mode="json", by_alias=True),
+        "expect": view.answers(state),
+    }
+    for number in range(1, states):
+        before, state = state, _step(state, rng)
+        delta = {"step": number, **writer.changes(before, state)}
+        yield {"delta": delta, "expect": view.answers(state)}
+
+
+def _step(state: State, rng: random.Random) -> State:
+    """Return the state after random actions, most of them useful ones."""
+    joint = {}
+    for player in state.world.players:
+        valid = useful_actions(state, player) if rng.random() < 0.9 else state.actions(player)
+        work = [action for action in valid if action.destination is None]
+        choices = work if work and rng.random() < 0.6 else valid
+        if choices and rng.random() < 0.9:
+            joint[player] = rng.choice(choices)
+    return state.step(joint).state
+
+
+class _Answers:
+    """What the Python code says about the states of one game."""
+
+    def __init__(self, world: World, language: Language, rng: random.Random) -> None:
+        self.controls = Controls(world, bindings_of(world.task), language)
+        self._input = InputController(KeyMap(), lambda: 0.0)
+        self._world = world
+        self._rng = rng
+
+    def answers(self, state: State) -> dict[str, Any]:
+        """Return all answers about a state, for one of its players."""
+        me = self._rng.choice(self._world.players)
+        names = {p: f"Ann {p}" for p in self._world.players if self._rng.random() < 0.3}
+        controls, wording = self.controls, self.controls.wording(me)
+        controls.names = names
+        wording = controls.wording(me)
+        valid = state.actions(me)
+        told = [thing.name for thing in state.objects]
+        return {
+            "me": me,
+            "names": names,
+            "facts": state.fact_names(),
+            "objects": told,
+            "orders": None if state.orders is None else state.orders.row,
+            "actions": {p: list(map(str, state.actions(p))) for p in self._world.players},
+            "useful": list(map(str, useful_actions(state, me))),
+            "progress": list(map(_progress, state.progress())),
+            "work": list(map(_progress, work_in_progress(state))),
+            "unmet": [self._unmet(state, action, wording) for action in self._attempts(state, me)],
+            "clicks": {name: _row(controls.click(state, me, name)) for name in told},
+            "keys": {key: _row(controls.key(state, me, key)) for key in controls.keys},
+            "use": {key: _row(use(controls, state, me, key)) for key in KEYS},
+            "walks": [
+                [list(way), _row(walk(controls, state, me, way))] for way in self._ways()
+            ],
+            "possible": list(map(str, possible(state, me))),
+            "options": [[each.key, str(each.action)] for each in controls.options(state, me)],
+            "hints": [list(row) for row in self._input.hints(controls, state, me)],
+            "help": [list(row) for row in controls.help()],
+            "handled": [sorted(handled(state, me, action)) for action in valid],
+            "ends_work": [ends_work(state, action) for action in valid],
+            "does": [wording.action(action, state) for action in valid],
+            "things": [wording.thing(name, state) for name in told],
+            "places": wording.places(state),
+            "general": [wording.in_general(schema) for schema in self._world.schemas],
+            "goal": list(self._world.goal.holding(state.facts)),
+        }
+
+    def _ways(self) -> list[tuple[tuple[int, int], ...]]:
+        two = tuple(self._rng.choice(DIRECTIONS) for _ in range(2))
+        return [*((each,) for each in DIRECTIONS), two]
+
+    def _attempts(self, state: State, me: str) -> Iterator[GroundAction]:
+        """Yield random actions of a player, valid or not."""
+        by_type: dict[str, list[str]] = {}
+        for thing in state.objects:
+            by_type.setdefault(thing.type, []).append(thing.name)
+        for schema in self._rng.sample(self._world.schemas, min(6, len(self._world.schemas))):
+            pools = [by_type.get(kind, []) for _, kind in schema.parameters]
+            if all(pools):
+                names = [self._rng.choice(pool) for pool in pools]
+                if schema.player:
+                    names[0] = me
+                yield self._world.action(schema.name, *names)
+
+    def _unmet(self, state: State, action: GroundAction, wording: Any) -> dict[str, Any]:
+        unmet = self._world.unmet(state, action)
+        occupancy = Occupancy(self._world)
+        return {
+            "action": [action.name, *action.arguments],
+            "unmet": [{**why_row(each), "words": each.words} for each in unmet],
+            "reasons": [wording.reason(each, state) for each in unmet],
+            "rejection": wording.rejection(action.sentence, action.player or "", unmet, state),
+            "free": [occupancy.needed_free(each) for each in unmet],
+        }
+
+
+def _row(resolved: ResolvedInput) -> list[Any]:
+    action = None if resolved.action is None else str(resolved.action)
+    return [action, resolved.hint, resolved.valid, resolved.advice]
+
+
+def _progress(row: Progress) -> dict[str, Any]:
+    return {**row._asdict(), "arguments": list(row.arguments)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--states", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--published", action="store_true")
+    options = parser.parse_args()
+    rng = random.Random(options.seed)
+    tasks = published_tasks() if options.published else shipped_tasks(rng)
+    for line in games(tasks, options.states, rng):
+        sys.stdout.write(json.dumps(line) + "\n")
+
+
+if __name__ == "__main__":
+    main()
