@@ -1,0 +1,347 @@
+/**
+ * Queue of the local player's inputs: one action is sent, the others wait.
+ *
+ * @typedef {import("./state.js").State} State
+ * @typedef {import("./actions.js").Action} Action
+ * @typedef {import("./actions.js").Unmet} Unmet
+ * @typedef {import("./controls.js").Controls} Controls
+ * @typedef {import("./controls.js").Resolved} Resolved
+ * @typedef {import("./floor.js").Tile} Tile
+ * @typedef {{
+ *   state: State | null, me: string | null, stepSeconds?: number | null, frozen: boolean,
+ *   over: boolean,
+ * }} View Moment of a game. `stepSeconds` is null if the clock waits for decisions. A `frozen` game
+ *   accepts no actions now.
+ * @typedef {{
+ *   label: string, resolve: (state: State, me: string, view: View) => Resolved, follows?: boolean,
+ *   controls?: Controls, directions?: Tile[],
+ * }} Intent Input that is resolved to an action when its turn comes. It `follows` if it is meant
+ *   for the station that the walk before it leads to.
+ * @typedef {"asked" | "done" | "rejected"} Fate
+ * @typedef {{action: Action, time: number, fate: Fate}} Sent The last action that was sent, with
+ *   the time in seconds when it was sent, or when its result was known.
+ * @typedef {{label: string, action: Action, until: number}} Retry Walk to an occupied station that
+ *   is repeated until a time.
+ */
+import { unmet, validActions } from "./actions.js";
+import { handled, isIdle, keyWords, WAIT } from "./controls.js";
+import { capitalised } from "./words.js";
+import { Occupancy } from "./work.js";
+
+/** Time for which a direction must be held to walk again. */
+const REPEAT_SECONDS = 0.35;
+const MAX_QUEUED = 3;
+/** Largest number of directions that become one walk. */
+const MAX_DIRECTIONS = 6;
+/** Time after an action during which an input is queued. A later input replaces the action. */
+const QUICK_SECONDS = 0.4;
+/** Time for which the result of an action is marked. */
+const SHOWN_SECONDS = 0.5;
+/** Time in which the use key does not take up or put down what the last action was about. */
+const GUARD_SECONDS = 1.0;
+const GUARDED = "done; to move it again, wait a second or click";
+/** Time for which a walk to an occupied station is retried. */
+const PATIENCE_SECONDS = 2.0;
+
+export class ActionQueue {
+  /** @param {{now: () => number, act: (action: Action) => void}} game */
+  constructor(game) {
+    this._game = game;
+    /** @type {Intent[]} */
+    this._waiting = [];
+    /** @type {Sent | null} */
+    this._sent = null;
+    this._label = "";
+    /** @type {Retry | null} */
+    this._retry = null;
+    /** @type {{key: string, since: number, intent: Intent} | null} The direction that is held. */
+    this._held = null;
+  }
+
+  // Inputs. Each method returns a notice for the player, or "".
+
+  /**
+   * Handle a click on an object.
+   * @param {Controls} controls
+   * @param {string} target
+   * @param {string} button
+   * @param {View} view
+   */
+  click(controls, target, button, view) {
+    if (!view.state) return "";
+    const label = controls.wording(view.me).place(target, view.state);
+    return this.ask(
+      { label, resolve: (state, me) => controls.click(state, me, target, button) },
+      view,
+    );
+  }
+
+  /**
+   * Handle a key of the domain's input file.
+   * @param {Controls} controls
+   * @param {string} key
+   * @param {View} view
+   */
+  key(controls, key, view) {
+    const follows = controls.isForPlaces(key);
+    return this.ask(
+      { label: keyWords(key), resolve: (state, me) => controls.key(state, me, key), follows },
+      view,
+    );
+  }
+
+  /**
+   * Handle the use key, which does the most useful action here.
+   * @param {Controls} controls
+   * @param {string} key
+   * @param {View} view
+   */
+  use(controls, key, view) {
+    const follows = !controls.keys.includes(key) || controls.isForPlaces(key);
+    // The action is chosen when its turn comes, because the state may change until then.
+    /** @type {Intent["resolve"]} */
+    const resolve = (state, me, moment) => this._guarded(controls, key, state, me, moment);
+    return this.ask({ label: key ? keyWords(key) : "use", resolve, follows }, view);
+  }
+
+  /**
+   * Handle a direction key, which counts as held until `release`.
+   * @param {Controls} controls
+   * @param {Tile} direction
+   * @param {string} key
+   * @param {View} view
+   */
+  walk(controls, direction, key, view) {
+    const intent = walkIntent(controls, [direction], keyWords(key));
+    this._held = { key, since: this._game.now(), intent };
+    return this.ask(intent, view);
+  }
+
+  /**
+   * Release the direction of a key, or any direction.
+   * @param {string | null} key
+   */
+  release(key = null) {
+    if (key === null || key === this._held?.key) this._held = null;
+  }
+
+  /**
+   * Do an action of the list of possible ones.
+   * @param {Action} action
+   * @param {string} words
+   * @param {View} view
+   */
+  pick(action, words, view) {
+    /** @type {Intent["resolve"]} */
+    const resolve = (state, me) => {
+      const valid = isValid(state, me, action);
+      return { action, hint: words, valid, advice: false };
+    };
+    return this.ask({ label: words, resolve }, view);
+  }
+
+  // State of the queue
+
+  /** Labels of the waiting actions, the next one first. */
+  get labels() {
+    return [...(this._retry ? [this._retry.label] : []), ...this._waiting.map((each) => each.label)];
+  }
+
+  /** The last action, until shortly after its result is known. */
+  get sent() {
+    const sent = this._sent;
+    const shown = sent && (sent.fate === "asked" || this._game.now() - sent.time <= SHOWN_SECONDS);
+    return shown ? sent : null;
+  }
+
+  /** Objects of an action that was done a moment ago; none after a walk. */
+  get justUsed() {
+    const sent = this._sent;
+    if (sent?.fate !== "done" || sent.action.destination !== null) return new Set();
+    return new Set(this._game.now() - sent.time < GUARD_SECONDS ? sent.action.args : []);
+  }
+
+  /** True if no action is queued or awaits its result. */
+  get idle() {
+    return !this._retry && !this._waiting.length && this._sent?.fate !== "asked";
+  }
+
+  /** Drop the waiting actions and return whether there were any. */
+  clear() {
+    const had = this._retry !== null || this._waiting.length > 0;
+    this._forget();
+    return had;
+  }
+
+  /**
+   * Send an input's action now or queue it; return a notice for the player, or "".
+   *
+   * An input that follows a walk waits until the walk has succeeded. Any other input replaces a
+   * walk that is being retried.
+   * @param {Intent} intent
+   * @param {View} view
+   */
+  ask(intent, view) {
+    const { state, me, frozen } = view;
+    if (frozen || !me || !state) return "";
+    const asked = this._sent?.fate === "asked" ? this._sent : null;
+    const walks = asked !== null && asked.action.destination !== null;
+    if (intent.follows && (walks || this._retry)) return this._wait(intent);
+    // The player has changed their mind about the occupied station.
+    if (this._retry) this._forget();
+    // A quick second press is meant for afterwards. A later one replaces the first action.
+    const justSent = asked !== null && this._game.now() - asked.time < QUICK_SECONDS;
+    if (state.busySteps(me) || justSent || this._waiting.length) return this._wait(intent);
+    return this._do(intent, state, me, view);
+  }
+
+  /**
+   * Record the result of the action that was sent.
+   * @param {boolean} applied
+   * @param {unknown} why Reasons of the server. The queue computes those that matter here.
+   * @param {View} view
+   */
+  answered(applied, why, { state, me }) {
+    const sent = this._sent;
+    if (sent?.fate !== "asked") return;
+    this._sent = {
+      action: sent.action, time: this._game.now(), fate: applied ? "done" : "rejected",
+    };
+    this._retry = applied || !state || !me ? null : this._wanted(sent.action, state);
+    if (!applied && !this._retry) this._forget();
+  }
+
+  /**
+   * Send what is due: the next queued action, or another walk in the held direction. Return a
+   * notice for the player, or "".
+   * @param {View} view
+   */
+  tick(view) {
+    const notice = this._next(view);
+    const held = this._held;
+    // A held key never fills the queue, so the player stops where they let go.
+    const free = view.state !== null && view.me !== null && !view.state.busySteps(view.me);
+    if (held && this._game.now() - held.since >= REPEAT_SECONDS && free && this.idle) {
+      this.ask(held.intent, view);
+    }
+    return notice;
+  }
+
+  /** @param {View} view */
+  _next(view) {
+    const { state, me } = view;
+    if (view.over) this._forget();
+    if (view.frozen || !me || !state || this._sent?.fate === "asked" || state.busySteps(me)) {
+      return "";
+    }
+    const retry = this._retry;
+    if (retry) {
+      if (this._game.now() > retry.until) this._forget();
+      else if (isValid(state, me, retry.action)) this._send(retry.action);
+      return "";
+    }
+    const intent = this._waiting.shift();
+    return intent ? this._do(intent, state, me, view) : "";
+  }
+
+  /** @param {Intent} intent */
+  _wait(intent) {
+    // Directions that wait become one walk, which does not stop at the stations on the way.
+    const last = this._waiting[this._waiting.length - 1];
+    if (last?.directions && last.controls && intent.directions) {
+      const directions = [...last.directions, ...intent.directions];
+      if (directions.length <= MAX_DIRECTIONS) {
+        const label = `${last.label} ${intent.label}`;
+        this._waiting[this._waiting.length - 1] = walkIntent(last.controls, directions, label);
+        return "";
+      }
+    }
+    if (this._waiting.length >= MAX_QUEUED) return `${MAX_QUEUED} actions are queued already`;
+    this._waiting.push(intent);
+    return "";
+  }
+
+  _forget() {
+    this._waiting = [];
+    this._retry = null;
+  }
+
+  /**
+   * @param {Intent} intent
+   * @param {State} state
+   * @param {string} me
+   * @param {View} view
+   */
+  _do(intent, state, me, view) {
+    const resolved = intent.resolve(state, me, view);
+    // The waiting inputs were meant to follow this action.
+    if (!resolved.valid) this._waiting = [];
+    if (!resolved.action) return capitalised(resolved.hint);
+    this._label = intent.label;
+    this._send(resolved.action);
+    return "";
+  }
+
+  /** @param {Action} action */
+  _send(action) {
+    this._sent = { action, time: this._game.now(), fate: "asked" };
+    this._game.act(action);
+  }
+
+  /**
+   * Return the retry of a rejected walk if only another player was in the way.
+   * @param {Action} action
+   * @param {State} state
+   */
+  _wanted(action, state) {
+    if (action.destination === null) return null;
+    const occupancy = new Occupancy(state.task);
+    const reasons = unmet(state, action);
+    // Other players move away after a while, but other conditions stay unmet.
+    if (!reasons.length || reasons.some((each) => occupancy.neededFree(each) === null)) return null;
+    if (this._retry?.action.key === action.key) return this._retry;
+    return { label: this._label, action, until: this._game.now() + PATIENCE_SECONDS };
+  }
+
+  /**
+   * Resolve the use key, so that one press too many does not undo the last action. In games that
+   * wait for decisions, waiting is one of them.
+   * @param {Controls} controls
+   * @param {string} key
+   * @param {State} state
+   * @param {string} me
+   * @param {View} view
+   * @returns {Resolved}
+   */
+  _guarded(controls, key, state, me, view) {
+    let resolved = controls.use(state, me, key);
+    if (resolved.hint === WAIT && (view.stepSeconds ?? null) === null) {
+      const wait = controls.possible(state, me).find(isIdle) ?? null;
+      resolved = { action: wait, hint: WAIT, valid: wait !== null, advice: false };
+    }
+    if (!resolved.action || !resolved.valid) return resolved;
+    const again = [...handled(state, me, resolved.action)].some((name) => this.justUsed.has(name));
+    return again ? { action: null, hint: GUARDED, valid: false, advice: false } : resolved;
+  }
+}
+
+/**
+ * Return a walk in some directions, to which the queue can add further ones.
+ * @param {Controls} controls
+ * @param {Tile[]} directions
+ * @param {string} label
+ * @returns {Intent}
+ */
+function walkIntent(controls, directions, label) {
+  const resolve = (/** @type {State} */ state, /** @type {string} */ me) =>
+    controls.walk(state, me, directions);
+  return { label, resolve, controls, directions };
+}
+
+/**
+ * @param {State} state
+ * @param {string} me
+ * @param {Action} action
+ */
+const isValid = (state, me, action) =>
+  validActions(state, me).some(({ key }) => key === action.key);
