@@ -146,27 +146,50 @@ class Services:
             participants: The owner's names for participants, by player.
             owner: The pseudonym of the participant who opened the episode.
         """
-        seconds = (room.episode.rules.open_for or 0.0) + DAY_SECONDS
         return {
             player: self.tokens.mint_role(
-                Role.PLAYER,
-                _pseudonym(owner, participants[player])
-                if player in participants
-                else f"{room.id}-{number}",
-                seconds=seconds,
-                episode=room.id,
-                seat=player,
+                Role.PLAYER, subject, seconds=_validity(room), episode=room.id, seat=player
             )
-            for number, player in enumerate(room.world.players, 1)
+            for player, subject in _subjects(room, participants, owner).items()
         }
+
+    def seat_links(self, room: Room, participants: Mapping[str, str], owner: str) -> dict[str, str]:
+        """Return a personal link for each seat, with the subject and validity of its token.
+
+        A link is the part of the page's address after `#`.
+        """
+        return {
+            player: self.tokens.mint_link(
+                subject, seconds=_validity(room), code=room.code, seat=player
+            )
+            for player, subject in _subjects(room, participants, owner).items()
+        }
+
+
+def _validity(room: Room) -> float:
+    return (room.episode.rules.open_for or 0.0) + DAY_SECONDS
+
+
+def _subjects(room: Room, participants: Mapping[str, str], owner: str) -> dict[str, str]:
+    """Return the pseudonym of the participant for each seat."""
+    return {
+        player: _pseudonym(owner, participants[player])
+        if player in participants
+        else f"{room.id}-{number}"
+        for number, player in enumerate(room.world.players, 1)
+    }
 
 
 def open_episode(services: Services, opening: Opening) -> tuple[Room, messages.Created]:
     """Open an episode in this process; return its room, and the answer without a `ref`."""
     message, owner = opening.request, opening.owner
     room = services.lobby.create(message, owner=owner, asker=opening.asker)
-    tokens = services.seat_tokens(room, message.participants, owner) if message.tokens else {}
-    return room, messages.Created(ref=message.ref, episode=room.id, code=room.code, tokens=tokens)
+    created = messages.Created(ref=message.ref, episode=room.id, code=room.code)
+    if message.tokens:
+        tokens = services.seat_tokens(room, message.participants, owner)
+        links = services.seat_links(room, message.participants, owner)
+        created = created.model_copy(update={"tokens": tokens, "links": links})
+    return room, created
 
 
 def _pseudonym(owner: str, participant: str) -> str:

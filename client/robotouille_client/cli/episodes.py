@@ -245,6 +245,17 @@ def _opened(path: Path | None, *, secret: bool) -> Iterator[IO[str]]:
 T = TypeVar("T")
 U = TypeVar("U")
 
+def page_link(url: str, link: str) -> str:
+    """Return the address of a server's page with a personal link, or with a code.
+
+    Args:
+        url: The address of the server; of several, the first one counts.
+        link: A personal link, as in `created`, or the code of an episode.
+    """
+    site = url.partition(",")[0].rstrip("/")
+    return f"http{site.removeprefix('ws')}/play#{link}"
+
+
 AT_ONCE = 32
 """Number of requests that wait for an answer at a time."""
 REPORT_EVERY = 100
@@ -280,7 +291,7 @@ def open_(
         str, typer.Option(help="Time after which an unused episode closes: 12h, 30d.")
     ] = "7d",
     tokens: Annotated[
-        bool, typer.Option("--tokens", help="Add a signed role token for each seat.")
+        bool, typer.Option("--tokens", help="Add a role token and a personal link for each seat.")
     ] = False,
     url: UrlOption = DEFAULT_URL,
     token: TokenOption = None,
@@ -294,6 +305,7 @@ def open_(
     async def open_all(clients: Sequence[Client]) -> None:
         def record(at: int, created: messages.Created) -> None:
             signed = {f"token.{player}": each for player, each in created.tokens.items()}
+            signed |= {f"link.{p}": page_link(url, each) for p, each in created.links.items()}
             names = {"code": created.code, "episode": created.episode}
             made = {name: spreadsheet_cell(value) for name, value in {**names, **signed}.items()}
             opened.append({**rows[at], **made})

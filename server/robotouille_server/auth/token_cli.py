@@ -35,6 +35,7 @@ from robotouille_server.auth.keys import (
     load,
     rotate,
 )
+from robotouille_server.auth.links import is_link
 from robotouille_server.auth.revocation import REVOKED_FILE, load_revoked, revoke
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import RoleGrant, Tokens
@@ -93,6 +94,13 @@ class MintOptions:
     once: Annotated[
         bool, typer.Option("--once", help="Valid for one session: the first that joins.")
     ] = False
+    link: Annotated[
+        str,
+        typer.Option(
+            help="Print a personal link for the page at this address, such as "
+            "https://HOST/play; for players, with --episode CODE.",
+        ),
+    ] = ""
     keys: KeysOption = DEFAULT_KEYS
     as_json: JsonOption = False
 
@@ -110,9 +118,12 @@ def _add_mint(app: typer.Typer, wall: Callable[[], float]) -> None:
         """Create a role token and print it."""
         with _reported():
             _check_once(role, options.once)
+            _check_link(role, options)
             tokens = Tokens(_keyring(options.keys), wall)
             token = _minted(tokens, role, options)
             grant = tokens.check_role(token)
+        if options.link:
+            token = f"{options.link}#{token}"
         if options.as_json:
             print(printable_json(json.dumps({"token": token, **_plain(grant)}, ensure_ascii=False)))
         else:
@@ -129,7 +140,7 @@ def _add_show(app: typer.Typer, wall: Callable[[], float]) -> None:
     ) -> None:
         """Show what a role token grants. Exit status 1 if servers refuse it."""
         with _reported():
-            grant = Tokens(_keyring(keys), wall).check_role(_given(token))
+            grant = Tokens(_keyring(keys), wall).check_role(_given(token).rpartition("#")[2])
             revoked = grant.token_id in load_revoked(keys.with_name(REVOKED_FILE))
         if as_json:
             plain = {**_plain(grant), "revoked": revoked}
@@ -198,13 +209,24 @@ def _check_once(role: Role, once: bool) -> None:
         raise RobotouilleError(f"--once is for players and spectators, not for the role {role}")
 
 
+def _check_link(role: Role, options: MintOptions) -> None:
+    if not options.link:
+        return
+    if role is not Role.PLAYER or options.name:
+        raise RobotouilleError("--link is for players, and has no room for --name")
+    if not re.fullmatch(r"https?://[^\s#?]+", options.link):
+        text = f"--link: {options.link!r} is not the page's address; expected https://HOST/play"
+        raise RobotouilleError(text)
+
+
 def _given(token: str) -> str:
     return sys.stdin.read().strip() if token == STDIN else token.strip()
 
 
 def _identified(text: str, keys: Path, wall: Callable[[], float]) -> tuple[str, float]:
     """Return the id and latest expiry time of a token. `text` is the token or its id."""
-    if text.count(".") == 2:
+    text = text.rpartition("#")[2]
+    if text.count(".") == 2 or is_link(text):
         grant = Tokens(_keyring(keys), wall).check_role(text)
         return grant.token_id, grant.expires
     if not _TOKEN_ID.fullmatch(text):
@@ -216,11 +238,20 @@ def _identified(text: str, keys: Path, wall: Callable[[], float]) -> tuple[str, 
 def _minted(tokens: Tokens, role: Role, options: MintOptions) -> str:
     hours = (options.hours or 0) + 24 * (options.days or 0) or 24
     subject = options.subject if options.subject is not None else f"p-{secrets.token_hex(4)}"
+    seconds = 3600 * hours
     try:
+        if options.link:
+            return tokens.mint_link(
+                subject,
+                seconds=seconds,
+                code=options.episode,
+                seat=options.seat,
+                once=options.once,
+            )
         return tokens.mint_role(
             role,
             subject,
-            seconds=3600 * hours,
+            seconds=seconds,
             name=options.name,
             episode=options.episode,
             seat=options.seat,

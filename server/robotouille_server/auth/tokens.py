@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 import secrets
 from collections.abc import Callable, Container
 from dataclasses import dataclass
@@ -24,11 +25,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from robotouille.errors import ProtocolError
 from robotouille_server.auth.keys import FileKeyring, Keyring
+from robotouille_server.auth.links import Link, is_link, pack_link, read_link
 from robotouille_server.auth.revocation import REVOKED_FILE, Revocations, UsedTokens
 from robotouille_server.auth.roles import Role
 from robotouille_server.runtime.settings import ServerSettings
 
 MAX_TOKEN_LENGTH = 2000
+MAX_SUBJECT = 64
 ALGORITHM = "HS256"
 ROLE_AUDIENCE = "robotouille/role"
 RESUME_AUDIENCE = "robotouille/resume"
@@ -109,7 +112,7 @@ _Time = Annotated[float, Field(allow_inf_nan=False)]
 class _Claims(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
-    sub: Annotated[str, Field(min_length=1, max_length=64)]
+    sub: Annotated[str, Field(min_length=1, max_length=MAX_SUBJECT)]
     name: _Name = ""
     role: Annotated[Role, Field(strict=False)]
     exp: _Time
@@ -216,6 +219,8 @@ class Tokens:
         Raises:
             ProtocolError: `auth/invalid`, `auth/expired` or `auth/revoked`.
         """
+        if is_link(token):
+            return self._check_link(token)
         claims = self._verified(token, ROLE_AUDIENCE, _RoleClaims, "token")
         # Tokens from other programs may have no id. They must be revocable, too.
         token_id = claims.jti or _derived_id(token)
@@ -230,6 +235,20 @@ class Tokens:
             token_id=token_id,
             once=claims.once,
         )
+
+    def mint_link(
+        self, subject: str, *, seconds: float, code: str, seat: str = "", once: bool = False
+    ) -> str:
+        """Return the token of a personal link to an episode, as `mint_role`.
+
+        It grants the role `player`. Its validity is rounded up to a whole hour.
+        """
+        link = Link(code, seat, subject, self._wall() + seconds, once)
+        if not re.fullmatch(r"[A-Z-]{6,20}", code):
+            raise ValueError("episode: a link needs the code of an episode, such as KQXZB-MHTWA")
+        if not 1 <= len(subject) <= MAX_SUBJECT:
+            raise ValueError(f"sub: expected 1 to {MAX_SUBJECT} characters")
+        return pack_link(link, self._keyring.signing)
 
     # Resume tokens
 
@@ -281,6 +300,24 @@ class Tokens:
         )
 
     # Both
+
+    def _check_link(self, token: str) -> RoleGrant:
+        link = read_link(token, self._keyring.keys)
+        if link is None:
+            raise _invalid("the link is incomplete, or was signed with a retired key", "token")
+        if self._wall() >= link.expires:
+            raise ProtocolError("auth/expired", _EXPIRED["token"], "token")
+        token_id = hashlib.sha256(f"link {link}".encode()).hexdigest()[:16]
+        self._check_revoked(token_id, "token")
+        return RoleGrant(
+            role=Role.PLAYER,
+            subject=link.subject,
+            episode=link.code,
+            seat=link.seat,
+            expires=link.expires,
+            token_id=token_id,
+            once=link.once,
+        )
 
     def _check_revoked(self, token_id: str, field: str) -> None:
         if token_id and token_id in self.revoked:

@@ -116,6 +116,9 @@ class OpenedEpisode(ResponseModel):
     episode: str = Field(description="Id of the episode.")
     code: str = Field(description="Code for joining.")
     tokens: dict[str, str] = Field({}, description="Seat tokens by player, if requested.")
+    links: dict[str, str] = Field(
+        {}, description="Personal links by player, if tokens were requested."
+    )
 
 
 class CommandError(Problem):

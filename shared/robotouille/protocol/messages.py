@@ -508,6 +508,11 @@ class Created(FromServer):
         description="Role tokens by player, if requested. Each is for one seat only and expires "
         "one day after `open_for`.",
     )
+    links: dict[str, str] = Field(
+        default={},
+        description="Personal links by player, if tokens were requested: short role tokens with "
+        "the episode's code. The page's address ends with `play#` and a link.",
+    )
 
 
 class Rendering(FromServer):

@@ -129,11 +129,10 @@ def _shipped_look(name: str) -> bytes:
 
 
 def look_files(rendering: RenderingFile, bindings: InputFile) -> dict[str, Any]:
-    """Return a rendering and key bindings as the page reads them, with all default words."""
+    """Return a rendering and key bindings as the page reads them."""
     return {
         "rendering": rendering.model_dump(mode="json", by_alias=True, exclude_defaults=True),
         "bindings": bindings.model_dump(mode="json", by_alias=True, exclude_defaults=True),
-        "language": rendering.language.model_dump(mode="json"),
     }
 
 

@@ -33,7 +33,7 @@ export class Connection {
    * @param {string} url
    * @param {Identity} identity
    * @param {Message} join The message that enters the episode.
-   * @param {() => Message | null} seen The part of the episode that the page already has.
+   * @param {() => object | null} seen The part of the episode that the page already has.
    * @param {Listener} listener
    */
   constructor(url, identity, join, seen, listener) {

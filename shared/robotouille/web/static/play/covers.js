@@ -71,7 +71,7 @@ export class Cover {
       const state = !seat.name ? "isFree" : !seat.present ? "isAway" : seat.ready ? "isReady" : "isHere";
       const marks = seatWords({ ...seat, present: true }, game);
       return element(
-        "li", { class: "seat" }, seatMark(index), ` ${seat.name || seat.player} `,
+        "li", {}, seatMark(index), seat.name || seat.player,
         element("span", { class: "faint" }, [marks, text(state)].filter(Boolean).join(", ")),
       );
     });

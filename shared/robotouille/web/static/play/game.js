@@ -12,12 +12,10 @@ import { State } from "../rules/state.js";
  * @typedef {{seq: number, action: Action | null, step: number, at: number}} Sent
  * @typedef {{number: number, name: string, seat: string, text: string, intent: string,
  *   target: string}} Line
- * @typedef {
- *   {type: "task"} | {type: "step", at: number, jumped: boolean} | {type: "roster"} |
- *   {type: "answer", sent: Sent, applied: boolean, why: any[], reasons: string[]} |
+ * @typedef {{type: "answer", sent: Sent, applied: boolean, why: any[], reasons: string[]}} Answer
+ * @typedef {{type: "task"} | {type: "step", jumped: boolean} | {type: "roster"} | Answer |
  *   {type: "said", line: Line, old: boolean} | {type: "notice", text: string} | {type: "ended"} |
- *   {type: "refused", code: string, message: string} | {type: "left", reason: string}
- * } GameEvent
+ *   {type: "refused", code: string, message: string} | {type: "left", reason: string}} GameEvent
  */
 
 // An unanswered action is sent again after this time: the server executes it once.
@@ -76,6 +74,9 @@ export class Game {
     this.sent = null;
     this.skipped = 0;
     this.resyncing = false;
+    /** Step up to which the server sends what this page has missed. */
+    this.catchUp = 0;
+    this.digest = "";
   }
 
   get running() {
@@ -135,8 +136,7 @@ export class Game {
 
   /** Take a message of the server. @param {Message} message */
   receive(message) {
-    const handler = HANDLERS.get(message.type);
-    if (handler) handler.call(this, message);
+    HANDLERS.get(message.type)?.(this, message);
   }
 
   /** @param {Message} message */
@@ -179,8 +179,8 @@ export class Game {
     } else if (this.sent && this.sent.seq < (message.seq ?? 0) && this.sent.step < message.step) {
       this.answer(this.sent, false, [{ kind: "superseded" }], []);
     }
-    this.emit({ type: "step", at: this.stepAt, jumped });
-    if (this.step >= (this.catchUp ?? 0)) this.repeat(true);
+    this.emit({ type: "step", jumped });
+    if (this.step >= this.catchUp) this.repeat(true);
     if (this.outcome) this.emit({ type: "ended" });
   }
 
@@ -203,7 +203,7 @@ export class Game {
     this.turn = message.turn ?? null;
     this.stepAt = now();
     this.settle(message);
-    this.emit({ type: "step", at: this.stepAt, jumped: false });
+    this.emit({ type: "step", jumped: false });
     if (this.step === this.catchUp) this.repeat(true);
   }
 
@@ -285,31 +285,16 @@ export class Game {
   }
 }
 
-/** @type {Map<string, (this: Game, message: Message) => void>} */
+/** @type {Map<string, (game: Game, message: Message) => void>} */
 const HANDLERS = new Map([
-  ["joined", Game.prototype.joined],
-  ["snapshot", Game.prototype.snapshot],
-  ["delta", Game.prototype.delta],
-  ["rejected", Game.prototype.rejected],
-  ["roster", Game.prototype.roster],
-  ["said", Game.prototype.chat],
-  ["ended", Game.prototype.ended],
-  [
-    "notice",
-    function notice(message) {
-      this.emit({ type: "notice", text: String(message.text) });
-    },
-  ],
-  [
-    "error",
-    function error(message) {
-      this.emit({ type: "refused", code: message.code, message: message.message });
-    },
-  ],
-  [
-    "left",
-    function left(message) {
-      this.emit({ type: "left", reason: message.reason ?? "" });
-    },
-  ],
+  ["joined", (game, message) => game.joined(message)],
+  ["snapshot", (game, message) => game.snapshot(message)],
+  ["delta", (game, message) => game.delta(message)],
+  ["rejected", (game, message) => game.rejected(message)],
+  ["roster", (game, message) => game.roster(message)],
+  ["said", (game, message) => game.chat(message)],
+  ["ended", (game, message) => game.ended(message)],
+  ["notice", (game, { text }) => game.emit({ type: "notice", text: String(text) })],
+  ["error", (game, { code, message }) => game.emit({ type: "refused", code, message })],
+  ["left", (game, { reason = "" }) => game.emit({ type: "left", reason })],
 ]);

@@ -12,20 +12,18 @@ const MAX_PICTURES = 500;
 const TRIES = 10;
 
 /**
- * Return the look of a task, and the words of its language.
+ * Return the look of a task, with its pictures, words and key bindings.
  * @param {Task} task @param {Ask} ask
  */
 export async function loadLook(task, ask) {
   const own = await ask({ type: "get_rendering" }, "rendering");
-  const shipped = own.rendering
-    ? { rendering: own.rendering, bindings: own.bindings ?? {}, language: null }
+  const { rendering, bindings } = own.rendering
+    ? { rendering: own.rendering, bindings: own.bindings ?? {} }
     : await shippedLook(task.domain.name);
-  const { rendering, bindings } = shipped;
   const folders = [rendering.assets ?? "kitchen", ...(rendering.inherited_assets ?? [])];
   const pictures = await shippedPictures(folders);
   await ownPictures(new Map(Object.entries(own.pictures ?? {})), pictures, ask);
-  const language = shipped.language ?? (await withDefaults(rendering.language));
-  return { look: new Look({ rendering, bindings, pictures }), bindings, language };
+  return new Look({ rendering, bindings, pictures });
 }
 
 /** @param {string} domain */
@@ -67,19 +65,6 @@ async function ownPictures(digests, pictures, ask) {
       await new Promise((done) => setTimeout(done, 1000));
     }
   }
-}
-
-/**
- * Return the words of a kitchen, with the default words for those that it leaves out.
- * @param {any} language
- */
-async function withDefaults(language = {}) {
-  const { language: defaults } = await file(`looks/${SHIPPED_KITCHEN}.json`);
-  const known = { ...defaults, kinds: {}, actions: {}, predicates: {}, states: {}, dishes: [] };
-  for (const part of ["places", "work", "signals"]) {
-    known[part] = { ...defaults[part], ...language[part] };
-  }
-  return { ...known, ...language, places: known.places, work: known.work, signals: known.signals };
 }
 
 /** @param {string} name */

@@ -5,10 +5,15 @@ import { Session } from "./session.js";
 import { keep, recall, seatToken } from "./storage.js";
 import { loadTexts, text } from "./texts.js";
 
-/** Return what the address of the page asks for. */
+/**
+ * Return what the address of the page asks for. A personal link has a token after the code, and is
+ * itself the token.
+ */
 function invitation() {
-  const code = decodeURIComponent(location.hash.slice(1)).trim().toUpperCase();
-  return { code, watch: location.pathname.endsWith("/watch") };
+  const link = decodeURIComponent(location.hash.slice(1)).trim();
+  const [code, signed = ""] = link.split(".");
+  const token = signed ? link : undefined;
+  return { code: code.toUpperCase(), token, watch: location.pathname.endsWith("/watch") };
 }
 
 function showForm(fault = "") {
@@ -39,9 +44,9 @@ function submitted() {
 
 /** @param {string} code @param {string} name */
 function enter(code, name) {
-  const { watch } = invitation();
+  const { watch, token } = invitation();
   byId("enter").hidden = true;
-  const session = new Session({ code, name, watch }, {
+  const session = new Session({ code, name, watch, token }, {
     left: (fault) => showForm(fault),
     moved: (next) => {
       history.replaceState(null, "", `#${encodeURIComponent(next)}`);

@@ -1,120 +1,12 @@
-// The panel beside the kitchen: what is wanted, who cooks, and the chat.
+// Who cooks, and the chat.
 
-import { dishes, orderPictures } from "../kitchen/dishes.js";
-import { pictureURL, SEATS } from "../kitchen/pictures.js";
-import { byId, element, setText } from "./dom.js";
+import { SEATS } from "../kitchen/pictures.js";
+import { byId, element } from "./dom.js";
 import { text } from "./texts.js";
 
 /** @typedef {import("./game.js").Game} Game */
 /** @typedef {import("./game.js").Seat} Seat */
-/** @typedef {import("../kitchen/look.js").Look} Look */
-/** @typedef {(task: any, state: any) => boolean[]} Holding */
-
-// Share of an order's time that is left when it becomes urgent.
-const URGENT = 0.3;
 const MAX_LINES = 200;
-
-/** What the players are to make. */
-export class Ticket {
-  /** @param {Game} game @param {Look} look @param {Holding} holding */
-  constructor(game, look, holding) {
-    this.game = game;
-    this.look = look;
-    this.holding = holding;
-    this.root = byId("ticket");
-    /** @type {Map<number, {root: HTMLElement, left: HTMLElement, bar: HTMLProgressElement}>} */
-    this.slips = new Map();
-    this.root.replaceChildren();
-    if (game.task?.problem.shift) this.drawOrders();
-    else this.drawGoal();
-  }
-
-  /** Show a new state. */
-  update() {
-    if (this.game.task?.problem.shift) this.updateOrders();
-    else this.updateGoal();
-  }
-
-  drawGoal() {
-    const { task, state } = this.game;
-    if (!task || !state) return;
-    this.root.append(element("h2", {}, text("goal")));
-    const found = dishes(task, this.look);
-    /** @type {{row: HTMLElement, terms: number[]}[]} */
-    this.rows = [];
-    if (!found) {
-      this.root.append(element("p", { class: "dish" }, String(task.problem.goal_description)));
-      return;
-    }
-    for (const dish of found) {
-      const list = element("ul", { class: "dish" });
-      for (const layer of dish.layers) {
-        const src = pictureURL(this.look, layer.appearance);
-        const row = element("li", {}, element("img", { src, alt: "" }), layer.words);
-        row.title = layer.conditions.join("\n");
-        list.append(row);
-        this.rows.push({ row, terms: [...layer.terms, ...layer.below] });
-      }
-      this.root.append(list);
-    }
-    this.updateGoal();
-  }
-
-  updateGoal() {
-    const { task, state } = this.game;
-    if (!task || !state || !this.rows) return;
-    const holding = this.holding(task, state);
-    for (const { row, terms } of this.rows) {
-      row.classList.toggle("done", terms.every((number) => holding[number]));
-    }
-  }
-
-  drawOrders() {
-    this.root.append(element("h2", {}, text("orders")));
-    this.none = element("p", { class: "faint" }, text("noOrders"));
-    this.root.append(this.none);
-    this.updateOrders();
-  }
-
-  updateOrders() {
-    const { task, state } = this.game;
-    const orders = state?.orders;
-    if (!task || !orders || !this.none) return;
-    const open = new Set(orders.open.map((each) => each.number));
-    for (const [number, slip] of this.slips) {
-      if (open.has(number)) continue;
-      slip.root.remove();
-      this.slips.delete(number);
-    }
-    for (const { number, due } of orders.open) this.showOrder(number, due - orders.time);
-    this.none.hidden = open.size > 0;
-  }
-
-  /** @param {number} number @param {number} left Steps until the order expires. */
-  showOrder(number, left) {
-    const { shift } = this.game.task?.problem ?? {};
-    const name = shift?.arrivals?.[number]?.dish;
-    let slip = this.slips.get(number);
-    if (!slip) {
-      const pictures = element("div", { class: "pictures" });
-      for (const appearance of this.game.task ? orderPictures(this.game.task, this.look, name) : []) {
-        pictures.append(element("img", { src: pictureURL(this.look, appearance), alt: "" }));
-      }
-      const bar = element("progress", { max: left, "aria-label": name });
-      const remaining = element("span", { class: "left" });
-      const root = element("div", { class: "order" }, element("b", {}, name), pictures, bar, remaining);
-      slip = { root, left: remaining, bar };
-      this.slips.set(number, slip);
-      this.root.append(root);
-    }
-    slip.bar.value = left;
-    const seconds = this.game.stepSeconds;
-    setText(slip.left, seconds === null
-      ? text("leftSteps", { steps: left })
-      : text("left", { seconds: Math.ceil(left * seconds) }));
-    slip.root.classList.toggle("urgent", left < URGENT * slip.bar.max);
-  }
-}
 
 /** Return a seat's mark: a shape of its own in its colour. @param {number} index */
 export function seatMark(index) {

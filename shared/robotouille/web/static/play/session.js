@@ -1,7 +1,7 @@
 // One visit of a kitchen: connects the conversation, the game, the picture and the controls.
 
 import { Kitchen } from "../kitchen/painter.js";
-import { goalTerms } from "../rules/goal.js";
+import { readLanguage } from "../rules/language.js";
 import { Wording } from "../rules/words.js";
 import { Bubbles } from "./bubbles.js";
 import { Connection, socketAddress } from "./connection.js";
@@ -10,13 +10,14 @@ import { byId, element, setText } from "./dom.js";
 import { Game, now } from "./game.js";
 import { Hands } from "./hands.js";
 import { loadLook } from "./look.js";
-import { Chat, showSeats, Ticket } from "./panel.js";
+import { Chat, showSeats } from "./panel.js";
 import { keepSeat, seatToken } from "./storage.js";
 import { text } from "./texts.js";
+import { Ticket } from "./ticket.js";
 
 /** @typedef {import("./connection.js").Message} Message */
 /** @typedef {import("./game.js").GameEvent} GameEvent */
-/** @typedef {{code: string, name: string, watch: boolean}} Visit */
+/** @typedef {{code: string, name: string, watch: boolean, token?: string}} Visit */
 /**
  * @typedef {{left: (fault: string) => void, moved: (code: string) => void, watch: () => void}} Exits
  */
@@ -61,7 +62,7 @@ export class Session {
   }
 
   start() {
-    const { code, name, watch } = this.visit;
+    const { code, name, watch, token } = this.visit;
     byId("game").hidden = false;
     this.texts();
     /** @type {Message} */
@@ -70,7 +71,7 @@ export class Session {
       : { type: "join", episode: code, view: "state", ready: false, agent: "browser" };
     const resume = watch ? undefined : seatToken(code);
     this.connection = new Connection(
-      socketAddress(location.href), { name, resume }, join, () => this.game.seen(),
+      socketAddress(location.href), { name, token, resume }, join, () => this.game.seen(),
       {
         message: (message) => this.receive(message),
         status: (status) => this.connected(status),
@@ -150,19 +151,19 @@ export class Session {
   async furnish() {
     const { task } = this.game;
     if (!task) return;
-    const { look, bindings, language } = await loadLook(task, (message) => this.ask(message));
+    const look = await loadLook(task, (message) => this.ask(message));
     if (this.over) return;
-    this.language = language;
+    this.language = look.rendering.language;
     const canvas = /** @type {HTMLCanvasElement} */ (byId("kitchen"));
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", text("kitchen", { count: task.players.length }));
     const quiet = matchMedia("(prefers-reduced-motion: reduce)");
-    this.kitchen = new Kitchen(canvas, task, look, { reducedMotion: quiet.matches });
-    this.kitchen.me = this.game.me;
+    const { me } = this.game;
+    this.kitchen = new Kitchen(canvas, task, look, { me, reducedMotion: quiet.matches });
     this.bubbles = new Bubbles(this.kitchen, look, () => this.wording());
-    this.ticket = new Ticket(this.game, look, goalTerms);
-    this.hands = new Hands(this.game, this.kitchen, { bindings, language }, {
-      notify: (words) => this.notify(words),
+    this.ticket = new Ticket(this.game, look);
+    this.hands = new Hands(this.game, this.kitchen, look, {
+      notify: (/** @type {string} */ words) => this.notify(words),
       wording: () => this.wording(),
       signal: this.abort.signal,
     });
@@ -182,7 +183,7 @@ export class Session {
     const { task, me, seats } = this.game;
     const others = seats.filter((seat) => seat.name && seat.player !== me);
     const names = new Map(others.map((seat) => [seat.player, seat.name]));
-    return new Wording(/** @type {any} */ (task), this.language, me, names);
+    return new Wording(/** @type {any} */ (task), readLanguage(this.language), me, names);
   }
 
   // What the page shows
@@ -245,7 +246,7 @@ export class Session {
     return turn ? text("theirTurn", { name: turn.name || turn.player }) : "";
   }
 
-  /** @param {Extract<GameEvent, {type: "answer"}>} answer */
+  /** @param {import("./game.js").Answer} answer */
   answered(answer) {
     this.hands?.answered(answer);
     const superseded = answer.why.some((each) => each.kind === "superseded");

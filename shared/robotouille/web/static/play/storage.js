@@ -33,7 +33,8 @@ export function keep(key, value) {
 function seats() {
   try {
     const found = JSON.parse(recall("seats") ?? "[]");
-    return Array.isArray(found) ? found.filter((row) => Array.isArray(row)) : [];
+    if (!Array.isArray(found)) return [];
+    return found.filter(Array.isArray).map(([kitchen, token]) => [`${kitchen}`, `${token}`]);
   } catch {
     return [];
   }

@@ -1,0 +1,124 @@
+"""Short role tokens for personal links: `KQXZB-MHTWA.` and about 40 letters.
+
+A link's token is for one seat of one episode, and has no name and no id of its own. It is signed
+like other tokens and needs no storage, so every process with the same keys accepts it:
+
+    byte 0      length of the seat (bits 0 to 4), form of the subject (5 and 6), one session only (7)
+    bytes 1-3   end of validity, in hours since 1970
+    then        the seat, the subject
+    last 12     first bytes of HMAC-SHA256 over `robotouille/link`, the code and all bytes before
+
+96 bits of a signature are enough: a guess needs a connection.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import hmac
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from robotouille_server.auth.keys import Key
+from robotouille_server.runtime.workers import plain_code
+
+_LINK = re.compile(r"([A-Z-]{6,20})\.([A-Za-z0-9_-]{22,140})", re.ASCII | re.IGNORECASE)
+_PURPOSE = b"robotouille/link\0"
+_SIGNATURE = 12
+_HOUR = 3600
+_MAX_SEAT = 31
+_RAW, _PARTICIPANT, _NUMBERED = range(3)
+_PSEUDONYM = re.compile(r"participant-([0-9a-f]{16})")
+_ANONYMOUS = re.compile(r"([0-9a-f]{16})-([1-9][0-9]?)")
+"""Subjects that the server makes. Without their letters, links are short enough to type."""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """Content of a link's token.
+
+    Attributes:
+        code: The code of the episode.
+        seat: The seat, or empty for any.
+        subject: The pseudonym of the bearer.
+        expires: The end of validity in seconds since 1970, a whole hour.
+        once: True if it is good for one session only.
+    """
+
+    code: str
+    seat: str
+    subject: str
+    expires: float
+    once: bool = False
+
+
+def is_link(token: str) -> bool:
+    """Return whether a token has the form of a link's token."""
+    return _LINK.fullmatch(token) is not None
+
+
+def pack_link(link: Link, key: Key) -> str:
+    """Return the token of a link, signed with a key; raise ValueError for invalid values."""
+    seat, hours = link.seat.encode(), math.ceil(link.expires / _HOUR)
+    if len(seat) > _MAX_SEAT:
+        raise ValueError(f"the seat {link.seat!r} is too long for a link")
+    form, subject = _packed_subject(link.subject)
+    first = len(seat) | form << 5 | link.once << 7
+    content = bytes([first]) + hours.to_bytes(3, "big") + seat + subject
+    signed = content + _signature(link.code, content, key)
+    return f"{link.code}.{base64.urlsafe_b64encode(signed).decode().rstrip('=')}"
+
+
+def read_link(token: str, keys: Iterable[Key]) -> Link | None:
+    """Return the content of a link's token; None if none of the keys has signed it."""
+    found = _LINK.fullmatch(token)
+    if found is None:
+        return None
+    code, text = found[1].upper(), found[2]
+    try:
+        signed = base64.b64decode(text + "=" * (-len(text) % 4), "-_", validate=True)
+    except binascii.Error:
+        return None
+    # The decoder ignores the last bits, so one token could be written in several ways.
+    if base64.urlsafe_b64encode(signed).decode().rstrip("=") != text:
+        return None
+    content, signature = signed[:-_SIGNATURE], signed[-_SIGNATURE:]
+    if not any(hmac.compare_digest(_signature(code, content, key), signature) for key in keys):
+        return None
+    return _read(code, content)
+
+
+def _read(code: str, content: bytes) -> Link:
+    length = content[0] & _MAX_SEAT
+    seat, subject = content[4 : 4 + length], content[4 + length :]
+    return Link(
+        code=code,
+        seat=seat.decode(),
+        subject=_read_subject(content[0] >> 5 & 3, subject),
+        expires=float(int.from_bytes(content[1:4], "big") * _HOUR),
+        once=bool(content[0] >> 7),
+    )
+
+
+def _packed_subject(subject: str) -> tuple[int, bytes]:
+    if known := _PSEUDONYM.fullmatch(subject):
+        return _PARTICIPANT, bytes.fromhex(known[1])
+    if known := _ANONYMOUS.fullmatch(subject):
+        return _NUMBERED, bytes.fromhex(known[1]) + bytes([int(known[2])])
+    return _RAW, subject.encode()
+
+
+def _read_subject(form: int, packed: bytes) -> str:
+    if form == _PARTICIPANT:
+        return f"participant-{packed.hex()}"
+    if form == _NUMBERED:
+        return f"{packed[:-1].hex()}-{packed[-1]}"
+    return packed.decode()
+
+
+def _signature(code: str, content: bytes, key: Key) -> bytes:
+    signed = _PURPOSE + plain_code(code).encode() + b"\0" + content
+    return hmac.digest(key.secret, signed, hashlib.sha256)[:_SIGNATURE]

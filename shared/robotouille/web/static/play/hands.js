@@ -1,0 +1,287 @@
+// Keyboard, mouse, touch and buttons of the person who plays.
+
+import { Controls } from "../rules/controls.js";
+import { ActionQueue } from "../rules/queue.js";
+import { scene } from "../rules/scene.js";
+import { byId, element, inputById, setText } from "./dom.js";
+import { now } from "./game.js";
+import { text } from "./texts.js";
+
+/** @typedef {import("./game.js").Game} Game */
+/** @typedef {import("./game.js").Answer} Answer */
+/** @typedef {import("../kitchen/painter.js").Kitchen} Kitchen */
+/** @typedef {import("../kitchen/look.js").Look} Look */
+/** @typedef {import("../rules/words.js").Wording} Wording */
+/** @typedef {import("../rules/actions.js").Action} Action */
+/**
+ * @typedef {{notify: (words: string) => void, wording: () => Wording, signal: AbortSignal}} Around
+ */
+
+/** @type {Map<string, [number, number]>} Directions; y points up, as in problem files. */
+const WALKS = new Map([
+  ["w", [0, 1]], ["a", [-1, 0]], ["s", [0, -1]], ["d", [1, 0]],
+  ["arrowup", [0, 1]], ["arrowleft", [-1, 0]], ["arrowdown", [0, -1]], ["arrowright", [1, 0]],
+]);
+const USE = ["e", " "];
+const CHAT = ["t", "enter"];
+const HELP = "h";
+/** Signals in the order of their keys, 1 to 5. */
+const SIGNALS = ["need", "yours", "look", "wait", "thanks"];
+/** Signals that point at something. */
+const POINTING = new Set(["need", "yours", "look"]);
+/** Mouse buttons by their numbers in events. @type {("left" | "middle" | "right")[]} */
+const BUTTONS = ["left", "middle", "right"];
+
+export class Hands {
+  /** @param {Game} game @param {Kitchen} kitchen @param {Look} look @param {Around} around */
+  constructor(game, kitchen, look, around) {
+    this.game = game;
+    this.kitchen = kitchen;
+    this.around = around;
+    const task = /** @type {import("../rules/task.js").Task} */ (game.task);
+    this.controls = new Controls(task, look.bindings, look.rendering.language);
+    this.queue = new ActionQueue({ now, act: (action) => game.act(action) });
+    /** @type {string | null} The object that a pointer was on last, for signals. */
+    this.pointed = null;
+    /** @type {Map<string, HTMLLIElement>} Rows of the list by action. */
+    this.rows = new Map();
+    /** @type {unknown} */
+    this.listed = null;
+    this.listen(around.signal);
+    setText(/** @type {HTMLElement} */ (byId("actions").firstElementChild), text("actions"));
+    byId("choices").replaceChildren();
+    byId("actions").hidden = byId("signals").hidden = game.me === null;
+    this.drawSignals();
+  }
+
+  /** @param {AbortSignal} signal */
+  listen(signal) {
+    const canvas = byId("kitchen");
+    canvas.addEventListener("pointermove", (event) => this.hover(event), { signal });
+    canvas.addEventListener("pointerleave", () => this.hover(null), { signal });
+    canvas.addEventListener("pointerdown", (event) => this.click(event), { signal });
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
+    document.addEventListener("keydown", (event) => this.key(event), { signal });
+    document.addEventListener("keyup", (event) => this.release(event), { signal });
+    addEventListener("blur", () => this.queue.release(), { signal });
+    byId("help-button").addEventListener("click", () => this.help(), { signal });
+    canvas.focus();
+  }
+
+  close() {
+    this.queue.release();
+    const dialog = /** @type {HTMLDialogElement} */ (byId("help"));
+    if (dialog.open) dialog.close();
+  }
+
+  // What the rules need to know
+
+  /** The moment as the queue sees it. */
+  view() {
+    const { game } = this;
+    const { state, me, step, stepSeconds } = game;
+    const frozen = !game.running || game.pause !== null;
+    return { state, me, step, stepSeconds, frozen, over: game.outcome !== null };
+  }
+
+  // Events
+
+  /** @param {PointerEvent | null} event */
+  hover(event) {
+    const found = event && this.kitchen.targetAt(event.offsetX, event.offsetY);
+    this.kitchen.hover = found;
+    if (found) this.pointed = found;
+    const { state } = this.game;
+    byId("kitchen").title = found && state ? this.tip(found) : "";
+  }
+
+  /** Return what a click on an object would do. @param {string} target */
+  tip(target) {
+    const { state, me } = this.game;
+    if (!state) return "";
+    const name = this.around.wording().thing(target, state);
+    if (!me || state.busySteps(me)) return name;
+    const { hint } = this.controls.click(state, me, target);
+    return hint || name;
+  }
+
+  /** @param {PointerEvent} event */
+  click(event) {
+    byId("kitchen").focus();
+    this.hover(event);
+    const target = this.kitchen.targetAt(event.offsetX, event.offsetY);
+    const button = BUTTONS[event.button];
+    if (!target || !button || !this.game.me) return;
+    const { state, me } = this.game;
+    if (button === "middle") this.signal("look");
+    else if (button === "right" && state && scene(state).get(me)?.at === target) this.use("");
+    else this.ask(this.queue.click(this.controls, target, button, this.view()));
+    if (event.pointerType !== "mouse") this.kitchen.hover = null;
+  }
+
+  /** @param {KeyboardEvent} event */
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing) return;
+    const target = /** @type {HTMLElement} */ (event.target);
+    const key = event.key.toLowerCase();
+    if (target instanceof HTMLInputElement) {
+      if (key === "escape") byId("kitchen").focus();
+      return;
+    }
+    // A button that has the focus takes these keys itself.
+    if (target instanceof HTMLButtonElement && (key === "enter" || key === " ")) return;
+    if (/** @type {HTMLDialogElement} */ (byId("help")).open) return;
+    if (this.command(key, event.repeat)) event.preventDefault();
+  }
+
+  /** Run the command of a key; return whether there is one. @param {string} key @param {boolean} again */
+  command(key, again) {
+    const { controls, queue, game } = this;
+    const name = key === " " ? "space" : key;
+    const direction = WALKS.get(key);
+    if (key === HELP) this.help();
+    else if (CHAT.includes(key)) inputById("said").focus();
+    else if (key === "escape") queue.clear();
+    else if (game.me === null) return false;
+    else if (USE.includes(key)) again || this.use(name);
+    else if (controls.keys.includes(name)) again || this.ask(queue.key(controls, name, this.view()));
+    else if (direction) again || this.ask(queue.walk(controls, direction, key, this.view()));
+    else if (SIGNALS[Number(key) - 1]) again || this.signal(SIGNALS[Number(key) - 1]);
+    else return false;
+    return true;
+  }
+
+  /** @param {KeyboardEvent} event */
+  release(event) {
+    this.queue.release(event.key.toLowerCase());
+  }
+
+  /** Do the most useful thing here. @param {string} key */
+  use(key) {
+    this.ask(this.queue.use(this.controls, key, this.view()));
+  }
+
+  /** Show the notice of an input, if it has one. @param {string} notice */
+  ask(notice) {
+    this.around.notify(notice);
+  }
+
+  /** @param {string} intent */
+  signal(intent) {
+    const { pointed, game } = this;
+    if (POINTING.has(intent) && (!pointed || pointed === game.me)) {
+      this.around.notify(text("pointFirst"));
+    } else {
+      game.signal(intent, POINTING.has(intent) ? /** @type {string} */ (pointed) : "");
+    }
+  }
+
+  // News of the game
+
+  /** @param {Answer} answer */
+  answered(answer) {
+    const superseded = answer.why.some((each) => each.kind === "superseded");
+    if (!superseded) this.queue.answered(answer.applied, answer.why, this.view());
+  }
+
+  /** Send what is due, and mark the station of the last action. */
+  tick() {
+    const { state, me } = this.game;
+    if (!state || !me) return;
+    this.ask(this.queue.tick(this.view()));
+    const { sent } = this.queue;
+    const station = sent && (sent.action.destination ?? scene(state).get(me)?.at);
+    this.kitchen.mark = sent && station ? { station, fate: sent.fate } : null;
+  }
+
+  /** Show what can be done in the new state. */
+  stepped() {
+    const { game } = this;
+    const { state, me } = game;
+    if (!state || !me || (state === this.listed && game.running)) return;
+    this.listed = state;
+    this.controls.names = new Map(
+      game.seats.filter(({ name, player }) => name && player !== me).map((s) => [s.player, s.name]),
+    );
+    const busy = state.busySteps(me);
+    byId("choices").classList.toggle("busy", busy > 0);
+    // While the player is busy, the last list stays: a choice waits for its turn.
+    if (busy && this.rows.size) return;
+    this.list(game.running ? this.controls.possible(state, me) : []);
+  }
+
+  /** Show a list of actions, and leave rows that stay where they are. @param {Action[]} actions */
+  list(actions) {
+    const list = byId("choices");
+    const wording = this.around.wording();
+    const { state } = this.game;
+    if (!state) return;
+    /** @type {Map<string, HTMLLIElement>} */
+    const rows = new Map();
+    for (const action of actions) {
+      const words = this.controls.hintWords(
+        { action, hint: capitalised(wording.action(action, state)), valid: true, advice: false },
+        state,
+      );
+      const row = this.rows.get(action.key) ?? this.row();
+      const button = /** @type {HTMLButtonElement} */ (row.firstElementChild);
+      setText(button, words);
+      button.onclick = (event) => {
+        this.ask(this.queue.pick(action, words, this.view()));
+        if (event.detail > 0) byId("kitchen").focus();
+      };
+      rows.set(action.key, row);
+    }
+    const focused = [...this.rows.values()].findIndex((row) => row.contains(document.activeElement));
+    this.rows = rows;
+    const wanted = [...rows.values()];
+    if (wanted.some((row, i) => row !== list.children[i]) || wanted.length !== list.children.length) {
+      list.replaceChildren(...wanted);
+      // A list that changes under the focus keeps the place of the focus.
+      const next = wanted[Math.min(focused, wanted.length - 1)]?.firstElementChild;
+      if (focused >= 0 && next instanceof HTMLElement) next.focus();
+    }
+  }
+
+  row() {
+    return element("li", {}, element("button", { type: "button" }));
+  }
+
+  drawSignals() {
+    const buttons = SIGNALS.map((intent, index) =>
+      element(
+        "button", { type: "button", title: String(index + 1), onclick: () => this.signal(intent) },
+        text(intent),
+      ));
+    byId("signals").replaceChildren(...(this.game.seats.length > 1 ? buttons : []));
+  }
+
+  help() {
+    const dialog = /** @type {HTMLDialogElement} */ (byId("help"));
+    /** @type {[string[], string][]} */
+    const own = this.game.me === null ? [] : [
+      [["W", "A", "S", "D"], text("keyWalk")],
+      [["E"], text("keyUse")],
+      [[text("keyClick")], text("keyClickDoes")],
+      ...this.controls.help().map(([key, does]) => /** @type {[string[], string]} */ ([[key], does])),
+      [["Tab"], text("keyActions")],
+      [["1", "5"], text("keySignals")],
+    ];
+    /** @type {[string[], string][]} */
+    const rows = [...own, [["T"], text("keyChat")], [["H"], text("help")]];
+    const list = element("dl");
+    for (const [keys, does] of rows) {
+      list.append(
+        element("dt", {}, ...keys.map((key) => element("kbd", {}, key))),
+        element("dd", {}, does),
+      );
+    }
+    const close = element("button", { class: "main", onclick: () => dialog.close() }, text("close"));
+    dialog.replaceChildren(element("h2", {}, text("keys")), list, close);
+    dialog.setAttribute("aria-label", text("help"));
+    dialog.showModal();
+  }
+}
+
+/** @param {string} words */
+const capitalised = (words) => words.charAt(0).toUpperCase() + words.slice(1);
