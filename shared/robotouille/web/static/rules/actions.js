@@ -15,9 +15,15 @@
  * }} Unmet Reason why an action is rejected.
  * @typedef {{condition: Condition, test: boolean} | {parameter: number, type: string}} PlanStep Test of a
  *   condition whose objects are known, or a search for unknown ones.
+ * @typedef {{
+ *   state: State, plan: PlanStep[], numbers: Map<string, number>, args: string[],
+ *   found: string[][], left: number,
+ * }} Search
  */
 import { atomName, bound } from "./task.js";
 
+/** Most steps of the search for one action. A domain from elsewhere must not block the page. */
+const MAX_TRIED = 100_000;
 /** @type {WeakMap<Schema, PlanStep[]>} */
 const plans = new WeakMap();
 /** @type {WeakMap<State, Map<string, Action[]>>} */
@@ -93,7 +99,8 @@ function search(state, player) {
     /** @type {string[]} */
     const args = new Array(schema.parameters.length).fill("");
     if (schema.player) args[0] = player;
-    fill(state, planOf(schema, state.task), 0, numbers, args, found);
+    const search = { state, plan: planOf(schema, state.task), numbers, args, found, left: MAX_TRIED };
+    fill(search, 0);
     const rank = (/** @type {string} */ name) => state.table.rank.get(name) ?? -1;
     found.sort((a, b) => {
       const i = a.findIndex((name, n) => name !== b[n]);
@@ -105,14 +112,12 @@ function search(state, player) {
 
 /**
  * Collect the ways to fill the unknown arguments, which are empty texts.
- * @param {State} state
- * @param {PlanStep[]} plan
+ * @param {Search} search
  * @param {number} index
- * @param {Map<string, number>} numbers
- * @param {string[]} args
- * @param {string[][]} found
  */
-function fill(state, plan, index, numbers, args, found) {
+function fill(search, index) {
+  const { state, plan, numbers, args, found } = search;
+  if (search.left-- <= 0) return;
   if (index === plan.length) {
     if (args.every((name) => state.exists(name))) found.push([...args]);
     return;
@@ -122,7 +127,7 @@ function fill(state, plan, index, numbers, args, found) {
     for (const { name, type } of state.objects.values()) {
       if (type !== step.type) continue;
       args[step.parameter] = name;
-      fill(state, plan, index + 1, numbers, args, found);
+      fill(search, index + 1);
     }
     args[step.parameter] = "";
     return;
@@ -130,21 +135,16 @@ function fill(state, plan, index, numbers, args, found) {
   const { predicate, params, is_true } = step.condition;
   const places = params.map((name) => /** @type {number} */ (numbers.get(name)));
   if (step.test) {
-    if (state.holds(predicate, ...places.map((i) => args[i])) === is_true) {
-      fill(state, plan, index + 1, numbers, args, found);
-    }
+    if (state.holds(predicate, ...places.map((i) => args[i])) === is_true) fill(search, index + 1);
     return;
   }
   const unknown = places.filter((i) => !args[i]);
   for (const atom of state.truths(predicate)) {
-    if (places.every((i, n) => !args[i] || args[i] === atom[n + 1])) {
-      places.forEach((i, n) => (args[i] = atom[n + 1]));
-      // One parameter can occur twice in a condition.
-      if (places.every((i, n) => args[i] === atom[n + 1])) {
-        fill(state, plan, index + 1, numbers, args, found);
-      }
-      for (const i of unknown) args[i] = "";
-    }
+    if (!places.every((i, n) => !args[i] || args[i] === atom[n + 1])) continue;
+    places.forEach((i, n) => (args[i] = atom[n + 1]));
+    // One parameter can occur twice in a condition.
+    if (places.every((i, n) => args[i] === atom[n + 1])) fill(search, index + 1);
+    for (const i of unknown) args[i] = "";
   }
 }
 

@@ -26,7 +26,7 @@
 import { unmet, validActions } from "./actions.js";
 import { handled, isIdle, keyWords, WAIT } from "./controls.js";
 import { capitalised } from "./words.js";
-import { Occupancy } from "./work.js";
+import { preparationOf } from "./work.js";
 
 /** Time for which a direction must be held to walk again. */
 const REPEAT_SECONDS = 0.35;
@@ -295,7 +295,7 @@ export class ActionQueue {
    */
   _wanted(action, state) {
     if (action.destination === null) return null;
-    const occupancy = new Occupancy(state.task);
+    const { occupancy } = preparationOf(state.task);
     const reasons = unmet(state, action);
     // Other players move away after a while, but other conditions stay unmet.
     if (!reasons.length || reasons.some((each) => occupancy.neededFree(each) === null)) return null;

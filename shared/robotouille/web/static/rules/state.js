@@ -15,7 +15,7 @@ import { atomName, byText } from "./task.js";
 const EXISTS = "~exists";
 const SPECIAL = new Map([[-1, EXISTS], [-2, "~used"]]);
 
-/** Atoms by their position in messages. Tables only grow, so the states of a game share one. */
+/** Atoms by their position in messages. States share a table until a delta extends it. */
 class Table {
   /**
    * @param {Task} task
@@ -61,14 +61,12 @@ class Table {
   }
 
   /**
-   * Return the table with more objects and atoms, and leave tables of other states as they are.
-   * @param {number} size Number of atoms that the caller knows.
+   * Return the table with more objects and atoms. Other states keep theirs.
    * @param {any[]} objects
    * @param {any[]} atoms
    */
-  extended(size, objects, atoms) {
+  extended(objects, atoms) {
     if (!objects.length && !atoms.length) return this;
-    if (size !== this.atoms.length) throw new Error("the state is older than its table");
     const copy = new Table(this.task, this.predicates);
     copy.things = new Map(this.things);
     copy.rank = new Map(this.rank);
@@ -115,8 +113,9 @@ export class State {
     const facts = new Uint8Array(table.atoms.length);
     mark(facts, message.facts, 1);
     const timers = checked(task, table, new Map(message.timers));
-    const busy = new Map(/** @type {[string, number][]} */ (Object.entries(message.busy)));
-    return new State(table, { step: message.step, facts, timers, busy, orders: orders(message) });
+    const { step } = message;
+    const busy = busyOf(message);
+    return new State(table, { step, facts, timers, busy, orders: orders(message) });
   }
 
   /**
@@ -124,8 +123,7 @@ export class State {
    * @param {any} delta
    */
   after(delta) {
-    const size = this._facts.length;
-    const table = this.table.extended(size, delta.objects ?? [], delta.atoms ?? []);
+    const table = this.table.extended(delta.objects ?? [], delta.atoms ?? []);
     const facts = new Uint8Array(table.atoms.length);
     facts.set(this._facts);
     mark(facts, delta.add ?? [], 1);
@@ -140,7 +138,7 @@ export class State {
       }
       checked(this.task, table, timers);
     }
-    if (delta.busy) busy = new Map(Object.entries(delta.busy));
+    if (delta.busy) busy = busyOf(delta);
     const waited = this.orders && { ...this.orders, time: this.orders.time + 1 };
     return new State(table, {
       step: delta.step,
@@ -291,6 +289,10 @@ function checked(task, table, timers) {
   }
   return timers;
 }
+
+/** @param {any} message */
+const busyOf = ({ busy }) =>
+  new Map(Object.entries(busy).map(([player, steps]) => [player, Number(steps)]));
 
 /**
  * Return the orders of a message; null if it has none.

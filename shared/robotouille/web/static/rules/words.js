@@ -18,7 +18,7 @@ import { placeNames } from "./places.js";
 import { scene } from "./scene.js";
 import { byText } from "./task.js";
 import { fields, filled } from "./templates.js";
-import { Occupancy, preparationOf } from "./work.js";
+import { preparationOf } from "./work.js";
 
 /** Most kinds that a reason lists. */
 const MAX_KINDS = 3;
@@ -50,7 +50,7 @@ export class Wording {
     this.me = me;
     this.names = names;
     this.preparation = preparationOf(task);
-    this.occupancy = new Occupancy(task);
+    this.occupancy = this.preparation.occupancy;
     /** @type {{state: State, places: Map<string, string>} | null} */
     this._lately = null;
     /** @type {Map<string, string> | null} */

@@ -26,6 +26,7 @@ export class Preparation {
   /** @param {Task} task */
   constructor(task) {
     this._task = task;
+    this.occupancy = new Occupancy(task);
     this._makers = task.schemas.flatMap((each) => [...makers(each, each.definition.sfx, [], null)]);
     this._created = new Set(this._makers.flatMap(({ created }) => (created ? created.type : [])));
   }
@@ -218,13 +219,19 @@ export function changesSomething(state, action) {
   });
 }
 
+/** @type {WeakMap<Action[], Action[]>} */
+const useful = new WeakMap();
+
 /**
  * Return the valid actions of a player that change something.
  * @param {State} state
  * @param {string} player
  */
 export function usefulActions(state, player) {
-  return validActions(state, player).filter((action) => changesSomething(state, action));
+  const valid = validActions(state, player);
+  const found = useful.get(valid) ?? valid.filter((action) => changesSomething(state, action));
+  useful.set(valid, found);
+  return found;
 }
 
 /**
