@@ -4,8 +4,8 @@ import { createInterface } from "node:readline";
 
 const RULES = new URL("../../shared/robotouille/web/static/rules/", import.meta.url);
 const load = (name) => import(new URL(`${name}.js`, RULES).href);
-const [{ readTask }, { State }, actions, work, { Controls, handled }, { Goal }] = await Promise.all(
-  ["task", "state", "actions", "work", "controls", "goal"].map(load),
+const [{ readTask }, { State }, actions, work, { Controls, handled }, { Goal }, queues] = await Promise.all(
+  ["task", "state", "actions", "work", "controls", "goal", "queue"].map(load),
 );
 
 const MOST_SHOWN = 10;
@@ -96,15 +96,65 @@ function compare(game, state, expect) {
   check("goal", game.goal.fit(state).holding, expect.goal);
 }
 
+const WAYS = { left: [-1, 0], right: [1, 0], up: [0, 1], down: [0, -1] };
+
+/** Person who goes on with a game: a queue, and the actions that it has sent. */
+function personOf({ controls }) {
+  const person = { time: 0, sent: [] };
+  const queue = new queues.ActionQueue({
+    now: () => person.time,
+    act: (action) => person.sent.push(action.key),
+  });
+  controls.names = new Map();
+  return Object.assign(person, { queue });
+}
+
+function press({ queue, controls }, [kind, value], view) {
+  if (kind === "click") return queue.click(controls, value, "left", view);
+  if (kind === "walk") return queue.walk(controls, WAYS[value], value, view);
+  if (kind === "use") return queue.use(controls, value, view);
+  if (kind === "key") return queue.key(controls, value, view);
+  if (kind === "tick") return queue.tick(view);
+  if (kind === "release") {
+    queue.release();
+    return "";
+  }
+  if (kind === "step") {
+    if (value !== null) queue.answered(value, [], view);
+    return queue.tick(view);
+  }
+  const action = controls.possible(view.state, view.me)[value];
+  const words = action && controls.wording(view.me).action(action, view.state);
+  return action ? queue.pick(action, words, view) : "";
+}
+
+function comparePress({ person, controls }, line, state) {
+  const view = { ...line.view, state, frozen: false, over: false };
+  person.time = line.time;
+  person.sent = [];
+  const notice = press({ queue: person.queue, controls }, line.press, view);
+  const { sent } = person.queue;
+  const last = sent && [sent.action.key, sent.fate];
+  check(`notice ${line.press}`, notice, line.notice);
+  check(`queue ${line.press}`, { sent: person.sent, labels: person.queue.labels, last }, line.expect);
+}
+
 let game = null;
 let state = null;
 for await (const line of createInterface({ input: process.stdin })) {
-  const { task, snapshot, delta, expect, bindings, language } = JSON.parse(line);
+  const read = JSON.parse(line);
+  const { task, snapshot, delta, expect, bindings, language } = read;
+  if (read.press) {
+    if (read.after) state = state.after(read.after);
+    game.person ??= personOf(game);
+    comparePress(game, read, state);
+    continue;
+  }
   const begun = performance.now();
   if (task) {
-    const read = readTask(task);
-    game = { task: read, controls: new Controls(read, bindings, language), goal: new Goal(read) };
-    state = State.fromSnapshot(read, snapshot);
+    const made = readTask(task);
+    game = { task: made, controls: new Controls(made, bindings, language), goal: new Goal(made) };
+    state = State.fromSnapshot(made, snapshot);
   } else {
     state = state.after(delta);
     for (const player of game.task.players) actions.validActions(state, player);

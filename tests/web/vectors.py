@@ -1,7 +1,7 @@
 """Random games with everything that the browser client computes from them, as JSON lines.
 
-A line is a game (`task`, `snapshot`, `bindings`, `language`) or a step of it (`delta`). Both have
-the answers of the Python code in `expect`. `rules.mjs` compares them with those of the browser
+A line is a game (`task`, `snapshot`, `bindings`, `language`), a step of it (`delta`), or an input
+of a person (`press`). All have X compares them with those of the browser
 client. To write lines for another program: `python -m tests.web.vectors --states 100 --seed 1`.
 """
 
@@ -11,7 +11,7 @@ import argparse
 import json
 import random
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,8 @@ from robotouille.protocol.states import StateWriter, why_row
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.work import Occupancy, useful_actions, work_in_progress
 from robotouille.world.timers import Progress
-from robotouille.world.unmet import Unmet
 from robotouille.world.world import State
-from robotouille_client.window.input.commands import KeyMap
+from robotouille_client.window.input.commands import DIRECTIONS, KeyMap
 from robotouille_client.window.input.controls import (
     Controls,
     ResolvedInput,
@@ -38,14 +37,18 @@ from robotouille_client.window.input.controls import (
     walk,
 )
 from robotouille_client.window.input.input_controller import InputController
+from robotouille_client.window.view import Bubble, GameSource, View
 
 __all__ = ["COMPAT", "games", "published_tasks", "shipped_tasks"]
 
 COMPAT = Path(__file__).parents[3] / "shared" / "compat"
-DIRECTIONS = ((-1, 0), (1, 0), (0, 1), (0, -1))
+WAYS = tuple(DIRECTIONS.values())
 KEYS = ("", "e", "space")
 STEPS = 40
 """Steps of one game."""
+PRESSED = ("click", "click", "walk", "walk", "use", "key", "release", "tick", "pick")
+PRESSES = 60
+"""Inputs of the person who goes on with a game at its end."""
 
 
 def shipped_tasks(rng: random.Random) -> Iterator[Task]:
@@ -64,21 +67,28 @@ def published_tasks() -> Iterator[Task]:
             continue
 
 
-def games(tasks: Iterator[Task], states: int, rng: random.Random) -> Iterator[dict[str, Any]]:
-    """Yield the lines of games of some tasks, with a number of states in all."""
+def games(
+    tasks: Iterable[Task], states: int, rng: random.Random, *, presses: int = PRESSES
+) -> Iterator[dict[str, Any]]:
+    """Yield the lines of games of some tasks.
+
+    Args:
+        states: The number of states in all.
+        presses: The number of inputs of a person at the end of each game.
+    """
     chosen = list(tasks)
     rng.shuffle(chosen)
     steps = max(1, min(STEPS, states // max(1, len(chosen))))
     while chosen and states > 0:
         for task in chosen:
-            for line in _game(task, min(steps, states), rng):
-                states -= 1
+            for line in _game(task, min(steps, states), presses, rng):
+                states -= "expect" in line and "press" not in line
                 yield line
             if states <= 0:
                 return
 
 
-def _game(task: Task, states: int, rng: random.Random) -> Iterator[dict[str, Any]]:
+def _game(task: Task, states: int, presses: int, rng: random.Random) -> Iterator[dict[str, Any]]:
     world = World(task)
     state, writer = world.initial, StateWriter(world)
     language = language_of(task)
@@ -99,10 +109,16 @@ def _game(task: Task, states: int, rng: random.Random) -> Iterator[dict[str, Any
         before, state = state, _step(state, rng)
         delta = {"step": number, **writer.changes(before, state)}
         yield {"delta": delta, "expect": view.answers(state)}
+    view.controls.names = {}
+    yield from _Person(view.controls, state, rng).lines(presses)
 
 
 def _step(state: State, rng: random.Random) -> State:
-    """Return the state after random actions, most of them useful ones."""
+    return state.step(_joint(state, rng)).state
+
+
+def _joint(state: State, rng: random.Random) -> dict[str, GroundAction]:
+    """Return random actions, most of them useful ones."""
     joint = {}
     for player in state.world.players:
         valid = useful_actions(state, player) if rng.random() < 0.9 else state.actions(player)
@@ -110,7 +126,7 @@ def _step(state: State, rng: random.Random) -> State:
         choices = work if work and rng.random() < 0.6 else valid
         if choices and rng.random() < 0.9:
             joint[player] = rng.choice(choices)
-    return state.step(joint).state
+    return joint
 
 
 class _Answers:
@@ -145,9 +161,7 @@ class _Answers:
             "clicks": {name: _row(controls.click(state, me, name)) for name in told},
             "keys": {key: _row(controls.key(state, me, key)) for key in controls.keys},
             "use": {key: _row(use(controls, state, me, key)) for key in KEYS},
-            "walks": [
-                [list(way), _row(walk(controls, state, me, way))] for way in self._ways()
-            ],
+            "walks": [[list(way), _row(walk(controls, state, me, way))] for way in self._ways()],
             "possible": list(map(str, possible(state, me))),
             "options": [[each.key, str(each.action)] for each in controls.options(state, me)],
             "hints": [list(row) for row in self._input.hints(controls, state, me)],
@@ -162,8 +176,8 @@ class _Answers:
         }
 
     def _ways(self) -> list[tuple[tuple[int, int], ...]]:
-        two = tuple(self._rng.choice(DIRECTIONS) for _ in range(2))
-        return [*((each,) for each in DIRECTIONS), two]
+        two = tuple(self._rng.choice(WAYS) for _ in range(2))
+        return [*((each,) for each in WAYS), two]
 
     def _attempts(self, state: State, me: str) -> Iterator[GroundAction]:
         """Yield random actions of a player, valid or not."""
@@ -188,6 +202,109 @@ class _Answers:
             "rejection": wording.rejection(action.sentence, action.player or "", unmet, state),
             "free": [occupancy.needed_free(each) for each in unmet],
         }
+
+
+class _Person(GameSource):
+    """Person at the window of one game, who presses random keys and clicks on random objects.
+
+    Everything the person does is a line with the actions sent, the notice, and the queue after it.
+    """
+
+    def __init__(self, controls: Controls, state: State, rng: random.Random) -> None:
+        self._controls = controls
+        self._rng = rng
+        self._state = state
+        self._me = rng.choice(state.world.players)
+        self._seconds = rng.choice((None, 0.25))
+        self._time = 0.0
+        self._number = 0
+        self._bubbles: tuple[Bubble, ...] = ()
+        self._sent: list[GroundAction] = []
+        self._pending: GroundAction | None = None
+        self._input = InputController(KeyMap(), lambda: self._time)
+        self._writer = StateWriter(state.world)
+
+    def act(self, action: GroundAction) -> None:
+        """Receive an action from the window."""
+        self._sent.append(action)
+        self._pending = action
+
+    def lines(self, count: int) -> Iterator[dict[str, Any]]:
+        for _ in range(count):
+            self._time = round(self._time + self._rng.choice((0.0, 0.05, 0.1, 0.3, 0.5)), 2)
+            self._sent = []
+            line = self._step() if self._rng.random() < 0.35 else self._press()
+            sent = self._input.queue.sent
+            yield {
+                **line,
+                "view": {"me": self._me, "stepSeconds": self._seconds},
+                "time": self._time,
+                "expect": {
+                    "sent": list(map(str, self._sent)),
+                    "labels": list(self._input.queue.labels),
+                    "last": None if sent is None else [str(sent.action), sent.fate],
+                },
+            }
+
+    def _press(self) -> dict[str, Any]:
+        rng, window, view = self._rng, self._input, self.view()
+        kind = rng.choice(
+            ("click", "click", "walk", "walk", "use", "key", "release", "tick", "pick")
+        )
+        value: str | int = ""
+        notice = ""
+        if kind == "click":
+            things = [thing.name for thing in self._state.objects]
+            value = rng.choice([*things, *self._state.world.floor.stations])
+            notice = window.click(self._controls, value, "left", self, view)
+        elif kind == "walk":
+            value = command = rng.choice(list(DIRECTIONS))
+            notice = window.walk(self._controls, command, self, view)
+        elif kind == "use":
+            value = rng.choice(KEYS)
+            notice = window.use(self._controls, value, self, view)
+        elif kind == "key":
+            value = rng.choice(self._controls.keys or KEYS[1:])
+            notice = window.key(self._controls, value, self, view)
+        elif kind == "release":
+            window.release()
+        elif kind == "tick":
+            notice = window.tick(self, view)
+        else:
+            value = number = rng.randrange(6)
+            window.open_list(view)
+            notice = window.pick(self._controls, number + 1, self, view)
+            window.choices = None
+        return {"press": [kind, value], "notice": notice}
+
+    def _step(self) -> dict[str, Any]:
+        before, action, self._number = self._state, self._pending, self._number + 1
+        others = {p: a for p, a in _joint(before, self._rng).items() if p != self._me}
+        # The others act first, so that they get in this person's way.
+        step = before.step([*others.values(), action])
+        self._state, self._pending = step.state, None
+        applied = action is None or step.attempts[-1].applied
+        if not applied:
+            self._bubbles = (Bubble.rejection(self._me, "no"),)
+        changes = self._writer.changes(before, self._state)
+        answered = None if action is None else applied
+        notice = self._input.tick(self, self.view())
+        delta = {"step": self._number, **changes}
+        return {"press": ["step", answered], "after": delta, "notice": notice}
+
+    @property
+    def finished(self) -> bool:
+        return False
+
+    def view(self) -> View:
+        return View(
+            self._state.world,
+            self._state,
+            step=self._number,
+            me=self._me,
+            bubbles=self._bubbles,
+            step_seconds=self._seconds,
+        )
 
 
 def _row(resolved: ResolvedInput) -> list[Any]:

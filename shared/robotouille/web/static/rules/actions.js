@@ -13,8 +13,8 @@
  * @typedef {{
  *   kind: string, words: string, predicate: string, objects: string[], expected: boolean,
  * }} Unmet Reason why an action is rejected.
- * @typedef {{condition: Condition, test: boolean} | {parameter: number, type: string}} PlanStep Test of a
- *   condition whose objects are known, or a search for unknown ones.
+ * @typedef {{condition: Condition, test: boolean} | {parameter: number, type: string}} PlanStep
+ *   Test of a condition whose objects are known, or a search for unknown ones.
  * @typedef {{
  *   state: State, plan: PlanStep[], numbers: Map<string, number>, args: string[],
  *   found: string[][], left: number,
@@ -31,9 +31,7 @@ const listed = new WeakMap();
 
 /**
  * Return an action with its objects, in the order of its schema's parameters.
- * @param {Schema} schema
- * @param {string[]} args
- * @returns {Action}
+ * @param {Schema} schema @param {string[]} args @returns {Action}
  */
 export function actionOf(schema, args) {
   const { travel } = schema.definition;
@@ -54,28 +52,21 @@ export function actionOf(schema, args) {
 
 /**
  * Return the action of a row such as `["move", "robot1", "table1", "table2"]`; null if unknown.
- * @param {Task} task
- * @param {string} name
- * @param {string[]} args
+ * @param {Task} task @param {string} name @param {string[]} args
  */
 export function actionNamed(task, name, args) {
   const schema = task.schemaOf.get(name);
   return schema && schema.parameters.length === args.length ? actionOf(schema, args) : null;
 }
 
-/**
- * Return the objects of an action by parameter.
- * @param {Action} action
- */
+/** Return the objects of an action by parameter. @param {Action} action */
 export function bindingOf({ schema, args }) {
   return new Map(schema.parameters.map(([name], i) => [name, args[i]]));
 }
 
 /**
  * Return the valid actions of a player, in the domain's order and then by object.
- * @param {State} state
- * @param {string} player
- * @returns {Action[]}
+ * @param {State} state @param {string} player @returns {Action[]}
  */
 export function validActions(state, player) {
   let known = listed.get(state);
@@ -85,10 +76,7 @@ export function validActions(state, player) {
   return found;
 }
 
-/**
- * @param {State} state
- * @param {string} player
- */
+/** @param {State} state @param {string} player */
 function search(state, player) {
   const type = state.thing(player)?.type;
   return state.task.schemas.flatMap((schema) => {
@@ -99,8 +87,8 @@ function search(state, player) {
     /** @type {string[]} */
     const args = new Array(schema.parameters.length).fill("");
     if (schema.player) args[0] = player;
-    const search = { state, plan: planOf(schema, state.task), numbers, args, found, left: MAX_TRIED };
-    fill(search, 0);
+    const plan = planOf(schema, state.task);
+    fill({ state, plan, numbers, args, found, left: MAX_TRIED }, 0);
     const rank = (/** @type {string} */ name) => state.table.rank.get(name) ?? -1;
     found.sort((a, b) => {
       const i = a.findIndex((name, n) => name !== b[n]);
@@ -112,8 +100,7 @@ function search(state, player) {
 
 /**
  * Collect the ways to fill the unknown arguments, which are empty texts.
- * @param {Search} search
- * @param {number} index
+ * @param {Search} search @param {number} index
  */
 function fill(search, index) {
   const { state, plan, numbers, args, found } = search;
@@ -150,8 +137,7 @@ function fill(search, index) {
 
 /**
  * Return the order in which to test an action's conditions and to search for its objects.
- * @param {Schema} schema
- * @param {Task} task
+ * @param {Schema} schema @param {Task} task
  */
 function planOf(schema, task) {
   const known = plans.get(schema);
@@ -179,9 +165,7 @@ function planOf(schema, task) {
 
 /**
  * Return the index of the condition that leaves the fewest choices; -1 if none can be next.
- * @param {Condition[]} conditions
- * @param {Set<string>} known
- * @param {Task} task
+ * @param {Condition[]} conditions @param {Set<string>} known @param {Task} task
  */
 function next(conditions, known, task) {
   const costs = conditions.map(({ predicate, params, is_true }) => {
@@ -200,9 +184,7 @@ function next(conditions, known, task) {
 
 /**
  * Return the reasons why an action does not apply; none if it does.
- * @param {State} state
- * @param {Action} action
- * @returns {Unmet[]}
+ * @param {State} state @param {Action} action @returns {Unmet[]}
  */
 export function unmet(state, action) {
   const { player, args, schema } = action;
@@ -231,8 +213,7 @@ export function unmet(state, action) {
 
 /**
  * Return the facts that an action makes true and false at once.
- * @param {State} state
- * @param {Action} action
+ * @param {State} state @param {Action} action
  */
 export function changes(state, action) {
   const binding = bindingOf(action);

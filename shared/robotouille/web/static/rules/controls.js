@@ -59,9 +59,7 @@ export class Controls {
   }
 
   /**
-   * @param {Map<string, Binding[]>} inputs
-   * @param {string} input
-   * @param {string} name
+   * @param {Map<string, Binding[]>} inputs @param {string} input @param {string} name
    * @param {string | null} parameter
    */
   _bind(inputs, input, name, parameter) {
@@ -74,18 +72,12 @@ export class Controls {
     return [...this._keys.keys()];
   }
 
-  /**
-   * Return whether the key's action depends on the player's station.
-   * @param {string} key
-   */
+  /** Return whether the key's action depends on the player's station. @param {string} key */
   isForPlaces(key) {
     return (this._keys.get(key) ?? []).some(({ parameter }) => parameter);
   }
 
-  /**
-   * Return the wording for the participant who plays a seat.
-   * @param {string | null} me
-   */
+  /** Return the wording for the participant who plays a seat. @param {string | null} me */
   wording(me) {
     const others = [...this.names].filter(([player, name]) => player !== me && name);
     return new Wording(this.task, this.language, me, new Map(others));
@@ -93,10 +85,7 @@ export class Controls {
 
   /**
    * Resolve a click on an object or on one of the things on it.
-   * @param {State} state
-   * @param {string} me
-   * @param {string} target
-   * @param {string} button
+   * @param {State} state @param {string} me @param {string} target @param {string} button
    */
   click(state, me, target, button = "left") {
     const situation = situationOf(state, me);
@@ -109,9 +98,7 @@ export class Controls {
 
   /**
    * Resolve a key at the player's station.
-   * @param {State} state
-   * @param {string} me
-   * @param {string} key
+   * @param {State} state @param {string} me @param {string} key
    */
   key(state, me, key) {
     const situation = situationOf(state, me);
@@ -124,9 +111,7 @@ export class Controls {
 
   /**
    * Return the keys whose own action at this station is valid and useful now.
-   * @param {State} state
-   * @param {string} me
-   * @returns {Option[]}
+   * @param {State} state @param {string} me @returns {Option[]}
    */
   options(state, me) {
     const situation = situationOf(state, me);
@@ -151,10 +136,7 @@ export class Controls {
 
   /**
    * Resolve direction keys that were pressed one after the other.
-   * @param {State} state
-   * @param {string} me
-   * @param {Tile[]} directions
-   * @returns {Resolved}
+   * @param {State} state @param {string} me @param {Tile[]} directions @returns {Resolved}
    */
   walk(state, me, directions) {
     const busy = state.busySteps(me);
@@ -168,8 +150,7 @@ export class Controls {
   /**
    * Resolve the use key: the most useful action here. That is a key's work here, or else what a
    * click on the station would do. Work that goes on by itself is not interrupted.
-   * @param {State} state
-   * @param {string} me
+   * @param {State} state @param {string} me
    * @param {string} key Key that was pressed. Its binding in the input file comes first.
    * @returns {Resolved}
    */
@@ -188,8 +169,7 @@ export class Controls {
   /**
    * Return the player's useful actions, the most useful ones first: work, picking up and putting
    * down here; walks to stations with something on them; other walks, the nearest first; waiting.
-   * @param {State} state
-   * @param {string} me
+   * @param {State} state @param {string} me
    */
   possible(state, me) {
     const placed = scene(state);
@@ -214,8 +194,7 @@ export class Controls {
   /**
    * Return rows of (key, what it does now), the most useful first. If nothing can be done here,
    * the row says what must happen first. Its key is empty if no key would submit an action.
-   * @param {State} state
-   * @param {string} me
+   * @param {State} state @param {string} me
    * @param {string} useKey Label of the use key.
    * @returns {[string, string][]}
    */
@@ -241,19 +220,15 @@ export class Controls {
 
   /**
    * Return an input's hint, with a warning if the action would interrupt work.
-   * @param {Resolved} resolved
-   * @param {State} state
+   * @param {Resolved} resolved @param {State} state
    */
   hintWords({ action, hint, valid }, state) {
     return valid && action && endsWork(state, action) ? `${hint} ${EARLY}` : hint;
   }
 
   /**
-   * @param {Situation} situation
-   * @param {Binding[]} own
-   * @param {Binding[]} others
-   * @param {string[]} candidates
-   * @returns {Resolved}
+   * @param {Situation} situation @param {Binding[]} own @param {Binding[]} others
+   * @param {string[]} candidates @returns {Resolved}
    */
   _resolve(situation, own, others, candidates) {
     if (!own.length) return nothing("");
@@ -268,15 +243,13 @@ export class Controls {
       const hint = capitalised(wording.action(action, state));
       return { action, hint, valid: true, advice: false };
     }
-    const miss = new NearMisses(wording).nearest(situation, [...own, ...others], candidates, atWork);
+    const bindings = [...own, ...others];
+    const miss = new NearMisses(wording).nearest(situation, bindings, candidates, atWork);
     return { action: miss.action, hint: miss.words, valid: false, advice: miss.advice };
   }
 }
 
-/**
- * Return a key's label, such as `E`, `Space` or `F11`.
- * @param {string} key
- */
+/** Return a key's label, such as `E`, `Space` or `F11`. @param {string} key */
 export function keyWords(key) {
   const short = key === "return" ? "Enter" : key === "escape" ? "Esc" : "";
   return short || (/^.\d+$/.test(key) ? key.toUpperCase() : capitalised(key));
@@ -284,28 +257,21 @@ export function keyWords(key) {
 
 /**
  * Return the things that an action puts into a player's hands or takes from them.
- * @param {State} state
- * @param {string} me
- * @param {Action} action
+ * @param {State} state @param {string} me @param {Action} action
  */
 export function handled(state, me, action) {
   const { before, after } = carried(state, me, action);
   return new Set([...before, ...after].filter((name) => before.has(name) !== after.has(name)));
 }
 
-/**
- * Return whether an action does nothing, such as waiting.
- * @param {Action} action
- */
+/** Return whether an action does nothing, such as waiting. @param {Action} action */
 export function isIdle(action) {
   return !action.schema.definition.immediate_fx.length && !labelsOf(action).length;
 }
 
 /**
  * Return the things that a player carries before and after an action.
- * @param {State} state
- * @param {string} me
- * @param {Action} action
+ * @param {State} state @param {string} me @param {Action} action
  */
 function carried(state, me, action) {
   const rules = state.task.layout.filter(({ when }) => when === "shares_tile");
@@ -323,9 +289,7 @@ function carried(state, me, action) {
 
 /**
  * Return the first valid and useful action of some bindings.
- * @param {Situation} situation
- * @param {Binding[]} bindings
- * @param {string[]} candidates
+ * @param {Situation} situation @param {Binding[]} bindings @param {string[]} candidates
  */
 function useful({ state, me }, bindings, candidates) {
   const valid = bindings.length ? usefulActions(state, me) : [];
@@ -339,9 +303,7 @@ function useful({ state, me }, bindings, candidates) {
 /**
  * Return whether the bindings' work is going on or done here. A key that is pressed once too often
  * must then not stand for something else.
- * @param {Situation} situation
- * @param {Binding[]} bindings
- * @param {string[]} candidates
+ * @param {Situation} situation @param {Binding[]} bindings @param {string[]} candidates
  */
 function isAtWork({ state, me }, bindings, candidates) {
   if (workInProgress(state).some(({ subject }) => candidates.includes(subject))) return true;
@@ -349,11 +311,7 @@ function isAtWork({ state, me }, bindings, candidates) {
   return bindings.some((binding) => valid.some((action) => fits(action, binding, candidates)));
 }
 
-/**
- * @param {Action} action
- * @param {Binding} binding
- * @param {string[]} candidates
- */
+/** @param {Action} action @param {Binding} binding @param {string[]} candidates */
 function fits(action, { schema, parameter }, candidates) {
   if (action.schema !== schema) return false;
   return parameter === null || candidates.includes(bindingOf(action).get(parameter) ?? "");
@@ -365,9 +323,7 @@ function fits(action, { schema, parameter }, candidates) {
  * The first direction is relative to the station where the player is, or else to the player's
  * tile, and each other direction to the station before it. A direction without a free station on
  * that side changes nothing.
- * @param {State} state
- * @param {string} me
- * @param {Tile[]} directions
+ * @param {State} state @param {string} me @param {Tile[]} directions
  */
 function towards(state, me, directions) {
   const placed = scene(state);
@@ -392,9 +348,7 @@ function towards(state, me, directions) {
 /**
  * Return the nearest of some stations in a direction. Stations that lie more to the side than
  * ahead come last: nobody expects that a key for walking to the right leads to the corner above.
- * @param {Tile} here
- * @param {Tile} direction
- * @param {Set<string>} names
+ * @param {Tile} here @param {Tile} direction @param {Set<string>} names
  * @param {Map<string, import("./scene.js").Placed>} placed
  */
 function nearest([x, y], [right, up], names, placed) {
@@ -412,10 +366,7 @@ function nearest([x, y], [right, up], names, placed) {
   return ranked[0] ?? null;
 }
 
-/**
- * @param {string} hint
- * @returns {Resolved}
- */
+/** @param {string} hint @returns {Resolved} */
 const nothing = (hint) => ({ action: null, hint, valid: false, advice: false });
 
 /** @param {number} steps */

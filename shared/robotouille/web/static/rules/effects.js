@@ -36,9 +36,7 @@ const known = new WeakMap();
 
 /**
  * Return the effect with a label such as `cook.0(patty1,stove1)`.
- * @param {Task} task
- * @param {string} label
- * @param {(name: string) => string} kindOf
+ * @param {Task} task @param {string} label @param {(name: string) => string} kindOf
  * @returns {Effect}
  */
 export function effectOf(task, label, kindOf) {
@@ -61,12 +59,8 @@ export function effectOf(task, label, kindOf) {
 }
 
 /**
- * @param {EffectDef} definition
- * @param {Map<string, string>} binding
- * @param {Task} task
- * @param {(name: string) => string} kindOf
- * @param {Node[]} nodes
- * @returns {Node}
+ * @param {EffectDef} definition @param {Map<string, string>} binding @param {Task} task
+ * @param {(name: string) => string} kindOf @param {Node[]} nodes @returns {Node}
  */
 function nodeOf(definition, binding, task, kindOf, nodes) {
   const { type, param, conditions, fx, sfx, created } = definition;
@@ -99,12 +93,8 @@ function nodeOf(definition, binding, task, kindOf, nodes) {
 
 /**
  * Return the number of updates after which a counting effect takes place.
- * @param {EffectDef} definition
- * @param {string} counts
- * @param {string} subject
- * @param {Task} task
- * @param {(name: string) => string} kindOf
- * @returns {number}
+ * @param {EffectDef} definition @param {string} counts @param {string} subject @param {Task} task
+ * @param {(name: string) => string} kindOf @returns {number}
  */
 function total(definition, counts, subject, task, kindOf) {
   const table = own(task.problem.config, definition.config ?? "");
@@ -125,8 +115,7 @@ export function labelsOf({ args, schema }) {
 }
 
 /**
- * @param {import("./task.js").Schema} schema
- * @param {number} index
+ * @param {import("./task.js").Schema} schema @param {number} index
  * @param {Map<string, string>} binding
  */
 function labelOf(schema, index, binding) {
@@ -135,15 +124,13 @@ function labelOf(schema, index, binding) {
 
 /**
  * Return whether an effect is active; a conditional one is not while its condition fails.
- * @param {Effect} effect
- * @param {number[]} counters
+ * @param {Effect} effect @param {number[]} counters
  */
 export const runs = ({ root }, counters) => root.type !== "conditional" || counters[0] === HOLDING;
 
 /**
  * Return the progress of all counting effects, in order of creation.
- * @param {View} view
- * @returns {Progress[]}
+ * @param {View} view @returns {Progress[]}
  */
 export function progressOf(view) {
   return [...view.timers].flatMap(([label, counters]) => {
@@ -197,20 +184,14 @@ export class Stepped {
     return this._state.effect(label);
   }
 
-  /**
-   * @param {string} predicate
-   * @param {string[]} names
-   */
+  /** @param {string} predicate @param {string[]} names */
   holds(predicate, ...names) {
     if (names.some((name) => this._deleted.has(name))) return false;
     const written = this._written.get(atomName([predicate, ...names]));
     return written ?? this._state.holds(predicate, ...names);
   }
 
-  /**
-   * Make facts true and false; an atom in both roles becomes true.
-   * @param {Literal[]} results
-   */
+  /** Make facts true and false; an atom in both roles becomes true. @param {Literal[]} results */
   _write(results) {
     for (const wanted of [false, true]) {
       for (const { atom, expected } of results) {
@@ -247,9 +228,7 @@ export class Stepped {
   }
 
   /**
-   * @param {Node} node
-   * @param {number[]} counters
-   * @param {boolean} active
+   * @param {Node} node @param {number[]} counters @param {boolean} active
    * @returns {boolean} Whether the node has completed.
    */
   _updateNode(node, counters, active) {
@@ -259,11 +238,7 @@ export class Stepped {
     return finished;
   }
 
-  /**
-   * @param {Node} node
-   * @param {number[]} counters
-   * @param {boolean} active
-   */
+  /** @param {Node} node @param {number[]} counters @param {boolean} active */
   _advance(node, counters, active) {
     if (isInstant(node)) return this._instant(node);
     if (node.type === "conditional") {

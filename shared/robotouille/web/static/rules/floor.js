@@ -15,9 +15,7 @@ const key = ([x, y]) => x * COLUMN + y;
 
 export class Floor {
   /**
-   * @param {number} width
-   * @param {number} height
-   * @param {Iterable<Thing>} things
+   * @param {number} width @param {number} height @param {Iterable<Thing>} things
    * @param {Set<string>} stationTypes
    */
   constructor(width, height, things, stationTypes) {
@@ -46,10 +44,7 @@ export class Floor {
     return x >= 0 && x < this.width && y >= 0 && y < this.height && !this._blocked.has(key(tile));
   }
 
-  /**
-   * Return whether some player can reach a free tile from its start.
-   * @param {Tile} tile
-   */
+  /** Return whether some player can reach a free tile from its start. @param {Tile} tile */
   reachable(tile) {
     this._reachable ??= new Set(this._starts.flatMap((start) => [...this._walkFrom(start).keys()]));
     return this._reachable.has(key(tile));
@@ -57,8 +52,7 @@ export class Floor {
 
   /**
    * Return the reachable free tiles next to a station, the preferred one first.
-   * @param {string} station
-   * @returns {Tile[]}
+   * @param {string} station @returns {Tile[]}
    */
   beside(station) {
     const [x, y] = this._tile(station);
@@ -69,8 +63,7 @@ export class Floor {
 
   /**
    * Return the tiles to which one can walk from a free tile.
-   * @param {Tile} start
-   * @param {Tile[]} tiles
+   * @param {Tile} start @param {Tile[]} tiles
    */
   connected(start, tiles) {
     const known = this._walkFrom(start);
@@ -79,8 +72,7 @@ export class Floor {
 
   /**
    * Return a shortest walk with both ends; only the ends if none exists.
-   * @param {Tile} start
-   * @param {Tile} goal
+   * @param {Tile} start @param {Tile} goal
    */
   path(start, goal) {
     const next = this._walkFrom(goal);
@@ -94,8 +86,7 @@ export class Floor {
 
   /**
    * Return the length of the walk between the tiles from which two stations are used.
-   * @param {string} here
-   * @param {string} there
+   * @param {string} here @param {string} there
    */
   distance(here, there) {
     let [start, goal] = [this._standing(here), this._standing(there)];
@@ -117,10 +108,7 @@ export class Floor {
     return this.beside(station)[0] ?? this._tile(station);
   }
 
-  /**
-   * @param {string} station
-   * @returns {Tile}
-   */
+  /** @param {string} station @returns {Tile} */
   _tile(station) {
     const tile = this.stations.get(station);
     if (!tile) throw new Error(`no station ${station}`);
@@ -153,8 +141,7 @@ export class Floor {
 
 /**
  * Return the most frequent kind of station with an empty one at the beginning.
- * @param {Thing[]} things
- * @param {Set<string>} types
+ * @param {Thing[]} things @param {Set<string>} types
  */
 function plain(things, types) {
   const place = (/** @type {Thing} */ each) => (each.tile ? key(each.tile) : -1);

@@ -21,10 +21,7 @@ const MAX_WORK = 180_000;
 
 /** Goal of a task, or of a dish of a shift. */
 export class Goal {
-  /**
-   * @param {Task} task
-   * @param {Term[]} terms
-   */
+  /** @param {Task} task @param {Term[]} terms */
   constructor(task, terms = task.goal) {
     this.task = task;
     this.terms = terms;
@@ -66,11 +63,7 @@ export class Goal {
     return { holding, chosen };
   }
 
-  /**
-   * Return the objects to which a variable can be bound.
-   * @param {Id} id
-   * @param {State} state
-   */
+  /** Return the objects to which a variable can be bound. @param {Id} id @param {State} state */
   candidates(id, state) {
     const label = this._labels.get(id);
     if (label !== undefined) return [label];
@@ -83,8 +76,7 @@ export class Goal {
   /**
    * Return the arguments for which a predicate is true. Equal ids get one object, and different
    * ids of a kind different objects.
-   * @param {Term} term
-   * @param {State} state
+   * @param {Term} term @param {State} state
    */
   _choices({ predicate, ids }, state) {
     const pools = ids.map((id) => new Set(this.candidates(id, state)));
@@ -105,8 +97,7 @@ export class Goal {
 
   /**
    * Extend a choice so that it makes one more predicate true; null if that is impossible.
-   * @param {Binding} chosen
-   * @param {Rows[0]} row
+   * @param {Binding} chosen @param {Rows[0]} row
    */
   _extended(chosen, { term, choices }) {
     for (const names of choices) {
@@ -121,9 +112,7 @@ export class Goal {
 
   /**
    * Return whether no variable of the same kind is bound to an object.
-   * @param {Binding} chosen
-   * @param {Id} id
-   * @param {string | undefined} name
+   * @param {Binding} chosen @param {Id} id @param {string | undefined} name
    */
   _isFree(chosen, id, name) {
     const kind = this.kinds.get(id);
@@ -132,8 +121,7 @@ export class Goal {
 
   /**
    * Return a choice of objects that makes these predicates true, or null.
-   * @param {Rows} rows
-   * @param {State} state
+   * @param {Rows} rows @param {State} state
    */
   _choice(rows, state) {
     const ids = new Set(rows.flatMap(({ term }) => term.ids));
@@ -147,9 +135,7 @@ export class Goal {
 
   /**
    * Narrow the choices, then branch on the variable with the fewest choices left.
-   * @param {Domains} domains
-   * @param {Rows} rows
-   * @param {Map<Id, string[]>} pools
+   * @param {Domains} domains @param {Rows} rows @param {Map<Id, string[]>} pools
    * @returns {Binding | null}
    */
   _search(domains, rows, pools) {
@@ -175,8 +161,7 @@ export class Goal {
    *
    * Together with the test that there are enough objects of each kind, this keeps the search from
    * trying all permutations of interchangeable objects.
-   * @param {Domains} given
-   * @param {Rows} givenRows
+   * @param {Domains} given @param {Rows} givenRows
    */
   _narrow(given, givenRows) {
     const [domains, rows] = [new Map(given), [...givenRows]];
@@ -207,8 +192,7 @@ export class Goal {
 /**
  * Remove decided objects from the other variables; return whether enough objects are left. The
  * test is a bipartite matching of variables and objects by augmenting paths.
- * @param {Domains} domains
- * @param {Id[]} group
+ * @param {Domains} domains @param {Id[]} group
  */
 function makeDifferent(domains, group) {
   const pool = (/** @type {Id} */ id) => domains.get(id) ?? new Set();

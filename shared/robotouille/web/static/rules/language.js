@@ -45,8 +45,7 @@ const SIGNALS = {
 
 /**
  * Read the `language` of a rendering file. Missing words get their defaults.
- * @param {any} raw
- * @returns {Language}
+ * @param {any} raw @returns {Language}
  */
 export function readLanguage(raw) {
   const { kinds, actions, predicates, states, dishes, places, work, signals, other } = raw ?? {};
@@ -65,9 +64,6 @@ export function readLanguage(raw) {
   };
 }
 
-/**
- * @param {any} object
- * @param {(value: any) => any} read
- */
+/** @param {any} object @param {(value: any) => any} read */
 const mapped = (object, read) =>
   new Map(Object.entries(object ?? {}).map(([key, value]) => [key, read(value)]));

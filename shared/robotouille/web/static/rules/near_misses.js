@@ -30,11 +30,7 @@ const MAX_ATTEMPTS = 2000;
 /** An action that lacks more than this is too far off to be hinted at. */
 const MAX_UNMET = 2;
 
-/**
- * @param {State} state
- * @param {string} me
- * @returns {Situation}
- */
+/** @param {State} state @param {string} me @returns {Situation} */
 export function situationOf(state, me) {
   const placed = scene(state);
   const at = placed.get(me)?.at ?? null;
@@ -43,9 +39,7 @@ export function situationOf(state, me) {
 
 /**
  * Return what lies on or is in an object, the uppermost first.
- * @param {string} target
- * @param {Map<string, Placed>} placed
- * @param {number} depth
+ * @param {string} target @param {Map<string, Placed>} placed @param {number} depth
  * @returns {string[]}
  */
 export function thingsUpon(target, placed, depth = 0) {
@@ -67,8 +61,7 @@ export class NearMisses {
 
   /**
    * Return the action nearest to being possible, or the work that must come before it.
-   * @param {Situation} situation
-   * @param {Binding[]} bindings
+   * @param {Situation} situation @param {Binding[]} bindings
    * @param {string[]} meant Objects the input may be about, the most likely first.
    * @param {boolean} atWork True while work goes on here. Actions that can never follow it are
    *   left out.
@@ -113,9 +106,7 @@ export class NearMisses {
 
   /**
    * Return what an empty place is for, or that there is nothing to do.
-   * @param {Situation} situation
-   * @param {Binding[]} bindings
-   * @param {string[]} meant
+   * @param {Situation} situation @param {Binding[]} bindings @param {string[]} meant
    * @returns {NearMiss}
    */
   _nothing({ state, me, at, held }, bindings, meant) {
@@ -135,8 +126,7 @@ export class NearMisses {
 
   /**
    * Return whether an action needs such a station, and objects that exist in this task.
-   * @param {Binding} binding
-   * @param {string} station
+   * @param {Binding} binding @param {string} station
    */
   _isFor({ schema, parameter }, station) {
     const { statics, staticNames } = this._task;
@@ -154,11 +144,8 @@ export class NearMisses {
 
   /**
    * Return the rank of an action; null if it is not worth a hint.
-   * @param {Situation} situation
-   * @param {Action} action
-   * @param {Unmet[]} unmet
-   * @param {string[]} meant
-   * @returns {Rank | null}
+   * @param {Situation} situation @param {Action} action @param {Unmet[]} unmet
+   * @param {string[]} meant @returns {Rank | null}
    */
   _rank({ state, me, at, held }, action, unmet, meant) {
     if (!unmet.length || unmet.length > MAX_UNMET) return null;
@@ -180,18 +167,14 @@ export class NearMisses {
 
   /**
    * Return whether no action can ever change an unmet condition.
-   * @param {Unmet} unmet
-   * @param {State} state
+   * @param {Unmet} unmet @param {State} state
    */
   _isForEver({ predicate, objects, expected }, state) {
     if (this._task.isStatic(predicate)) return true;
     return predicate !== "" && expected && !this._preparation.canBecome(predicate, objects, state);
   }
 
-  /**
-   * Return whether a fixed condition holds for nothing in this task.
-   * @param {Unmet} unmet
-   */
+  /** Return whether a fixed condition holds for nothing in this task. @param {Unmet} unmet */
   _isNowhere({ predicate }) {
     return this._task.isStatic(predicate) && !this._task.statics.has(predicate);
   }
@@ -200,11 +183,8 @@ export class NearMisses {
 
   /**
    * Return the rank of an action that lacks one object, as `_rank` does.
-   * @param {Situation} situation
-   * @param {Schema} schema
-   * @param {Map<string, string | null>} known
-   * @param {string[]} meant
-   * @returns {Rank | null}
+   * @param {Situation} situation @param {Schema} schema @param {Map<string, string | null>} known
+   * @param {string[]} meant @returns {Rank | null}
    */
   _rankOfUnmade({ state, at, held }, schema, known, meant) {
     let missing = 0;
@@ -224,9 +204,7 @@ export class NearMisses {
 
   /**
    * Return the work that makes the missing object, in words.
-   * @param {State} state
-   * @param {Schema} schema
-   * @param {Map<string, string | null>} known
+   * @param {State} state @param {Schema} schema @param {Map<string, string | null>} known
    */
   _before(state, schema, known) {
     for (const { predicate, params, is_true } of schema.definition.precons) {
@@ -241,9 +219,7 @@ export class NearMisses {
   /**
    * Return whether an action achieves a goal term for objects of these kinds. A missing object may
    * be of any kind.
-   * @param {Schema} schema
-   * @param {Map<string, string | null>} known
-   * @param {State} state
+   * @param {Schema} schema @param {Map<string, string | null>} known @param {State} state
    */
   _leadsOn(schema, known, state) {
     const results = schema.definition.immediate_fx.filter((each) => each.is_true);
@@ -265,11 +241,8 @@ export class NearMisses {
   /**
    * Yield ways to fill an action's parameters with objects nearby. Null stands for an object that
    * is not nearby and can be made.
-   * @param {Situation} situation
-   * @param {Binding} binding
-   * @param {string[]} meant
-   * @param {string[]} near
-   * @returns {Generator<(string | null)[]>}
+   * @param {Situation} situation @param {Binding} binding @param {string[]} meant
+   * @param {string[]} near @returns {Generator<(string | null)[]>}
    */
   *_arguments({ state, me }, { schema, parameter }, meant, near) {
     /** @type {(string | null)[][]} */
@@ -292,16 +265,10 @@ export class NearMisses {
   }
 }
 
-/**
- * @param {string[]} meant
- * @param {string | null} at
- */
+/** @param {string[]} meant @param {string | null} at */
 const isHere = (meant, at) => (meant.length ? meant[0] === at : false);
 
-/**
- * @param {Rank} a
- * @param {Rank} b
- */
+/** @param {Rank} a @param {Rank} b */
 function compare(a, b) {
   const i = a.findIndex((value, n) => value !== b[n]);
   return i < 0 ? 0 : a[i] - b[i];
@@ -309,8 +276,7 @@ function compare(a, b) {
 
 /**
  * Return the player's station and hands, with everything that lies there or is held.
- * @param {Situation} situation
- * @param {string[]} meant
+ * @param {Situation} situation @param {string[]} meant
  */
 function nearby({ me, at, placed }, meant) {
   const hosts = [...(at === null ? [] : [at]), ...meant.slice(0, 1), me];

@@ -30,11 +30,7 @@ export function placeNames(floor, nouns, words) {
     : called;
 }
 
-/**
- * @param {Floor} floor
- * @param {Map<string, string>} nouns
- * @param {PlaceWords} words
- */
+/** @param {Floor} floor @param {Map<string, string>} nouns @param {PlaceWords} words */
 function named(floor, nouns, words) {
   /** @type {Map<string, {noun: string, side: Side, tiles: Map<string, Tile>}>} */
   const rows = new Map();
@@ -48,11 +44,7 @@ function named(floor, nouns, words) {
   return new Map([...rows.values()].flatMap((row) => inRow(row, words)));
 }
 
-/**
- * @param {Floor} floor
- * @param {Tile} tile
- * @returns {Side}
- */
+/** @param {Floor} floor @param {Tile} tile @returns {Side} */
 function sideOf(floor, [x, y]) {
   /** @type {[Side, number][]} */
   const edges = [
@@ -68,8 +60,7 @@ function sideOf(floor, [x, y]) {
 
 /**
  * Name the stations that share a noun and a side.
- * @param {{noun: string, side: Side, tiles: Map<string, Tile>}} row
- * @param {PlaceWords} words
+ * @param {{noun: string, side: Side, tiles: Map<string, Tile>}} row @param {PlaceWords} words
  * @returns {[string, string][]}
  */
 function inRow({ noun, side, tiles }, words) {

@@ -62,10 +62,7 @@ export class ActionQueue {
 
   /**
    * Handle a click on an object.
-   * @param {Controls} controls
-   * @param {string} target
-   * @param {string} button
-   * @param {View} view
+   * @param {Controls} controls @param {string} target @param {string} button @param {View} view
    */
   click(controls, target, button, view) {
     if (!view.state) return "";
@@ -78,9 +75,7 @@ export class ActionQueue {
 
   /**
    * Handle a key of the domain's input file.
-   * @param {Controls} controls
-   * @param {string} key
-   * @param {View} view
+   * @param {Controls} controls @param {string} key @param {View} view
    */
   key(controls, key, view) {
     const follows = controls.isForPlaces(key);
@@ -92,9 +87,7 @@ export class ActionQueue {
 
   /**
    * Handle the use key, which does the most useful action here.
-   * @param {Controls} controls
-   * @param {string} key
-   * @param {View} view
+   * @param {Controls} controls @param {string} key @param {View} view
    */
   use(controls, key, view) {
     const follows = !controls.keys.includes(key) || controls.isForPlaces(key);
@@ -106,10 +99,7 @@ export class ActionQueue {
 
   /**
    * Handle a direction key, which counts as held until `release`.
-   * @param {Controls} controls
-   * @param {Tile} direction
-   * @param {string} key
-   * @param {View} view
+   * @param {Controls} controls @param {Tile} direction @param {string} key @param {View} view
    */
   walk(controls, direction, key, view) {
     const intent = walkIntent(controls, [direction], keyWords(key));
@@ -117,19 +107,14 @@ export class ActionQueue {
     return this.ask(intent, view);
   }
 
-  /**
-   * Release the direction of a key, or any direction.
-   * @param {string | null} key
-   */
+  /** Release the direction of a key, or any direction. @param {string | null} key */
   release(key = null) {
     if (key === null || key === this._held?.key) this._held = null;
   }
 
   /**
    * Do an action of the list of possible ones.
-   * @param {Action} action
-   * @param {string} words
-   * @param {View} view
+   * @param {Action} action @param {string} words @param {View} view
    */
   pick(action, words, view) {
     /** @type {Intent["resolve"]} */
@@ -144,7 +129,8 @@ export class ActionQueue {
 
   /** Labels of the waiting actions, the next one first. */
   get labels() {
-    return [...(this._retry ? [this._retry.label] : []), ...this._waiting.map((each) => each.label)];
+    const waiting = this._retry ? [this._retry, ...this._waiting] : this._waiting;
+    return waiting.map(({ label }) => label);
   }
 
   /** The last action, until shortly after its result is known. */
@@ -178,8 +164,7 @@ export class ActionQueue {
    *
    * An input that follows a walk waits until the walk has succeeded. Any other input replaces a
    * walk that is being retried.
-   * @param {Intent} intent
-   * @param {View} view
+   * @param {Intent} intent @param {View} view
    */
   ask(intent, view) {
     const { state, me, frozen } = view;
@@ -266,12 +251,7 @@ export class ActionQueue {
     this._retry = null;
   }
 
-  /**
-   * @param {Intent} intent
-   * @param {State} state
-   * @param {string} me
-   * @param {View} view
-   */
+  /** @param {Intent} intent @param {State} state @param {string} me @param {View} view */
   _do(intent, state, me, view) {
     const resolved = intent.resolve(state, me, view);
     // The waiting inputs were meant to follow this action.
@@ -290,8 +270,7 @@ export class ActionQueue {
 
   /**
    * Return the retry of a rejected walk if only another player was in the way.
-   * @param {Action} action
-   * @param {State} state
+   * @param {Action} action @param {State} state
    */
   _wanted(action, state) {
     if (action.destination === null) return null;
@@ -306,12 +285,8 @@ export class ActionQueue {
   /**
    * Resolve the use key, so that one press too many does not undo the last action. In games that
    * wait for decisions, waiting is one of them.
-   * @param {Controls} controls
-   * @param {string} key
-   * @param {State} state
-   * @param {string} me
-   * @param {View} view
-   * @returns {Resolved}
+   * @param {Controls} controls @param {string} key @param {State} state @param {string} me
+   * @param {View} view @returns {Resolved}
    */
   _guarded(controls, key, state, me, view) {
     let resolved = controls.use(state, me, key);
@@ -327,10 +302,7 @@ export class ActionQueue {
 
 /**
  * Return a walk in some directions, to which the queue can add further ones.
- * @param {Controls} controls
- * @param {Tile[]} directions
- * @param {string} label
- * @returns {Intent}
+ * @param {Controls} controls @param {Tile[]} directions @param {string} label @returns {Intent}
  */
 function walkIntent(controls, directions, label) {
   const resolve = (/** @type {State} */ state, /** @type {string} */ me) =>
@@ -338,10 +310,6 @@ function walkIntent(controls, directions, label) {
   return { label, resolve, controls, directions };
 }
 
-/**
- * @param {State} state
- * @param {string} me
- * @param {Action} action
- */
+/** @param {State} state @param {string} me @param {Action} action */
 const isValid = (state, me, action) =>
   validActions(state, me).some(({ key }) => key === action.key);

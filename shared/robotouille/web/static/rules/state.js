@@ -17,10 +17,7 @@ const SPECIAL = new Map([[-1, EXISTS], [-2, "~used"]]);
 
 /** Atoms by their position in messages. States share a table until a delta extends it. */
 class Table {
-  /**
-   * @param {Task} task
-   * @param {string[]} predicates
-   */
+  /** @param {Task} task @param {string[]} predicates */
   constructor(task, predicates) {
     this.task = task;
     this.predicates = predicates;
@@ -34,11 +31,7 @@ class Table {
     this.position = new Map();
   }
 
-  /**
-   * Append objects and atoms of a message.
-   * @param {any[]} objects
-   * @param {any[]} atoms
-   */
+  /** Append objects and atoms of a message. @param {any[]} objects @param {any[]} atoms */
   extend(objects, atoms) {
     for (const [name, kind, type] of objects) {
       if (![name, kind].every((each) => typeof each === "string") || this.things.has(name)) {
@@ -54,7 +47,9 @@ class Table {
       const predicate = SPECIAL.get(number) ?? this.predicates[number];
       const args = places.map((/** @type {number} */ place) => names[place]);
       const types = SPECIAL.has(number) ? [args[0]] : this.task.predicates.get(predicate);
-      if (types?.length !== args.length || args.includes(undefined)) throw new Error("invalid atom");
+      if (types?.length !== args.length || args.includes(undefined)) {
+        throw new Error(`invalid atom of ${predicate}`);
+      }
       this.position.set(atomName([predicate, ...args]), this.atoms.length);
       this.atoms.push([predicate, ...args]);
     }
@@ -62,8 +57,7 @@ class Table {
 
   /**
    * Return the table with more objects and atoms. Other states keep theirs.
-   * @param {any[]} objects
-   * @param {any[]} atoms
+   * @param {any[]} objects @param {any[]} atoms
    */
   extended(objects, atoms) {
     if (!objects.length && !atoms.length) return this;
@@ -80,10 +74,8 @@ class Table {
 export class State {
   /**
    * @param {Table} table
-   * @param {{
-   *   step: number, facts: Uint8Array, timers: Map<string, number[]>, busy: Map<string, number>,
-   *   orders: Orders | null,
-   * }} values
+   * @param {{ step: number, facts: Uint8Array, timers: Map<string, number[]>, busy: Map<string,
+   *   number>, orders: Orders | null, }} values
    */
   constructor(table, { step, facts, timers, busy, orders }) {
     this.task = table.task;
@@ -102,11 +94,7 @@ export class State {
     this._atoms = null;
   }
 
-  /**
-   * Read a snapshot.
-   * @param {Task} task
-   * @param {any} message
-   */
+  /** Read a snapshot. @param {Task} task @param {any} message */
   static fromSnapshot(task, message) {
     const table = new Table(task, message.predicates);
     table.extend(message.objects, message.atoms);
@@ -118,10 +106,7 @@ export class State {
     return new State(table, { step, facts, timers, busy, orders: orders(message) });
   }
 
-  /**
-   * Return the state after a step.
-   * @param {any} delta
-   */
+  /** Return the state after a step. @param {any} delta */
   after(delta) {
     const table = this.table.extended(delta.objects ?? [], delta.atoms ?? []);
     const facts = new Uint8Array(table.atoms.length);
@@ -160,26 +145,17 @@ export class State {
     return this._objects;
   }
 
-  /**
-   * Return an object by its name, whether or not it exists now.
-   * @param {string} name
-   */
+  /** Return an object by its name, whether or not it exists now. @param {string} name */
   thing(name) {
     return this.table.things.get(name) ?? this.task.things.get(name);
   }
 
-  /**
-   * Return the kind of an object; unknown objects are kinds of their own.
-   * @param {string} name
-   */
+  /** Return the kind of an object; unknown objects are kinds of their own. @param {string} name */
   kindOf(name) {
     return this.thing(name)?.kind ?? name;
   }
 
-  /**
-   * Return whether play can create or delete an object.
-   * @param {string} name
-   */
+  /** Return whether play can create or delete an object. @param {string} name */
   isTransient(name) {
     return this.task.transient.has(this.thing(name)?.type);
   }
@@ -191,8 +167,7 @@ export class State {
 
   /**
    * Return whether a fact is true. A fact about an object that does not exist is false.
-   * @param {string} predicate
-   * @param {string[]} names
+   * @param {string} predicate @param {string[]} names
    */
   holds(predicate, ...names) {
     const atom = atomName([predicate, ...names]);
@@ -206,11 +181,7 @@ export class State {
     return position !== undefined && this._facts[position] === 1;
   }
 
-  /**
-   * Return the true atoms of a predicate.
-   * @param {string} predicate
-   * @returns {Atom[]}
-   */
+  /** Return the true atoms of a predicate. @param {string} predicate @returns {Atom[]} */
   truths(predicate) {
     if (!this._truths) {
       this._truths = new Map();
@@ -264,11 +235,7 @@ export class State {
   }
 }
 
-/**
- * @param {Uint8Array} facts
- * @param {any[]} positions
- * @param {0 | 1} value
- */
+/** @param {Uint8Array} facts @param {any[]} positions @param {0 | 1} value */
 function mark(facts, positions, value) {
   for (const position of positions) {
     if (!(position >= 0 && position < facts.length)) throw new Error(`no atom ${position}`);
@@ -278,9 +245,7 @@ function mark(facts, positions, value) {
 
 /**
  * Check that the effects exist and have as many counters as the task says.
- * @param {Task} task
- * @param {Table} table
- * @param {Map<string, number[]>} timers
+ * @param {Task} task @param {Table} table @param {Map<string, number[]>} timers
  */
 function checked(task, table, timers) {
   for (const [label, counters] of timers) {
@@ -296,8 +261,7 @@ const busyOf = ({ busy }) =>
 
 /**
  * Return the orders of a message; null if it has none.
- * @param {any} message
- * @returns {Orders | null}
+ * @param {any} message @returns {Orders | null}
  */
 function orders(message) {
   if (!message.orders) return null;
@@ -306,11 +270,7 @@ function orders(message) {
   return { time, open: listed, arrived, score, served, expired };
 }
 
-/**
- * Compare lists of names.
- * @param {string[]} a
- * @param {string[]} b
- */
+/** Compare lists of names. @param {string[]} a @param {string[]} b */
 export function byNames(a, b) {
   for (let i = 0; i < a.length && i < b.length; i++) {
     if (a[i] !== b[i]) return byText(a[i], b[i]);

@@ -37,32 +37,25 @@ const PROFILES = new Map([
   ["people", { delayFactor: 5, stepsPerTile: 1, repeatSteps: 2 }],
 ]);
 
-/**
- * Return an atom's name, such as `item_on(lettuce1, table2)`.
- * @param {Atom} atom
- */
+/** Return an atom's name, such as `item_on(lettuce1, table2)`. @param {Atom} atom */
 export const atomName = (atom) => `${atom[0]}(${atom.slice(1).join(", ")})`;
 
 /**
  * Compare texts in the order of Python. Names have characters of the basic plane only.
- * @param {string} a
- * @param {string} b
+ * @param {string} a @param {string} b
  */
 export const byText = (a, b) => (a < b ? -1 : a > b ? 1 : 0);
 
 /**
  * Return an object's own value of a key that comes from a file.
- * @param {any} object
- * @param {string} key
+ * @param {any} object @param {string} key
  */
 export const own = (object, key) =>
   object && Object.hasOwn(object, key) ? object[key] : undefined;
 
 /**
  * Return the names that a condition's parameters stand for.
- * @param {Condition} condition
- * @param {Map<string, string>} binding
- * @returns {Atom}
+ * @param {Condition} condition @param {Map<string, string>} binding @returns {Atom}
  */
 export function bound(condition, binding) {
   return [condition.predicate, ...condition.params.map((name) => binding.get(name) ?? "")];
@@ -70,8 +63,7 @@ export function bound(condition, binding) {
 
 /**
  * Yield special effects, nested ones included.
- * @param {EffectDef[]} effects
- * @returns {Generator<EffectDef>}
+ * @param {EffectDef[]} effects @returns {Generator<EffectDef>}
  */
 export function* nested(effects) {
   for (const effect of effects) {
@@ -137,18 +129,12 @@ export class Task {
     }
   }
 
-  /**
-   * Return whether no action can change a predicate.
-   * @param {string} predicate
-   */
+  /** Return whether no action can change a predicate. @param {string} predicate */
   isStatic(predicate) {
     return this.predicates.has(predicate) && !this.fluents.has(predicate);
   }
 
-  /**
-   * Return a fact as a sentence, such as `lettuce1 is cut`.
-   * @param {Atom} atom
-   */
+  /** Return a fact as a sentence, such as `lettuce1 is cut`. @param {Atom} atom */
   describe(atom) {
     const descriptors = this._descriptors.get(atom[0]) ?? {};
     const [first] = Object.keys(descriptors);
@@ -160,16 +146,12 @@ export class Task {
   }
 }
 
-/**
- * Read the `task` of a snapshot.
- * @param {any} raw
- */
+/** Read the `task` of a snapshot. @param {any} raw */
 export const readTask = (raw) => new Task(raw);
 
 /**
  * Return all objects of a task, by type in the domain's order, then in the order of names.
- * @param {Task} task
- * @returns {Thing[]}
+ * @param {Task} task @returns {Thing[]}
  */
 function placed(task) {
   // The published simulator ignores stack levels: on one tile, it numbers in the file's order.
@@ -205,8 +187,7 @@ const level = (definition) => definition["stack-level"] ?? 0;
 
 /**
  * Yield the initial facts: kinds, the problem's predicates, and what positions imply.
- * @param {Task} task
- * @param {any[]} things
+ * @param {Task} task @param {any[]} things
  */
 function initialFacts(task, things) {
   /** @type {Atom[]} */
@@ -259,10 +240,7 @@ function initialFacts(task, things) {
 
 /**
  * Yield the facts about stacks of objects on stations.
- * @param {Task} task
- * @param {string} predicate
- * @param {string} when
- * @param {any[]} things
+ * @param {Task} task @param {string} predicate @param {string} when @param {any[]} things
  * @returns {Generator<Atom>}
  */
 function* stackFacts(task, predicate, when, things) {
@@ -280,12 +258,7 @@ const same = (a, b) => a[0] === b[0] && a[1] === b[1];
 
 // Action schemas
 
-/**
- * @param {any} raw
- * @param {number} index
- * @param {Task} task
- * @returns {Schema}
- */
+/** @param {any} raw @param {number} index @param {Task} task @returns {Schema} */
 function schemaOf(raw, index, task) {
   /** @type {ActionDef} */
   const definition = {
@@ -316,16 +289,10 @@ function schemaOf(raw, index, task) {
   };
 }
 
-/**
- * @param {any[] | undefined} raw
- * @returns {Condition[]}
- */
+/** @param {any[] | undefined} raw @returns {Condition[]} */
 const conditions = (raw) => (raw ?? []).map((each) => ({ is_true: true, ...each }));
 
-/**
- * @param {any} raw
- * @returns {EffectDef}
- */
+/** @param {any} raw @returns {EffectDef} */
 function effectDef(raw) {
   return {
     type: raw.type,
@@ -347,8 +314,7 @@ export const isInstant = ({ type }) => type === "creation" || type === "deletion
 
 /**
  * Return an action's parameters in order of first mention, with their types.
- * @param {ActionDef} action
- * @param {Task} task
+ * @param {ActionDef} action @param {Task} task
  */
 function parameterTypes(action, task) {
   /** @type {Map<string, string>} */
@@ -392,10 +358,7 @@ function transientTypes(schemas) {
   return found;
 }
 
-/**
- * @param {Schema[]} schemas
- * @returns {Set<string>}
- */
+/** @param {Schema[]} schemas @returns {Set<string>} */
 function fluents(schemas) {
   const results = schemas.flatMap(({ definition }) => [
     ...definition.immediate_fx,

@@ -1,4 +1,4 @@
-/** Templates with names in braces, as Python's formatter reads them. Only plain fields are filled. */
+/** Templates with names in braces, as Python's formatter reads them. Formats are invalid. */
 
 /**
  * Return a template's texts and fields in turn, beginning with a text; null if it is malformed.
@@ -26,18 +26,14 @@ function parts(template) {
   return found;
 }
 
-/**
- * Return the fields of a template in order; none if it is malformed.
- * @param {string} template
- */
+/** Return the fields of a template in order; none if it is malformed. @param {string} template */
 export function fields(template) {
   return (parts(template) ?? []).filter((field, i) => i % 2 && field);
 }
 
 /**
  * Fill a template. Return an empty string if it names unknown fields, or has formats.
- * @param {string} template
- * @param {Map<string, string> | Record<string, string>} words
+ * @param {string} template @param {Map<string, string> | Record<string, string>} words
  * @param {string[]} called Values of `{0}`, `{1}` and so on.
  */
 export function filled(template, words, called = []) {

@@ -26,10 +26,7 @@ const MAX_KINDS = 3;
 const LAST_WORD = /^(.*?)\s+[\p{L}\p{N}_]+\s+$/su;
 const [SOMEBODY, SOMETHING, SOMEWHERE] = ["somebody", "something", "some place"];
 
-/**
- * Return a text with a capital first letter.
- * @param {string} words
- */
+/** Return a text with a capital first letter. @param {string} words */
 export function capitalised(words) {
   const [first = ""] = words;
   return first.toUpperCase() + words.slice(first.length);
@@ -59,20 +56,13 @@ export class Wording {
 
   // Things
 
-  /**
-   * Return the name of a kind, whatever its state.
-   * @param {string} kind
-   */
+  /** Return the name of a kind, whatever its state. @param {string} kind */
   kind(kind) {
     const found = this.language.kinds.get(kind)?.find(({ when }) => (when ?? null) === null);
     return found ? found.name : kind.replaceAll("_", " ");
   }
 
-  /**
-   * Return the name of an object, such as `the pot`.
-   * @param {string} name
-   * @param {State} state
-   */
+  /** Return the name of an object, such as `the pot`. @param {string} name @param {State} state */
   thing(name, state) {
     if (name === this.me) return "you";
     const participant = this.names.get(name);
@@ -84,17 +74,13 @@ export class Wording {
 
   /**
    * Return a station's unique name, such as `the left table at the top`.
-   * @param {string} station
-   * @param {State} state
+   * @param {string} station @param {State} state
    */
   place(station, state) {
     return this.places(state).get(station) || this.thing(station, state);
   }
 
-  /**
-   * Return the names of all stations by object name; all differ.
-   * @param {State} state
-   */
+  /** Return the names of all stations by object name; all differ. @param {State} state */
   places(state) {
     // All names of a state are needed together, and several times in one frame.
     if (this._lately?.state !== state) this._lately = { state, places: this._places(state) };
@@ -121,8 +107,7 @@ export class Wording {
 
   /**
    * Name stations by the dish on them, or by the lowest object.
-   * @param {Map<string, string>} nouns
-   * @param {State} state
+   * @param {Map<string, string>} nouns @param {State} state
    */
   _laid(nouns, state) {
     /** @type {Map<string, Placed[]>} */
@@ -143,8 +128,7 @@ export class Wording {
 
   /**
    * Name a stack from the bottom up, such as `the burger` or `the cut tomato`.
-   * @param {Placed[]} stack
-   * @param {State} state
+   * @param {Placed[]} stack @param {State} state
    */
   _stack(stack, state) {
     const [bottom, top] = [stack[0].thing, stack[stack.length - 1].thing];
@@ -173,8 +157,7 @@ export class Wording {
 
   /**
    * Return the names of several objects in one sentence, with equal names told apart.
-   * @param {Iterable<string>} names
-   * @param {State} state
+   * @param {Iterable<string>} names @param {State} state
    */
   things(names, state) {
     const called = new Map([...new Set(names)].map((name) => [name, this.thing(name, state)]));
@@ -193,10 +176,7 @@ export class Wording {
 
   /**
    * Return the name of one of several objects with the same name.
-   * @param {string} name
-   * @param {State} state
-   * @param {number} before
-   * @param {number} alike
+   * @param {string} name @param {State} state @param {number} before @param {number} alike
    */
   _apart(name, state, before, alike) {
     if (this.places(state).has(name)) return this.place(name, state);
@@ -205,10 +185,7 @@ export class Wording {
     return `${noun} ${numberOf(name)}`.trim();
   }
 
-  /**
-   * @param {string} name
-   * @param {State} state
-   */
+  /** @param {string} name @param {State} state */
   _noun(name, state) {
     const kind = state.kindOf(name);
     const found = this.language.kinds.get(kind)?.find(({ when }) =>
@@ -224,8 +201,7 @@ export class Wording {
 
   /**
    * Return an action in words, such as `cut the lettuce`.
-   * @param {Action} action
-   * @param {State} state
+   * @param {Action} action @param {State} state
    */
   action(action, state) {
     const words = this.language.actions.get(action.name);
@@ -233,10 +209,7 @@ export class Wording {
     return told || lower(this._filled(withoutPlayer(action), action, state));
   }
 
-  /**
-   * Return an action without its objects, such as `cut something`.
-   * @param {Schema} schema
-   */
+  /** Return an action without its objects, such as `cut something`. @param {Schema} schema */
   inGeneral(schema) {
     const { floor, things } = this.task;
     const stations = new Set([...floor.stations.keys()].map((name) => things.get(name)?.type));
@@ -247,10 +220,7 @@ export class Wording {
     return filled(template, whatever) || schema.name.replaceAll("-", " ");
   }
 
-  /**
-   * Return what a place is for, given the actions possible there.
-   * @param {Schema[]} schemas
-   */
+  /** Return what a place is for, given the actions possible there. @param {Schema[]} schemas */
   here(schemas) {
     const words = this.language.work;
     const does = [...new Set(schemas.map((each) => this.inGeneral(each)))];
@@ -260,8 +230,7 @@ export class Wording {
   /**
    * Return work that has to come first, such as `fill the pot with water first, at the sink`.
    * If the work is already going on, say to wait for it.
-   * @param {Work} work
-   * @param {State} state
+   * @param {Work} work @param {State} state
    */
   first(work, state) {
     const words = this.language.work;
@@ -278,8 +247,7 @@ export class Wording {
 
   /**
    * Name one of several stations, such as `a stove`; empty if they are of several kinds.
-   * @param {string[]} stations
-   * @param {State} state
+   * @param {string[]} stations @param {State} state
    */
   _where(stations, state) {
     const kinds = new Set(stations.map((name) => state.kindOf(name)));
@@ -290,9 +258,7 @@ export class Wording {
 
   /**
    * Return what to do to make an action possible.
-   * @param {Action} action
-   * @param {Unmet[]} unmet
-   * @param {State} state
+   * @param {Action} action @param {Unmet[]} unmet @param {State} state
    */
   way(action, unmet, state) {
     const reasons = () => new Set(unmet.map((each) => this.reason(each, state)));
@@ -301,9 +267,7 @@ export class Wording {
 
   /**
    * Return why an action was rejected, or how to make it possible.
-   * @param {Action | null} action
-   * @param {Unmet[]} unmet
-   * @param {State} state
+   * @param {Action | null} action @param {Unmet[]} unmet @param {State} state
    */
   rejection(action, unmet, state) {
     const told = action ? this._how(action, unmet, state) : "";
@@ -312,20 +276,14 @@ export class Wording {
 
   /**
    * Return the language's own advice for an action with several unmet conditions.
-   * @param {Action} action
-   * @param {Unmet[]} unmet
-   * @param {State} state
+   * @param {Action} action @param {Unmet[]} unmet @param {State} state
    */
   _how(action, unmet, state) {
     const words = this.language.actions.get(action.name);
     return words?.how && unmet.length > 1 ? this._filled(words.how, action, state) : "";
   }
 
-  /**
-   * @param {string} template
-   * @param {Action} action
-   * @param {State} state
-   */
+  /** @param {string} template @param {Action} action @param {State} state */
   _filled(template, action, state) {
     const named = new Set(fields(template));
     const things = [...bindingOf(action)].filter(([name]) => named.has(name));
@@ -333,15 +291,15 @@ export class Wording {
     const end = action.schema.definition.travel?.[1];
     const there = things.find(([name]) => name === end);
     if (there) called.set(there[1], this.place(there[1], state));
-    return filled(template, new Map(things.map(([name, thing]) => [name, called.get(thing) ?? ""])));
+    const words = things.map(([name, thing]) => /** @type {const} */ ([name, called.get(thing)]));
+    return filled(template, new Map(words.map(([name, word]) => [name, word ?? ""])));
   }
 
   // Reasons
 
   /**
    * Return what is missing for an action, in its way, or to be done first.
-   * @param {Unmet} unmet
-   * @param {State} state
+   * @param {Unmet} unmet @param {State} state
    */
   reason(unmet, state) {
     const { kind, predicate, objects } = unmet;
@@ -353,10 +311,7 @@ export class Wording {
     return kind === "turn" ? `it is ${who}'s turn` : unmet.words;
   }
 
-  /**
-   * @param {Unmet} unmet
-   * @param {State} state
-   */
+  /** @param {Unmet} unmet @param {State} state */
   _condition(unmet, state) {
     const { predicate, objects, expected } = unmet;
     const known = objects.every((name) => state.thing(name));
@@ -376,8 +331,7 @@ export class Wording {
 
   /**
    * Return who stands where nobody may, if the condition is about that.
-   * @param {Unmet} unmet
-   * @param {State} state
+   * @param {Unmet} unmet @param {State} state
    */
   _standing(unmet, state) {
     const station = this.occupancy.neededFree(unmet);
@@ -388,8 +342,7 @@ export class Wording {
 
   /**
    * Return the names of objects; unknown objects keep their identifiers.
-   * @param {string[]} objects
-   * @param {State} state
+   * @param {string[]} objects @param {State} state
    * @param {string} predicate If it is about standing, stations get unique names.
    * @param {boolean} you If false, the reader's player gets its noun, for a domain's sentences.
    */
@@ -410,8 +363,7 @@ export class Wording {
 
   /**
    * Return the kinds for which a static predicate holds, if there are few: `a board`.
-   * @param {string} predicate
-   * @param {State} state
+   * @param {string} predicate @param {State} state
    */
   _kinds(predicate, state) {
     const atoms = (this.task.statics.get(predicate) ?? []).filter(({ length }) => length === 2);

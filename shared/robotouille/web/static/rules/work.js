@@ -31,19 +31,14 @@ export class Preparation {
     this._created = new Set(this._makers.flatMap(({ created }) => (created ? created.type : [])));
   }
 
-  /**
-   * Return whether some work creates objects of a type.
-   * @param {string} type
-   */
+  /** Return whether some work creates objects of a type. @param {string} type */
   creates(type) {
     return this._created.has(type);
   }
 
   /**
    * Return whether any action can make a fact true.
-   * @param {string} predicate
-   * @param {string[]} objects
-   * @param {State} state
+   * @param {string} predicate @param {string[]} objects @param {State} state
    */
   canBecome(predicate, objects, state) {
     const atOnce = this._task.schemas.some(({ definition }) =>
@@ -56,8 +51,7 @@ export class Preparation {
    * Return the work that makes a fact true.
    * @param {string} predicate
    * @param {(string | null)[]} objects Null stands for the object that the work creates.
-   * @param {State} state
-   * @returns {Work | null}
+   * @param {State} state @returns {Work | null}
    */
   workFor(predicate, objects, state) {
     for (const maker of this._makers) {
@@ -81,8 +75,7 @@ export class Preparation {
 
   /**
    * Return whether work has been started and continues without a player.
-   * @param {State} state
-   * @param {Work} work
+   * @param {State} state @param {Work} work
    */
   isUnderWay(state, { schema, binding }) {
     return state.progress().some(({ action, running, timed, subject, arguments: names }) => {
@@ -94,8 +87,7 @@ export class Preparation {
 
   /**
    * Return whether no static condition rules the work out.
-   * @param {Maker} maker
-   * @param {Map<string, string>} binding
+   * @param {Maker} maker @param {Map<string, string>} binding
    */
   _mayBeDone({ schema, needs }, binding) {
     return [...schema.definition.precons, ...needs].every((condition) => {
@@ -108,8 +100,7 @@ export class Preparation {
 
   /**
    * Return the stations for an action that needs a particular kind of station.
-   * @param {Schema} schema
-   * @param {Map<string, string>} binding
+   * @param {Schema} schema @param {Map<string, string>} binding
    */
   _places(schema, binding) {
     const { floor, staticNames } = this._task;
@@ -126,10 +117,7 @@ export class Preparation {
 /** @type {WeakMap<Task, Preparation>} */
 const preparations = new WeakMap();
 
-/**
- * Return the index of a task's work.
- * @param {Task} task
- */
+/** Return the index of a task's work. @param {Task} task */
 export function preparationOf(task) {
   const found = preparations.get(task) ?? new Preparation(task);
   preparations.set(task, found);
@@ -137,11 +125,8 @@ export function preparationOf(task) {
 }
 
 /**
- * @param {Schema} schema
- * @param {EffectDef[]} effects
- * @param {Condition[]} needs
- * @param {EffectDef["created"]} created
- * @returns {Generator<Maker>}
+ * @param {Schema} schema @param {EffectDef[]} effects @param {Condition[]} needs
+ * @param {EffectDef["created"]} created @returns {Generator<Maker>}
  */
 function* makers(schema, effects, needs, created) {
   for (const effect of effects) {
@@ -188,11 +173,7 @@ export class Occupancy {
     return asks && this._free.get(predicate) === expected ? objects[0] : null;
   }
 
-  /**
-   * Return the players that stand at a station.
-   * @param {State} state
-   * @param {string} station
-   */
+  /** Return the players that stand at a station. @param {State} state @param {string} station */
   playersAt(state, station) {
     return [...scene(state)].flatMap(([name, { at }]) => (at === station ? name : []));
   }
@@ -202,8 +183,7 @@ export class Occupancy {
  * Return whether an action changes the state, now or later.
  *
  * Actions without any effects, such as waiting, count as useful: they are meant to do nothing.
- * @param {State} state
- * @param {Action} action
+ * @param {State} state @param {Action} action
  */
 export function changesSomething(state, action) {
   const { added, removed } = changes(state, action);
@@ -224,8 +204,7 @@ const useful = new WeakMap();
 
 /**
  * Return the valid actions of a player that change something.
- * @param {State} state
- * @param {string} player
+ * @param {State} state @param {string} player
  */
 export function usefulActions(state, player) {
   const valid = validActions(state, player);
@@ -234,10 +213,7 @@ export function usefulActions(state, player) {
   return found;
 }
 
-/**
- * Return the progress of all work that still changes something.
- * @param {View} view
- */
+/** Return the progress of all work that still changes something. @param {View} view */
 export function workInProgress(view) {
   const goingOn = new Set();
   for (const label of view.timers.keys()) {
@@ -249,8 +225,7 @@ export function workInProgress(view) {
 
 /**
  * Return whether an action interrupts work that continues without a player.
- * @param {State} state
- * @param {Action} action
+ * @param {State} state @param {Action} action
  */
 export function endsWork(state, action) {
   const running = workInProgress(state).filter((row) => row.running);
@@ -267,19 +242,14 @@ export function endsWork(state, action) {
 const goesOn = (view) =>
   new Map(workInProgress(view).map((row) => [keyOf(row.action, row.arguments), row.running]));
 
-/**
- * @param {string} action
- * @param {string[]} names
- */
+/** @param {string} action @param {string[]} names */
 const keyOf = (action, names) => `${action}(${names})`;
 
 /**
  * Return whether an effect tree still has something to change.
  *
  * Facts that a conditional effect asserts are not its purpose if other effects are nested in it.
- * @param {Node} node
- * @param {View} view
- * @returns {boolean}
+ * @param {Node} node @param {View} view @returns {boolean}
  */
 function leadsOn(node, view) {
   if (!isPossible(node, view.task)) return false;
@@ -298,8 +268,7 @@ function leadsOn(node, view) {
 
 /**
  * Return whether fixed facts, or each other, do not rule the conditions of an effect out.
- * @param {Node} node
- * @param {Task} task
+ * @param {Node} node @param {Task} task
  */
 function isPossible({ conditions }, task) {
   return conditions.every(({ atom, expected }) => {

@@ -1,0 +1,79 @@
+"""The browser client's rules give the same answers as the Python code."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import Timing, load_task
+from robotouille.domain.task import Task
+from tests.web.vectors import COMPAT, games, published_tasks, shipped_tasks
+
+PROGRAM = Path(__file__).with_name("rules.mjs")
+OLDEST = 20
+FEW = (
+    ("synchronous/05", 1),
+    ("asynchronous/06", 1),
+    ("multi_agent/01", 2),
+    ("workshop/01", None),
+    ("shifts/06", 3),
+)
+"""Tasks of the quick test, with their seats."""
+
+
+def compared(lines: Iterator[dict[str, Any]]) -> dict[str, Any]:
+    """Compare the answers of Node with those of the lines, and return the counts."""
+    node = shutil.which("node")
+    version = subprocess.run([node or "true", "--version"], capture_output=True, text=True).stdout
+    if int(version.strip().lstrip("v").partition(".")[0] or 0) < OLDEST:
+        reason = f"Node {OLDEST} or newer is needed, found {version.strip() or 'none'}"
+        if os.environ.get("ROBOTOUILLE_REQUIRE_NODE"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    with subprocess.Popen(
+        [str(node), str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None
+        for line in lines:
+            process.stdin.write(json.dumps(line) + "\n")
+        output, _ = process.communicate()
+    *differences, counts = map(json.loads, output.splitlines())
+    assert differences == []
+    found: dict[str, Any] = counts
+    assert process.returncode == 0
+    assert found["differences"] == 0
+    return found
+
+
+@pytest.mark.process
+@pytest.mark.smoke
+def test_rules_agree_on_a_few_tasks() -> None:
+    rng = random.Random(1)
+    timings = [*Timing] * len(FEW)
+    tasks: Iterator[Task] = (
+        load_task(name, seats=seats, timing=timing)
+        for (name, seats), timing in zip(FEW, timings, strict=False)
+    )
+    assert compared(games(tasks, 20, rng, presses=20))["states"] == 20
+
+
+@pytest.mark.process
+@pytest.mark.slow
+def test_rules_agree_on_all_tasks() -> None:
+    rng = random.Random(2)
+    assert compared(games(shipped_tasks(rng), 8000, rng))["states"] == 8000
+
+
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.skipif(not COMPAT.is_dir(), reason="the published files are not here")
+def test_rules_agree_on_published_tasks() -> None:
+    assert compared(games(published_tasks(), 2000, random.Random(3)))["states"] == 2000
