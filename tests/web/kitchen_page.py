@@ -6,8 +6,8 @@ To look at games: `python -m tests.web.kitchen_page TASK... --out FOLDER` writes
 from __future__ import annotations
 
 import argparse
-import os
 import base64
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -31,8 +31,8 @@ from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.view import View
 
 __all__ = [
-    "CHROMIUM", "FLAGS", "kitchen_page", "look_of", "planned_game", "recorded", "web_picture",
-    "window_picture",
+    "CHROMIUM", "FLAGS", "MARGIN", "kitchen_page", "look_of", "planned_game", "recorded",
+    "web_picture", "window_picture",
 ]  # fmt: skip
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

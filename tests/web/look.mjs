@@ -73,7 +73,6 @@ for await (const line of createInterface({ input: process.stdin })) {
   const stage = game.look.stage(state);
   check("stage", stageRows(stage), expect.stage);
   check("words", byName(stage.placed, (each) => game.look.words(each.thing.kind, each.facts)), expect.words);
-  check("work", motion.workInProgress(state).map((row) => [row.action, row.arguments]), expect.work);
   const animation = motion.stepAnimation(game.look, state, before, expect.outcome);
   check("animation", {
     travels: sorted(animation.travels),

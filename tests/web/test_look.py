@@ -19,7 +19,7 @@ from robotouille.domain.rendering import rendering_of
 from robotouille.planning.shift import DishPlanner
 from robotouille.protocol.states import StateWriter
 from robotouille.web.site import look_files
-from robotouille.world.presentation.work import useful_actions, work_in_progress
+from robotouille.world.presentation.work import useful_actions
 from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
 from robotouille_client.window.drawing.gestures import Gestures
 from robotouille_client.window.drawing.spots import Motion
@@ -143,7 +143,6 @@ class _Window:
                 name: resolver.words(each.thing.kind, each.facts)
                 for name, each in stage.placed.items()
             },
-            "work": [[row.action, row.arguments] for row in work_in_progress(state)],
             "animation": _animation(moving),
             "poses": [self._poses(state, before, step, p, stage, moving, rng) for p in PHASES],
         }  # fmt: skip

@@ -14,7 +14,6 @@ import { insides } from "./look.js";
 
 /**
  * One object of a wanted dish.
- *
  * @typedef {object} Layer
  * @property {Appearance} appearance
  * @property {string} words
@@ -35,7 +34,6 @@ const UNPLACED = 1_000_000;
 
 /**
  * Return the goal's dishes in order, or null if the goal cannot be drawn.
- *
  * @param {Task} task
  * @param {Look} look
  * @param {Map<Variable, number>} levels Levels of the objects already in place.
@@ -50,7 +48,6 @@ export function dishes(task, look, levels = new Map(), terms = task.problem.goal
 
 /**
  * Return the looks of an ordered dish's objects when it is ready, the lowest first.
- *
  * @param {Task} task
  * @param {Look} look
  * @param {string} name Name of the dish on the menu of the shift.
@@ -83,7 +80,8 @@ class Goal {
       if (rule.when) this.when.set(rule.predicate, rule.when);
     }
     /** @type {Map<string, any>} */
-    this.predicates = new Map(task.domain.predicate_defs.map((/** @type {any} */ p) => [p.name, p]));
+    this.predicates = new Map();
+    for (const each of task.domain.predicate_defs) this.predicates.set(each.name, each);
     /** @type {Map<Variable, string>} */
     this.kinds = new Map();
     /** @type {Map<Variable, string>} */
@@ -156,7 +154,6 @@ class Goal {
 
   /**
    * Yield an object and everything it carries, from the bottom up.
-   *
    * @param {Variable} root
    * @param {Set<Variable>} seen
    * @returns {Generator<Layer>}
@@ -189,7 +186,6 @@ class Goal {
 
   /**
    * Return the terms about everything below an object in its stack.
-   *
    * @param {Variable} thing
    * @param {number} depth Bounds the search: a custom goal can have objects in a circle.
    * @returns {number[]}
@@ -207,10 +203,7 @@ class Goal {
     return under.flatMap((id) => [...this.about(id), ...this.below(id, depth + 1)]);
   }
 
-  /**
-   * @param {Variable} one
-   * @param {Variable} other
-   */
+  /** @param {Variable} one @param {Variable} other */
   isBelow(one, other) {
     const [order, above] = [this.order(one), this.order(other)];
     const level = this.levels.get(other) ?? UNPLACED;
@@ -220,7 +213,6 @@ class Goal {
 
   /**
    * Return the terms that place the lowest object of the stack, for the objects above it.
-   *
    * @param {Variable} thing
    */
   base(thing) {
@@ -250,11 +242,7 @@ class Goal {
     });
   }
 
-  /**
-   * Return what lies directly on or in an object, the lowest first.
-   *
-   * @param {Variable} carrier
-   */
+  /** Return what lies directly on or in an object, the lowest first. @param {Variable} carrier */
   carried(carrier) {
     const found = [...this.carriers].filter(([, host]) => host === carrier).map(([id]) => id);
     const level = (/** @type {Variable} */ id) => this.levels.get(id) ?? UNPLACED;
@@ -268,11 +256,7 @@ class Goal {
     return rules.includes("top_of_stack") ? TOP : MIDDLE;
   }
 
-  /**
-   * Return the terms about an object itself, not about what it carries.
-   *
-   * @param {Variable} thing
-   */
+  /** Return the terms about an object itself, not about what it carries. @param {Variable} thing */
   about(thing) {
     /** @type {number[]} */
     const found = [];
@@ -285,7 +269,6 @@ class Goal {
 
   /**
    * Return whether an object is visible only in the picture of its container.
-   *
    * @param {Variable} thing
    * @param {Variable} carrier
    */
@@ -294,10 +277,7 @@ class Goal {
     return inside !== undefined && inside.asset === null;
   }
 
-  /**
-   * @param {Variable} thing
-   * @returns {Placed}
-   */
+  /** @param {Variable} thing @returns {Placed} */
   asPlaced(thing) {
     const alone = this.terms.filter(({ ids }) => ids.length === 1 && ids[0] === thing);
     const host = this.carriers.get(thing);

@@ -1,5 +1,5 @@
 /**
- * Geometry of a drawn state in device pixels: tiles, and the spots of players, stations and objects.
+ * Geometry of a drawn state in device pixels: tiles, and the spots of players and objects.
  * A port of `window/drawing/{window_layout,spots}.py`.
  */
 
@@ -63,7 +63,6 @@ export class Layout {
 
   /**
    * Return the upper left pixel of a tile, or of a point between tiles.
-   *
    * @param {Point} tile
    * @returns {Point}
    */
@@ -71,11 +70,7 @@ export class Layout {
     return [this.left + x * this.tile, this.top + (this.rows - 1 - y) * this.tile];
   }
 
-  /**
-   * @param {number} x
-   * @param {number} y
-   * @returns {Point | null}
-   */
+  /** @param {number} x @param {number} y @returns {Point | null} */
   tileAt(x, y) {
     const column = Math.floor((x - this.left) / this.tile);
     const row = Math.floor((y - this.top) / this.tile);
@@ -85,7 +80,6 @@ export class Layout {
 
   /**
    * Return a part of a tile, given in tiles.
-   *
    * @param {Point} tile
    * @param {Box} part
    * @returns {Box}
@@ -97,18 +91,11 @@ export class Layout {
   }
 }
 
-/**
- * Return a spot some tiles higher.
- *
- * @param {Spot} spot
- * @param {number} tiles
- * @returns {Spot}
- */
+/** Return a spot some tiles higher. @param {Spot} spot @param {number} tiles @returns {Spot} */
 export const up = ({ x, y, tile }, tiles) => ({ x, y: y - tiles * tile, tile });
 
 /**
  * Return a spot between two, with one of a few tile sizes: each size is another picture.
- *
  * @param {Spot} from
  * @param {Spot} to
  * @param {number} share
@@ -123,8 +110,32 @@ export function between(from, to, share) {
 }
 
 /**
+ * Return the sizes of a picture on stations, in hands and on the way between the two.
+ * @param {number} size
+ */
+export const sizesOf = (size) => [size, size * HELD_SCALE, (size * (1 + HELD_SCALE)) / 2];
+
+/** @param {SpritePiece} piece @param {Spot} spot @returns {Box} */
+function around({ scale }, { x, y, tile }) {
+  const side = scale * tile * SEEN;
+  return [x - side / 2, y - side / 2, side, side];
+}
+
+/**
+ * Return the area that an object passes through.
+ * @param {SpritePiece} piece
+ * @param {Spot} from
+ * @param {Spot} to
+ * @returns {Box}
+ */
+export function wayOf(piece, from, to) {
+  const [[x, y, w, h], [u, v, wide, high]] = [around(piece, from), around(piece, to)];
+  const [left, top] = [Math.min(x, u), Math.min(y, v)];
+  return [left, top, Math.max(x + w, u + wide) - left, Math.max(y + h, v + high) - top];
+}
+
+/**
  * Return the spot of the lowest object on a station, on the floor or in a player's hands.
- *
  * @param {Layout} layout
  * @param {SceneSprites} stage
  * @param {string} host
@@ -146,7 +157,6 @@ function pileSpot(layout, stage, host, poses) {
 
 /**
  * Return the spots of all players, stations and objects.
- *
  * @param {Layout} layout
  * @param {SceneSprites} stage
  * @param {Map<string, Pose>} poses
@@ -177,7 +187,6 @@ export function spots(layout, stage, poses) {
 
 /**
  * Return the areas that no label may cover: players, objects, and the worktops of used stations.
- *
  * @param {Layout} layout
  * @param {SceneSprites} stage
  * @param {Map<string, Pose>} poses
@@ -188,11 +197,9 @@ export function occupied(layout, stage, poses, all) {
   const areas = [...poses.values()].map(({ at }) => layout.part(at, [0.2, HEAD, 0.6, 0.96]));
   const used = new Set(stage.piles.keys());
   for (const name of poses.keys()) used.add(stage.placed.get(name)?.at ?? "");
-  for (const { name, scale } of [...stage.piles.values()].flat()) {
-    const spot = all.get(name);
-    if (!spot) continue;
-    const side = scale * spot.tile * SEEN;
-    areas.push([spot.x - side / 2, spot.y - side / 2, side, side]);
+  for (const piece of [...stage.piles.values()].flat()) {
+    const spot = all.get(piece.name);
+    if (spot) areas.push(around(piece, spot));
   }
   for (const name of stage.stations.keys()) {
     const tile = used.has(name) ? stage.placed.get(name)?.tile : null;
@@ -203,7 +210,6 @@ export function occupied(layout, stage, poses, all) {
 
 /**
  * Return the first choice for a label that overlaps nothing, or undefined.
- *
  * @param {Point[]} choices Upper left corners, the preferred one first.
  * @param {Point} size
  * @param {Layout} layout
@@ -216,7 +222,11 @@ export function freePlace(choices, [width, height], layout, taken) {
     const top = Math.max(0, Math.min(Math.round(y), layout.height - height));
     return /** @type {Box} */ ([left, top, width, height]);
   });
+  // Places are rounded, so that neighbours may overlap by less than a pixel.
   return clamped.find(([x, y]) =>
-    taken.every(([l, t, w, h]) => x >= l + w || l >= x + width || y >= t + h || t >= y + height),
+    taken.every(([left, top, wide, high]) => {
+      const aside = x > left + wide - 1 || left > x + width - 1;
+      return aside || y > top + high - 1 || top > y + height - 1;
+    }),
   );
 }

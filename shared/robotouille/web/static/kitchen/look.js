@@ -16,7 +16,6 @@ import { append, scene } from "../rules/scene.js";
 
 /**
  * Look of one object: a picture, or a generated tile with its kind and `words`.
- *
  * @typedef {object} Appearance
  * @property {string} kind
  * @property {Role} role
@@ -28,7 +27,6 @@ import { append, scene } from "../rules/scene.js";
 
 /**
  * One object of a pile. `inside` are the objects in it; `contents` were added to it or to those.
- *
  * @typedef {object} SpritePiece
  * @property {string} name
  * @property {Appearance} appearance
@@ -40,7 +38,6 @@ import { append, scene } from "../rules/scene.js";
 
 /**
  * Everything to draw of a state.
- *
  * @typedef {object} SceneSprites
  * @property {Map<string, Placed>} placed
  * @property {Map<string, Appearance>} stations
@@ -50,7 +47,6 @@ import { append, scene } from "../rules/scene.js";
 
 /**
  * Picture with the conditions under which it is chosen, or a group of pictures by name.
- *
  * @typedef {object} Art
  * @property {string | null} asset
  * @property {{name: string, params: string[]}[]} predicates
@@ -71,11 +67,7 @@ const ART_FIELDS = new Set(["asset", "predicates", "during", "stages", "effects"
 /** Nesting of groups of pictures up to which a rendering is read. */
 const MAX_DEPTH = 8;
 
-/**
- * @param {any} raw
- * @param {number} depth
- * @returns {Art}
- */
+/** @param {any} raw @param {number} depth @returns {Art} */
 function readArt(raw, depth = 0) {
   const fields = typeof raw === "string" ? { asset: raw } : (raw ?? {});
   /** @type {Map<string, Art>} */
@@ -108,10 +100,7 @@ function readConstants(raw) {
   return found;
 }
 
-/**
- * @param {any} raw
- * @returns {Group}
- */
+/** @param {any} raw @returns {Group} */
 function readGroup(raw) {
   /** @type {Map<string, Entity>} */
   const entities = new Map();
@@ -122,10 +111,7 @@ function readGroup(raw) {
   return { constants: readConstants(raw?.constants), entities };
 }
 
-/**
- * @param {Art} art
- * @returns {Generator<Art>}
- */
+/** @param {Art} art @returns {Generator<Art>} */
 function* parts(art) {
   yield art;
   for (const each of art.named.values()) yield* parts(each);
@@ -133,7 +119,6 @@ function* parts(art) {
 
 /**
  * Return the member of a group, or the picture itself, whose conditions hold and are most.
- *
  * @param {Art} art
  * @param {Set<string>} own
  * @param {string[][]} related
@@ -171,7 +156,6 @@ function traitHolds({ name, params }, own, related) {
 
 /**
  * Return the picture to show during actions, given the share of each that is done.
- *
  * @param {Art} art
  * @param {Map<string, number>} doing
  */
@@ -243,12 +227,7 @@ export class Look {
     this.task = null;
   }
 
-  /**
-   * Return everything to draw of a state.
-   *
-   * @param {State} state
-   * @returns {SceneSprites}
-   */
+  /** Return everything to draw of a state. @param {State} state @returns {SceneSprites} */
   stage(state) {
     const { task } = state;
     this.task = task;
@@ -286,7 +265,6 @@ export class Look {
 
   /**
    * Return the look of an object other than a player.
-   *
    * @param {Placed} each
    * @param {Map<string, Placed[]>} inside Objects in each container.
    * @param {Related} related
@@ -323,7 +301,6 @@ export class Look {
 
   /**
    * Return the look of a station, a player or an object that is visible by itself.
-   *
    * @param {SceneSprites} stage
    * @param {string} name
    * @returns {Appearance | null}
@@ -341,7 +318,6 @@ export class Look {
 
   /**
    * Return what people call a kind and its state, such as `toasted bottom bun`.
-   *
    * @param {string} kind
    * @param {Iterable<string>} facts
    */
@@ -365,7 +341,6 @@ export class Look {
 
   /**
    * Return the look of the player in a seat from one side.
-   *
    * @param {string} kind
    * @param {number} index
    * @param {Side} facing
@@ -380,7 +355,6 @@ export class Look {
 
   /**
    * Return the look of a player with raised arms, or else from the front.
-   *
    * @param {string} kind
    * @param {number} index
    */
@@ -392,7 +366,6 @@ export class Look {
 
   /**
    * Return the picture of a player's shut eyes from one side, or null.
-   *
    * @param {string} kind
    * @param {number} index
    * @param {Side} facing
@@ -404,7 +377,6 @@ export class Look {
 
   /**
    * Return the pictures of a player's stride from one side.
-   *
    * @param {string} kind
    * @param {number} index
    * @param {Side} facing
@@ -415,10 +387,7 @@ export class Look {
     return typeof frames === "string" ? [frames] : frames;
   }
 
-  /**
-   * @param {string} kind
-   * @param {number} index
-   */
+  /** @param {string} kind @param {number} index */
   facings(kind, index) {
     const choices = this.players.get(kind) ?? this.players.values().next().value;
     return choices && choices.length > 0 ? choices[index % choices.length] : null;
@@ -439,7 +408,7 @@ export class Look {
       const piece = {
         name,
         appearance: this.appearance(each, inside, related, doing),
-        scale: this.constant(each.thing, "SCALE", SCALES[this.role(each.thing)]),
+        scale: this.scale(each.thing),
         rise,
         contents: contentsOf(name, placed, inside).map((one) =>
           this.appearance(one, inside, related),
@@ -451,10 +420,18 @@ export class Look {
     });
   }
 
-  /**
-   * @param {Thing} thing
-   * @returns {Role}
-   */
+  /** Return the size in tiles at which an object is drawn. @param {Thing} thing */
+  scale(thing) {
+    return this.constant(thing, "SCALE", SCALES[this.role(thing)]);
+  }
+
+  /** Return all pictures that objects of a kind may get. @param {string} kind */
+  files(kind) {
+    const arts = [...parts(this.entity(kind)?.assets ?? readArt({}))];
+    return arts.flatMap(({ asset, stages }) => (asset ? [asset, ...stages] : stages));
+  }
+
+  /** @param {Thing} thing @returns {Role} */
   role({ kind, type }) {
     if (this.task?.stationTypes.has(type)) return "station";
     if (this.task?.playerTypes.has(type)) return "player";
@@ -472,11 +449,7 @@ export class Look {
     return this.groupOf(kind)?.entities.get(kind) ?? null;
   }
 
-  /**
-   * @param {Thing} thing
-   * @param {string} name
-   * @param {number} fallback
-   */
+  /** @param {Thing} thing @param {string} name @param {number} fallback */
   constant(thing, name, fallback) {
     const other = this.role(thing) === "container" ? this.groups.container : this.groups.item;
     const group = this.groupOf(thing.kind) ?? other;
@@ -500,17 +473,13 @@ export class Look {
   }
 }
 
-/**
- * @param {Task} task
- * @param {string} type
- */
+/** @param {Task} task @param {string} type */
 function isHolder(task, type) {
   return task.stationTypes.has(type) || task.playerTypes.has(type);
 }
 
 /**
  * Return the objects that each object hosts, such as the water in a pot.
- *
  * @param {Map<string, Placed>} placed
  */
 export function insides(placed) {
@@ -522,7 +491,6 @@ export function insides(placed) {
 
 /**
  * Return everything added to an object or to what is inside it, at any depth.
- *
  * @param {string} name
  * @param {Map<string, Placed>} placed
  * @param {Map<string, Placed[]>} inside
@@ -548,7 +516,6 @@ function contentsOf(name, placed, inside) {
 
 /**
  * Return the timed actions in progress for each object, with the share that is done.
- *
  * @param {State} state
  */
 function underWay(state) {
@@ -568,7 +535,6 @@ function underWay(state) {
 
 /**
  * Return the facts that relate each object to others, with kinds in place of names.
- *
  * @param {State} state
  */
 function relations(state) {

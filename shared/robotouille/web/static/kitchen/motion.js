@@ -23,7 +23,6 @@ const ASIDE = 0.3;
 
 /**
  * Return the point at a share of a path, the direction there and the share of its tile.
- *
  * @param {Point[]} path
  * @param {number} share
  * @returns {[Point, Point, number]}
@@ -40,7 +39,6 @@ export function along(path, share) {
 
 /**
  * Return which side of a player is seen when it looks along a vector.
- *
  * @param {Point} direction
  * @returns {Side}
  */
@@ -69,7 +67,6 @@ export class Motion {
 
   /**
    * Return the pose of each player, `phase` of the way from the previous state to `state`.
-   *
    * @param {State} state
    * @param {State | null} before
    * @param {number} step
@@ -103,12 +100,7 @@ export class Motion {
     return [...this.walks.values()].some((walk) => shareOf(walk, step) < 1);
   }
 
-  /**
-   * @param {State} state
-   * @param {Scene} now
-   * @param {Scene} before
-   * @param {number} step
-   */
+  /** @param {State} state @param {Scene} now @param {Scene} before @param {number} step */
   advance(state, now, before, step) {
     // After a jump to another step, walks in progress mean nothing.
     const follows = this.state === null || step === this.step || step === this.step + 1;
@@ -137,7 +129,6 @@ export class Motion {
  * Place players that share a tile side by side, and let walkers pass each other. The rules let
  * players walk through each other. On the screen, each of two that come close steps aside: more,
  * the closer they are, and across the walk.
- *
  * @param {Map<string, Pose>} poses
  */
 function apart(poses) {
@@ -158,7 +149,8 @@ function apart(poses) {
       const aside = ASIDE * Math.max(0, 1 - far / CLOSE);
       const { facing } = first.walking ? first : second;
       const across = facing === "left" || facing === "right";
-      for (const [name, side] of /** @type {[string, number][]} */ ([[one, -aside], [other, aside]])) {
+      for (const name of [one, other]) {
+        const side = name === one ? -aside : aside;
         const pose = /** @type {Pose} */ (found.get(name));
         const [x, y] = pose.at;
         found.set(name, { ...pose, at: across ? [x, y - side] : [x + side, y] });
@@ -172,7 +164,6 @@ function apart(poses) {
 
 /**
  * Posture of a player at one moment.
- *
  * @typedef {object} Gesture
  * @property {Side} facing
  * @property {"down" | "out" | "up"} arms
@@ -201,7 +192,6 @@ const AWAKE = 3.1;
 
 /**
  * Return the gesture of each player.
- *
  * @param {Map<string, Pose>} poses
  * @param {Animation} animation
  * @param {{phase: number, seconds: number, since: number | null, outcome: string, still: boolean,
@@ -263,7 +253,6 @@ function gestureOf(pose, works, number, { phase, seconds, since, outcome, still 
 
 /**
  * Everything that moves during a step.
- *
  * @typedef {object} Animation
  * @property {Set<string>} travels Objects that a player takes, puts or pours.
  * @property {Set<string>} working Players who work.
@@ -274,7 +263,6 @@ function gestureOf(pose, works, number, { phase, seconds, since, outcome, still 
 
 /**
  * Return what moves between two moments, or at the first moment of a game.
- *
  * @param {Look} look
  * @param {State} state
  * @param {State | null} before
@@ -325,7 +313,6 @@ export function stepAnimation(look, state, before, outcome) {
 
 /**
  * Return repeated actions that were done once more, each with its object.
- *
  * @param {State} state
  * @param {State} before
  * @returns {[string, string][]}
@@ -341,14 +328,13 @@ function advancedBetween(state, before) {
   const now = rows(state);
   // Progress that appears or vanishes was advanced too: the first and the last repetition.
   return [...new Set([...then.keys(), ...now.keys()])]
-    .filter((key) => !then.has(key) || !now.has(key) || Number(now.get(key)) > Number(then.get(key)))
+    .filter((key) => (now.get(key) ?? Infinity) > (then.get(key) ?? -1))
     .map((key) => JSON.parse(/** @type {string} */ (key)))
     .sort();
 }
 
 /**
  * Yield objects that have a new carrier and were visible on the old one.
- *
  * @param {SceneSprites} stage
  * @param {SceneSprites} earlier
  */
@@ -363,7 +349,6 @@ function* travels(stage, earlier) {
 
 /**
  * Return the station an object is on, however deeply it is nested.
- *
  * @param {SceneSprites} stage
  * @param {string} name
  */
@@ -374,40 +359,4 @@ function stationOf(stage, name) {
     host = stage.placed.get(host)?.host ?? null;
   }
   return null;
-}
-
-/**
- * Return the progress of all work that still changes something: cutting what is cut is valid, but
- * never ends. A port of `work_in_progress`.
- *
- * @param {State} state
- */
-export function workInProgress(state) {
-  const useful = new Set();
-  for (const label of state.timers.keys()) {
-    const { action, args, nodes } = state.effect(label);
-    if (nodes.some((node) => node.counts && leadsOn(state, node))) useful.add(`${action}(${args})`);
-  }
-  return state.progress().filter((row) => useful.has(`${row.action}(${row.arguments})`));
-}
-
-/**
- * Return whether an effect tree still has something to change.
- *
- * @param {State} state
- * @param {import("../rules/effects.js").Node} node
- * @returns {boolean}
- */
-function leadsOn(state, node) {
-  const holds = (/** @type {string[]} */ [predicate, ...names]) => state.holds(predicate, ...names);
-  const never = node.conditions.some(
-    ({ atom, expected }) => state.task.isStatic(atom[0]) && holds(atom) !== expected,
-  );
-  if (never) return false;
-  // Creating or deleting an object always changes something.
-  if (node.type === "creation" || node.type === "deletion") return true;
-  const further = node.nested.some((each) => leadsOn(state, each));
-  // The facts of a conditional effect are not its purpose if other effects are nested in it.
-  if (further || (node.nested.length > 0 && node.type === "conditional")) return further;
-  return node.fx.some(({ atom, expected }) => holds(atom) !== expected);
 }

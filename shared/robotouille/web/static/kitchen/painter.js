@@ -1,7 +1,9 @@
 /** Drawing of the kitchen on a canvas, as the window draws it. */
 
-import { HEAD, Layout, RAISED, between, freePlace, occupied, spots, up } from "./layout.js";
-import { BEATS, Motion, gestures, stepAnimation, workInProgress } from "./motion.js";
+import { workInProgress } from "../rules/work.js";
+import { HEAD, Layout, RAISED, between, freePlace, occupied, sizesOf } from "./layout.js";
+import { spots, up, wayOf } from "./layout.js";
+import { BEATS, Motion, gestures, stepAnimation } from "./motion.js";
 import { INK, PAPER, SEATS, Sprites, badgeURL } from "./pictures.js";
 
 /** @typedef {import("../rules/task.js").Task} Task */
@@ -9,6 +11,7 @@ import { INK, PAPER, SEATS, Sprites, badgeURL } from "./pictures.js";
 /** @typedef {import("./look.js").Look} Look */
 /** @typedef {import("./look.js").Appearance} Appearance */
 /** @typedef {import("./look.js").SceneSprites} SceneSprites */
+/** @typedef {import("./look.js").Side} Side */
 /** @typedef {import("./look.js").SpritePiece} SpritePiece */
 /** @typedef {import("./layout.js").Spot} Spot */
 /** @typedef {import("./layout.js").Box} Box */
@@ -20,7 +23,7 @@ import { INK, PAPER, SEATS, Sprites, badgeURL } from "./pictures.js";
 const SHADE = "rgb(38 34 43 / 55%)";
 const RIM = "#685c5c";
 const FAINT = "#b2a8ba";
-const ABSENT = "#60645c";
+const ABSENT = "#605a64";
 const BAD = "#f48478";
 /** @type {[number, number, number]} */
 const ACCENT = [255, 196, 84];
@@ -64,6 +67,14 @@ const STEP_SECONDS = 0.2;
 const WON = new Set(["goal", "shift_over"]);
 
 /** @typedef {{player: string, name: string, present: boolean}} Seat */
+/** @typedef {ReturnType<typeof workInProgress>} Work */
+/**
+ * @typedef {{key: string, before: State | null, state: State, animation: Animation, work: Work,
+ *   then: Work, advances: boolean}} Animated
+ */
+/**
+ * @typedef {{state: State, step: number, before: State | null, seconds: number, at: number}} Shown
+ */
 /**
  * @typedef {{step: number, before: State | null, stepSeconds?: number | null, receivedAt: number,
  *   outcome?: {reason?: string} | null}} Moment
@@ -106,11 +117,11 @@ export class Kitchen {
     this.ready = this.sprites.load();
     this.motion = new Motion();
     this.layout = new Layout(300, 150, task.problem.width, task.problem.height, 1);
-    /** @type {{state: State, step: number, before: State | null, seconds: number, at: number} | null} */
+    /** @type {Shown | null} */
     this.shown = null;
     /** @type {{state: State, stage: SceneSprites}[]} */
     this.stages = [];
-    /** @type {{key: string, before: State | null, state: State, animation: Animation} | null} */
+    /** @type {Animated | null} What moves in the step, computed once for all its frames. */
     this.animated = null;
     /** @type {HTMLCanvasElement | null} */
     this.room = null;
@@ -119,6 +130,8 @@ export class Kitchen {
     /** @type {number | null} Time at which the outcome was first drawn. */
     this.ended = null;
     this.lastKey = "";
+    /** @type {Generator<[string, number]> | null} */
+    this.coming = null;
     /** @type {Map<string, number>} Number of the choice at which each name is. */
     this.tagPlaces = new Map();
     /** @type {Map<string, Pose>} */
@@ -129,7 +142,6 @@ export class Kitchen {
 
   /**
    * Show a state from now on. `before` is the state one step earlier, if it is known.
-   *
    * @param {State} state
    * @param {Moment} moment
    */
@@ -139,11 +151,7 @@ export class Kitchen {
     this.shown = { state, step, before, seconds, at: receivedAt };
   }
 
-  /**
-   * @param {number} cssWidth
-   * @param {number} cssHeight
-   * @param {number} pixelRatio
-   */
+  /** @param {number} cssWidth @param {number} cssHeight @param {number} pixelRatio */
   resize(cssWidth, cssHeight, pixelRatio = 1) {
     const [width, height] = [Math.round(cssWidth * pixelRatio), Math.round(cssHeight * pixelRatio)];
     this.canvas.width = Math.max(1, width);
@@ -152,11 +160,38 @@ export class Kitchen {
     this.layout = new Layout(width, height, columns, rows, pixelRatio);
     this.room = null;
     this.lastKey = "";
+    void this.ready.then(() => {
+      this.coming = this.likely();
+    });
+  }
+
+  /**
+   * Yield the pictures that the task is likely to need, with their sizes: one is drawn ahead with
+   * each frame, because many at once would delay a frame.
+   * @returns {Generator<[string, number]>}
+   */
+  *likely() {
+    const { look, task } = this;
+    const { tile } = this.layout;
+    for (const [index, name] of task.players.entries()) {
+      const kind = task.things.get(name)?.kind ?? "";
+      for (const side of /** @type {Side[]} */ (["front", "back", "left", "right"])) {
+        const looks = [false, true].map((full) => look.player(kind, index, side, full).asset);
+        const shut = look.shutEyes(kind, index, side);
+        for (const file of [...looks, shut, ...look.feet(kind, index, side)]) {
+          if (file) yield [file, tile];
+        }
+      }
+    }
+    for (const thing of task.things.values()) {
+      for (const file of look.files(thing.kind)) {
+        for (const size of sizesOf(look.scale(thing) * tile)) yield [file, size];
+      }
+    }
   }
 
   /**
    * Return the station at a point, or else the uppermost object there.
-   *
    * @param {number} cssX
    * @param {number} cssY
    * @returns {string | null}
@@ -178,8 +213,7 @@ export class Kitchen {
   }
 
   /**
-   * Return the middle of a picture in CSS pixels, and the side of a tile; null if it is not visible.
-   *
+   * Return the middle of a picture and the side of a tile in CSS pixels; null if it is not visible.
    * @param {string} name
    */
   spotOf(name) {
@@ -189,20 +223,12 @@ export class Kitchen {
     return { x: spot.x / ratio, y: spot.y / ratio, tile: tile / ratio };
   }
 
-  /**
-   * Return the look of a station, a player or a visible object, or null.
-   *
-   * @param {string} name
-   */
+  /** Return the look of a station, a player or a visible object, or null. @param {string} name */
   appearanceOf(name) {
     return this.shown && this.look.shown(this.stage(this.shown.state), name);
   }
 
-  /**
-   * Return everything to draw of a state; the newest few are cached.
-   *
-   * @param {State} state
-   */
+  /** Return everything to draw of a state; the newest few are cached. @param {State} state */
   stage(state) {
     const known = this.stages.find((each) => each.state === state);
     if (known) return known.stage;
@@ -213,12 +239,13 @@ export class Kitchen {
 
   /**
    * Draw the state at a time, if the picture has changed. Return whether it was drawn.
-   *
    * @param {number} now Seconds on the clock of `receivedAt`.
    */
   draw(now) {
     if (!this.shown) return false;
     const { state, before, step, seconds, at } = this.shown;
+    const [file, size] = this.coming?.next().value ?? [null, 0];
+    if (file) this.sprites.file(file, size);
     const still = this.reducedMotion;
     const passed = before ? Math.min(1, Math.max(0, (now - at) / seconds)) : 1;
     const poses = this.motion.poses(state, before, step, passed);
@@ -237,13 +264,13 @@ export class Kitchen {
     this.lastKey = key;
     this.poses = phase === passed ? poses : this.motion.poses(state, before, step, phase);
     this.spots = spots(this.layout, stage, this.poses);
-    this.paint({ state, before, stage, animation, postures, phase, time: step + phase });
+    const earlier = before ? spots(this.layout, this.stage(before), this.poses) : this.spots;
+    this.paint({ state, before, stage, animation, postures, phase, earlier, time: step + phase });
     return true;
   }
 
   /**
    * Return a text that changes whenever the picture would.
-   *
    * @param {number} phase
    * @param {Map<string, Gesture>} postures
    */
@@ -256,35 +283,30 @@ export class Kitchen {
     ]);
   }
 
-  /**
-   * @param {State} state
-   * @param {State | null} before
-   */
+  /** @param {State} state @param {State | null} before */
   animation(state, before) {
     const { outcome: key, animated } = this;
     if (animated?.state === state && animated.before === before && animated.key === key) {
       return animated.animation;
     }
     const animation = stepAnimation(this.look, state, before, this.outcome);
-    this.animated = { key, state, before, animation };
+    const [work, then] = [workInProgress(state), before ? workInProgress(before) : []];
+    const advances = JSON.stringify(before?.progress()) !== JSON.stringify(state.progress());
+    this.animated = { key, state, before, animation, work, then, advances };
     return animation;
   }
 
   /**
    * Return the visible phase of the step. Particles alone need fewer pictures.
-   *
    * @param {number} phase
    * @param {Animation} animation
    */
   visiblePhase(phase, { working, emissions, tools, travels }) {
-    const { state, before, step, seconds } = /** @type {NonNullable<Kitchen["shown"]>} */ (
-      this.shown
-    );
+    const { before, step, seconds } = /** @type {Shown} */ (this.shown);
     if (!before) return 1;
     const lively = !this.reducedMotion;
     const works = lively && working.size + tools.length > 0;
-    const advances = JSON.stringify(before.progress()) !== JSON.stringify(state.progress());
-    if (works || advances || travels.size > 0 || this.motion.walking(step)) return phase;
+    if (works || this.animated?.advances || travels.size > 0 || this.motion.walking(step)) return phase;
     if (!lively || emissions.length === 0) return 1;
     const pictures = Math.max(1, Math.round(EFFECT_PICTURES * seconds));
     return Math.floor(phase * pictures) / pictures;
@@ -307,20 +329,19 @@ export class Kitchen {
       if (isPlayer) this.player(frame, name);
       else this.pile(frame, name, 0);
     }
-    this.travels(frame);
+    const ways = this.travels(frame);
     if (frame.animation.tools.length > 0) this.tools(frame);
     if (!this.reducedMotion) this.particles(frame);
     this.pointedAt(frame.stage);
     const signs = [...this.progress(frame), ...this.signs(frame)];
     this.marked(frame.stage);
-    this.tags([...occupied(layout, frame.stage, this.poses, this.spots), ...signs]);
+    this.tags([...occupied(layout, frame.stage, this.poses, this.spots), ...signs, ...ways]);
   }
 
   // Room
 
   /**
    * Return everything behind what moves, drawn again only where a station looks different.
-   *
    * @param {SceneSprites} stage
    */
   background(stage) {
@@ -377,10 +398,7 @@ export class Kitchen {
     context.fill(line, "evenodd");
   }
 
-  /**
-   * @param {CanvasRenderingContext2D} context
-   * @param {Point} tile
-   */
+  /** @param {CanvasRenderingContext2D} context @param {Point} tile */
   floor(context, tile) {
     const { layout, look } = this;
     const row = layout.rows - 1 - tile[1];
@@ -394,11 +412,7 @@ export class Kitchen {
     else context.fillRect(x, y, layout.tile, layout.tile);
   }
 
-  /**
-   * @param {CanvasRenderingContext2D} context
-   * @param {number} left
-   * @param {number} foot
-   */
+  /** @param {CanvasRenderingContext2D} context @param {number} left @param {number} foot */
   wall(context, left, foot) {
     const { tile } = this.layout;
     const picture = this.sprites.file(this.look.rendering.floor?.wall, tile);
@@ -417,7 +431,6 @@ export class Kitchen {
 
   /**
    * Hang pictures on the wall, evenly from the middle of the kitchen to both sides.
-   *
    * @param {CanvasRenderingContext2D} context
    * @param {number} count Columns of the room.
    */
@@ -442,7 +455,6 @@ export class Kitchen {
 
   /**
    * Put things on the floor of the margins, where they are wide enough.
-   *
    * @param {CanvasRenderingContext2D} context
    * @param {number} rows
    * @param {number} columns
@@ -463,10 +475,7 @@ export class Kitchen {
 
   // Players and objects
 
-  /**
-   * @param {Frame} frame
-   * @param {string} name
-   */
+  /** @param {Frame} frame @param {string} name */
   player(frame, name) {
     const { context, look, sprites } = this;
     const { tile: size } = this.layout;
@@ -504,11 +513,7 @@ export class Kitchen {
     this.pile(frame, name, gesture.lift);
   }
 
-  /**
-   * @param {string | null | undefined} file
-   * @param {Spot} spot
-   * @param {number} size
-   */
+  /** @param {string | null | undefined} file @param {Spot} spot @param {number} size */
   picture(file, { x, y }, size) {
     const side = Math.max(1, Math.round(size));
     const picture = this.sprites.file(file, side);
@@ -519,7 +524,6 @@ export class Kitchen {
 
   /**
    * Draw the objects on a station or in a player's hands, some tiles higher.
-   *
    * @param {Frame} frame
    * @param {string} host
    * @param {number} lift
@@ -540,7 +544,6 @@ export class Kitchen {
 
   /**
    * Draw one object, and its contents if nothing lies on top.
-   *
    * @param {SpritePiece} piece
    * @param {Spot} spot
    */
@@ -564,27 +567,25 @@ export class Kitchen {
   }
 
   /**
-   * Draw objects on their way between two places, in a low arc.
-   *
+   * Draw objects on their way between two places, in a low arc. Return the areas of their ways.
    * @param {Frame} frame
    */
-  travels({ stage, before, animation, phase }) {
-    if (animation.travels.size === 0 || !before) return;
-    const earlier = spots(this.layout, this.stage(before), this.poses);
+  travels({ stage, earlier, animation, phase }) {
     const share = phase * phase * (3 - 2 * phase);
-    for (const piece of [...stage.piles.values()].flat()) {
+    /** @type {Box[]} */
+    const ways = [];
+    for (const piece of animation.travels.size > 0 ? [...stage.piles.values()].flat() : []) {
       const end = this.spots.get(piece.name);
       if (!animation.travels.has(piece.name) || !end) continue;
-      const on = between(earlier.get(piece.name) ?? end, end, share);
+      const start = earlier.get(piece.name) ?? end;
+      const on = between(start, end, share);
       this.piece(piece, up(on, ARC * Math.sin(Math.PI * share)));
+      ways.push(wayOf(piece, start, end));
     }
+    return ways;
   }
 
-  /**
-   * Draw tools over the objects that they work on.
-   *
-   * @param {Frame} frame
-   */
+  /** Draw tools over the objects that they work on. @param {Frame} frame */
   tools({ animation, time }) {
     for (const { tool, target } of animation.tools) {
       const spot = this.spots.get(target);
@@ -624,7 +625,6 @@ export class Kitchen {
 
   /**
    * Stroke a box with round corners inside its edge.
-   *
    * @param {Box} box
    * @param {number} width
    * @param {number} radius
@@ -641,7 +641,6 @@ export class Kitchen {
 
   /**
    * Mark the station under the mouse, below the objects and players there.
-   *
    * @param {SceneSprites} stage
    */
   highlight(stage) {
@@ -660,11 +659,7 @@ export class Kitchen {
     this.outline(inner, ratio, Math.max(1, radius - width), "rgb(59 47 47 / 59%)");
   }
 
-  /**
-   * Outline the station of the local player's last action.
-   *
-   * @param {SceneSprites} stage
-   */
+  /** Outline the station of the local player's last action. @param {SceneSprites} stage */
   marked(stage) {
     const tile = stage.placed.get(this.mark?.station ?? "")?.tile;
     if (!tile || !this.mark) return;
@@ -676,7 +671,6 @@ export class Kitchen {
 
   /**
    * Mark what signals point at, in the colour of the player who points.
-   *
    * @param {SceneSprites} stage
    */
   pointedAt(stage) {
@@ -687,15 +681,14 @@ export class Kitchen {
       const seat = this.task.players.indexOf(player);
       if (!at || seat < 0) continue;
       const width = Math.max(3, Math.floor(side / 14));
-      this.outline(this.layout.part(at, [0, 0, 1, 1]), width, side / 5, this.seatColours[seat]);
-      const inner = this.layout.part(at, [0.1, 0.1, 0.8, 0.8]);
-      this.outline(inner, width / 2, side / 5, this.seatColours[seat]);
+      const colour = ground(this.seatColours[seat]);
+      this.outline(this.layout.part(at, [0, 0, 1, 1]), width, side / 5, colour);
+      this.outline(this.layout.part(at, [0.1, 0.1, 0.8, 0.8]), width / 2, side / 5, colour);
     }
   }
 
   /**
    * Return the player that holds an object, or holds its container.
-   *
    * @param {SceneSprites} stage
    * @param {string} name
    */
@@ -710,18 +703,18 @@ export class Kitchen {
 
   /**
    * Draw the progress of work as rings at stations. Return the covered areas.
-   *
    * @param {Frame} frame
    * @returns {Box[]}
    */
-  progress({ state, before, stage, phase }) {
+  progress({ stage, phase }) {
+    const { work, then: earlier } = /** @type {Animated} */ (this.animated);
     const key = (/** @type {{action: string, arguments: string[]}} */ row) =>
       `${row.action}(${row.arguments})`;
-    const then = new Map((before ? workInProgress(before) : []).map((row) => [key(row), row.done]));
+    const then = new Map(earlier.map((row) => [key(row), row.done]));
     const side = Math.max(12, Math.round(0.46 * this.layout.tile));
     /** @type {Map<string, number>} */
     const taken = new Map();
-    return workInProgress(state).flatMap((row) => {
+    return work.flatMap((row) => {
       const holder = this.holderOf(stage, row.subject);
       const at = holder ? this.poses.get(holder)?.at : stage.placed.get(row.subject)?.tile;
       if (!at) return [];
@@ -741,7 +734,6 @@ export class Kitchen {
 
   /**
    * Draw a disc whose rim is filled by `steps` of RING_STEPS, with the action's icon or letter.
-   *
    * @param {{action: string, running: boolean}} row
    * @param {number} steps
    * @param {number} left
@@ -788,7 +780,6 @@ export class Kitchen {
 
   /**
    * Draw the icons of busy and rejected players. Return the covered areas.
-   *
    * @param {Frame} frame
    * @returns {Box[]}
    */
@@ -842,11 +833,7 @@ export class Kitchen {
     }
   }
 
-  /**
-   * Return the badge of a seat with the name of its participant.
-   *
-   * @param {string} player
-   */
+  /** Return the badge of a seat with the name of its participant. @param {string} player */
   tag(player) {
     const { context, layout, sprites } = this;
     const seat = this.task.players.indexOf(player);
@@ -862,7 +849,7 @@ export class Kitchen {
     const words = fitted(context, name, layout.tile * 1.5);
     const text = this.waitsFor.has(player) ? `${words}  …` : words;
     const letters = Math.ceil(context.measureText(text).width);
-    const height = Math.round(size * 1.05) + 2;
+    const height = Math.round(size * 0.92) + 2;
     const side = Math.round(height * 1.15);
     const badge = sprites.drawn(`badge ${seat} ${here}`, this.badge(seat, here), side);
     if (!badge) return null;
@@ -882,10 +869,7 @@ export class Kitchen {
     });
   }
 
-  /**
-   * @param {number} seat
-   * @param {boolean} here
-   */
+  /** @param {number} seat @param {boolean} here */
   badge(seat, here) {
     return badgeURL(seat, here ? this.seatColours[seat] : FAINT);
   }
@@ -893,12 +877,11 @@ export class Kitchen {
 
 /**
  * @typedef {{state: State, before: State | null, stage: SceneSprites, animation: Animation,
- *   postures: Map<string, Gesture>, phase: number, time: number}} Frame
+ *   postures: Map<string, Gesture>, phase: number, time: number, earlier: Map<string, Spot>}} Frame
  */
 
 /**
  * Return a text, cut off with an ellipsis if it is wider than `width`.
- *
  * @param {CanvasRenderingContext2D} context
  * @param {string} text
  * @param {number} width
@@ -914,7 +897,6 @@ function fitted(context, text, width) {
 
 /**
  * Return a seat's colour darkened until PAPER letters can be read on it (WCAG 2.2, 4.6 to 1).
- *
  * @param {string} colour
  */
 function ground(colour) {

@@ -18,7 +18,6 @@ const svgURL = (svg) => `data:image/svg+xml;charset=utf-8,${encodeURIComponent(s
 
 /**
  * Return the URL of an appearance's picture, for an `<img>`.
- *
  * @param {Look} look
  * @param {Appearance} appearance
  */
@@ -26,28 +25,20 @@ export function pictureURL(look, appearance) {
   return fileURL(look, appearance.asset) ?? svgURL(generated(appearance));
 }
 
-/**
- * @param {Look} look
- * @param {string | null | undefined} file
- */
+/** @param {Look} look @param {string | null | undefined} file */
 function fileURL(look, file) {
   const content = file ? look.pictures.get(file) : undefined;
   if (content === undefined) return null;
   return content.startsWith("data:") ? content : svgURL(content);
 }
 
-/**
- * Return a text as it may stand in an SVG.
- *
- * @param {string} text
- */
+/** Return a text as it may stand in an SVG. @param {string} text */
 function escaped(text) {
   return text.replace(/[^\p{L}\p{N} _-]/gu, (letter) => `&#${letter.codePointAt(0)};`);
 }
 
 /**
  * Return a tile for a kind without a picture: its name on a bench, a block or a figure.
- *
  * @param {Appearance} appearance
  */
 function generated({ kind, role, words, facing }) {
@@ -67,9 +58,10 @@ function generated({ kind, role, words, facing }) {
     middle = 87;
   } else if (role === "player") {
     const shift = facing === "left" ? -10 : facing === "right" ? 10 : 0;
-    const eye = (/** @type {number} */ x) => `<circle cx="${x + shift}" cy="35" r="4" fill="${INK}"/>`;
     shapes = box([31, 51, 38, 42, 14], 48) + box([25, 11, 50, 48, 24], 66);
-    if (facing !== "back") shapes += eye(41) + eye(59);
+    for (const x of facing === "back" ? [] : [41 + shift, 59 + shift]) {
+      shapes += `<circle cx="${x}" cy="35" r="4" fill="${INK}"/>`;
+    }
     middle = 78;
   }
   const ink = role === "station" ? PAPER : INK;
@@ -87,7 +79,6 @@ function generated({ kind, role, words, facing }) {
 
 /**
  * Return a regular polygon in a unit square; `dent` pushes every other corner in.
- *
  * @param {number} corners
  * @param {{turn?: number, dent?: number, reach?: number, down?: number}} shape
  * @returns {[number, number][]}
@@ -117,12 +108,7 @@ const SHAPES = [
   [[0.08, 0.3], [0.5, 0.3], [0.5, 0.05], [0.95, 0.5], [0.5, 0.95], [0.5, 0.7], [0.08, 0.7]],
 ];
 
-/**
- * Return the URL of a seat's badge, for an `<img>`.
- *
- * @param {number} seat
- * @param {string} colour
- */
+/** Return the URL of a seat's badge, for an `<img>`. @param {number} seat @param {string} colour */
 export function badgeURL(seat, colour = SEATS[seat % SEATS.length]) {
   const layers = [[1, INK], [0.84, PAPER], [0.64, colour]].map(([scale, ink]) => {
     const points = SHAPES[seat % SHAPES.length].map((corner) =>
@@ -136,10 +122,7 @@ export function badgeURL(seat, colour = SEATS[seat % SEATS.length]) {
 
 /** Pictures of a look, decoded once and drawn once for each size. */
 export class Sprites {
-  /**
-   * @param {Look} look
-   * @param {() => void} changed Called when a picture has been decoded.
-   */
+  /** @param {Look} look @param {() => void} changed Called when a picture has been decoded. */
   constructor(look, changed) {
     this.look = look;
     this.changed = changed;
@@ -158,10 +141,7 @@ export class Sprites {
     await Promise.all(files.map((file) => this.decode(file, fileURL(this.look, file) ?? "")));
   }
 
-  /**
-   * @param {string} key
-   * @param {string} url
-   */
+  /** @param {string} key @param {string} url */
   async decode(key, url) {
     if (this.images.has(key)) return;
     const image = new Image();
@@ -175,7 +155,6 @@ export class Sprites {
 
   /**
    * Return a file's picture as a square of a size in pixels, or null.
-   *
    * @param {string | null | undefined} file
    * @param {number} size
    */
@@ -186,7 +165,6 @@ export class Sprites {
 
   /**
    * Return an object's picture as a square of a size in pixels; null until it is decoded.
-   *
    * @param {Appearance} appearance
    * @param {number} size
    */
@@ -200,11 +178,7 @@ export class Sprites {
     return this.drawn(key, this.images.has(key) ? "" : svgURL(generated(appearance)), size);
   }
 
-  /**
-   * @param {string} key
-   * @param {string} url
-   * @param {number} size
-   */
+  /** @param {string} key @param {string} url @param {number} size */
   drawn(key, url, size) {
     const side = Math.max(1, Math.min(Math.round(size), MAX_SIDE));
     const image = this.images.get(key);
@@ -218,7 +192,6 @@ export class Sprites {
 
   /**
    * Return a canvas that is drawn once.
-   *
    * @param {string} key
    * @param {number} width
    * @param {number} height

@@ -9,7 +9,6 @@
 
 /**
  * One object of a scene.
- *
  * @typedef {object} Placed
  * @property {Thing} thing The object.
  * @property {Tile | null} tile Tile of the object or of its host.
@@ -26,7 +25,6 @@ const known = new WeakMap();
 
 /**
  * Return every object of a state by name, with its place. Do not modify the result: it is cached.
- *
  * @param {State} state
  * @returns {Map<string, Placed>}
  */
@@ -41,7 +39,6 @@ export function scene(state) {
 
 /**
  * Append a value to the list of a key.
- *
  * @template K, V
  * @param {Map<K, V[]>} lists
  * @param {K} key
@@ -53,10 +50,7 @@ export function append(lists, key, value) {
   else list.push(value);
 }
 
-/**
- * @param {State} state
- * @returns {Map<string, Placed>}
- */
+/** @param {State} state @returns {Map<string, Placed>} */
 function placed(state) {
   const { task } = state;
   /** @type {Map<string, string>} */
@@ -122,10 +116,7 @@ function placed(state) {
   return found;
 }
 
-/**
- * @param {string} name
- * @param {Map<string, string>} below
- */
+/** @param {string} name @param {Map<string, string>} below */
 function levelOf(name, below) {
   // A custom domain can put objects on each other in a circle, so visited ones are tracked.
   const seen = new Set([name]);
@@ -139,7 +130,6 @@ function levelOf(name, below) {
 
 /**
  * Return whether two tiles are the same.
- *
  * @param {Tile | null | undefined} one
  * @param {Tile | null | undefined} other
  */
@@ -149,7 +139,6 @@ export function sameTile(one, other) {
 
 /**
  * Return each player's tile next to its station, different from others if possible.
- *
  * @param {State} state
  * @param {Map<string, string>} at
  */
