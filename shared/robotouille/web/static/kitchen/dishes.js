@@ -34,11 +34,9 @@ const UNPLACED = 1_000_000;
 
 /**
  * Return the goal's dishes in order, or null if the goal cannot be drawn.
- * @param {Task} task
- * @param {Look} look
+ * @param {Task} task @param {Look} look
  * @param {Map<Variable, number>} levels Levels of the objects already in place.
- * @param {Term[]} terms
- * @returns {Dish[] | null}
+ * @param {Term[]} terms @returns {Dish[] | null}
  */
 export function dishes(task, look, levels = new Map(), terms = task.problem.goal ?? []) {
   look.task = task;
@@ -48,8 +46,7 @@ export function dishes(task, look, levels = new Map(), terms = task.problem.goal
 
 /**
  * Return the looks of an ordered dish's objects when it is ready, the lowest first.
- * @param {Task} task
- * @param {Look} look
+ * @param {Task} task @param {Look} look
  * @param {string} name Name of the dish on the menu of the shift.
  * @returns {Appearance[]}
  */
@@ -64,9 +61,7 @@ export function orderPictures(task, look, name) {
 
 class Goal {
   /**
-   * @param {Task} task
-   * @param {Look} look
-   * @param {Map<Variable, number>} levels
+   * @param {Task} task @param {Look} look @param {Map<Variable, number>} levels
    * @param {Term[]} terms
    */
   constructor(task, look, levels, terms) {
@@ -154,9 +149,7 @@ class Goal {
 
   /**
    * Yield an object and everything it carries, from the bottom up.
-   * @param {Variable} root
-   * @param {Set<Variable>} seen
-   * @returns {Generator<Layer>}
+   * @param {Variable} root @param {Set<Variable>} seen @returns {Generator<Layer>}
    */
   *layers(root, seen) {
     if (seen.has(root)) return;
@@ -269,8 +262,7 @@ class Goal {
 
   /**
    * Return whether an object is visible only in the picture of its container.
-   * @param {Variable} thing
-   * @param {Variable} carrier
+   * @param {Variable} thing @param {Variable} carrier
    */
   shownBy(thing, carrier) {
     const inside = this.look.entity(this.kind(carrier))?.assets.named.get(this.kind(thing));

@@ -15,7 +15,7 @@ const MARGIN = 8;
 const WALL = 1;
 const LOW_WALL = 0.55;
 /** Canvas side divided by the letters' height. */
-const LETTERS = 45;
+const LETTERS = 40;
 /** Tiles by which a player is drawn above its tile. */
 export const RAISED = 0.12;
 /** Top of a player's picture below the top of its tile, in tiles. */
@@ -30,10 +30,7 @@ const HELD = { front: [0, 0.18], right: [0.35, 0.09], left: [-0.35, 0.09], back:
 /** Grid of square tiles with a wall above. */
 export class Layout {
   /**
-   * @param {number} width
-   * @param {number} height
-   * @param {number} columns
-   * @param {number} rows
+   * @param {number} width @param {number} height @param {number} columns @param {number} rows
    * @param {number} ratio Device pixels in a CSS pixel.
    */
   constructor(width, height, columns, rows, ratio) {
@@ -63,8 +60,7 @@ export class Layout {
 
   /**
    * Return the upper left pixel of a tile, or of a point between tiles.
-   * @param {Point} tile
-   * @returns {Point}
+   * @param {Point} tile @returns {Point}
    */
   corner([x, y]) {
     return [this.left + x * this.tile, this.top + (this.rows - 1 - y) * this.tile];
@@ -80,9 +76,7 @@ export class Layout {
 
   /**
    * Return a part of a tile, given in tiles.
-   * @param {Point} tile
-   * @param {Box} part
-   * @returns {Box}
+   * @param {Point} tile @param {Box} part @returns {Box}
    */
   part(tile, [left, top, width, height]) {
     const [x, y] = this.corner(tile);
@@ -96,10 +90,7 @@ export const up = ({ x, y, tile }, tiles) => ({ x, y: y - tiles * tile, tile });
 
 /**
  * Return a spot between two, with one of a few tile sizes: each size is another picture.
- * @param {Spot} from
- * @param {Spot} to
- * @param {number} share
- * @returns {Spot}
+ * @param {Spot} from @param {Spot} to @param {number} share @returns {Spot}
  */
 export function between(from, to, share) {
   return {
@@ -123,10 +114,7 @@ function around({ scale }, { x, y, tile }) {
 
 /**
  * Return the area that an object passes through.
- * @param {SpritePiece} piece
- * @param {Spot} from
- * @param {Spot} to
- * @returns {Box}
+ * @param {SpritePiece} piece @param {Spot} from @param {Spot} to @returns {Box}
  */
 export function wayOf(piece, from, to) {
   const [[x, y, w, h], [u, v, wide, high]] = [around(piece, from), around(piece, to)];
@@ -136,11 +124,8 @@ export function wayOf(piece, from, to) {
 
 /**
  * Return the spot of the lowest object on a station, on the floor or in a player's hands.
- * @param {Layout} layout
- * @param {SceneSprites} stage
- * @param {string} host
- * @param {Map<string, Pose>} poses
- * @returns {Spot | null}
+ * @param {Layout} layout @param {SceneSprites} stage @param {string} host
+ * @param {Map<string, Pose>} poses @returns {Spot | null}
  */
 function pileSpot(layout, stage, host, poses) {
   const pose = poses.get(host);
@@ -157,9 +142,7 @@ function pileSpot(layout, stage, host, poses) {
 
 /**
  * Return the spots of all players, stations and objects.
- * @param {Layout} layout
- * @param {SceneSprites} stage
- * @param {Map<string, Pose>} poses
+ * @param {Layout} layout @param {SceneSprites} stage @param {Map<string, Pose>} poses
  */
 export function spots(layout, stage, poses) {
   /** @type {Map<string, Spot>} */
@@ -187,11 +170,8 @@ export function spots(layout, stage, poses) {
 
 /**
  * Return the areas that no label may cover: players, objects, and the worktops of used stations.
- * @param {Layout} layout
- * @param {SceneSprites} stage
- * @param {Map<string, Pose>} poses
- * @param {Map<string, Spot>} all
- * @returns {Box[]}
+ * @param {Layout} layout @param {SceneSprites} stage @param {Map<string, Pose>} poses
+ * @param {Map<string, Spot>} all @returns {Box[]}
  */
 export function occupied(layout, stage, poses, all) {
   const areas = [...poses.values()].map(({ at }) => layout.part(at, [0.2, HEAD, 0.6, 0.96]));
@@ -211,10 +191,7 @@ export function occupied(layout, stage, poses, all) {
 /**
  * Return the first choice for a label that overlaps nothing, or undefined.
  * @param {Point[]} choices Upper left corners, the preferred one first.
- * @param {Point} size
- * @param {Layout} layout
- * @param {Box[]} taken
- * @returns {Box | undefined}
+ * @param {Point} size @param {Layout} layout @param {Box[]} taken @returns {Box | undefined}
  */
 export function freePlace(choices, [width, height], layout, taken) {
   const clamped = choices.map(([x, y]) => {

@@ -119,9 +119,7 @@ function* parts(art) {
 
 /**
  * Return the member of a group, or the picture itself, whose conditions hold and are most.
- * @param {Art} art
- * @param {Set<string>} own
- * @param {string[][]} related
+ * @param {Art} art @param {Set<string>} own @param {string[][]} related
  * @param {Map<string, number>} doing
  */
 function chosen(art, own, related, doing) {
@@ -140,8 +138,7 @@ function chosen(art, own, related, doing) {
 }
 
 /**
- * @param {{name: string, params: string[]}} trait
- * @param {Set<string>} own
+ * @param {{name: string, params: string[]}} trait @param {Set<string>} own
  * @param {string[][]} related
  */
 function traitHolds({ name, params }, own, related) {
@@ -156,8 +153,7 @@ function traitHolds({ name, params }, own, related) {
 
 /**
  * Return the picture to show during actions, given the share of each that is done.
- * @param {Art} art
- * @param {Map<string, number>} doing
+ * @param {Art} art @param {Map<string, number>} doing
  */
 function stageOf(art, doing) {
   const { stages } = art;
@@ -267,9 +263,7 @@ export class Look {
    * Return the look of an object other than a player.
    * @param {Placed} each
    * @param {Map<string, Placed[]>} inside Objects in each container.
-   * @param {Related} related
-   * @param {Doing} doing
-   * @returns {Appearance}
+   * @param {Related} related @param {Doing} doing @returns {Appearance}
    */
   appearance({ thing, facts }, inside, related, doing = new Map()) {
     const entity = this.entity(thing.kind);
@@ -301,9 +295,7 @@ export class Look {
 
   /**
    * Return the look of a station, a player or an object that is visible by itself.
-   * @param {SceneSprites} stage
-   * @param {string} name
-   * @returns {Appearance | null}
+   * @param {SceneSprites} stage @param {string} name @returns {Appearance | null}
    */
   shown(stage, name) {
     const station = stage.stations.get(name);
@@ -318,8 +310,7 @@ export class Look {
 
   /**
    * Return what people call a kind and its state, such as `toasted bottom bun`.
-   * @param {string} kind
-   * @param {Iterable<string>} facts
+   * @param {string} kind @param {Iterable<string>} facts
    */
   words(kind, facts) {
     const all = new Set(facts);
@@ -341,10 +332,7 @@ export class Look {
 
   /**
    * Return the look of the player in a seat from one side.
-   * @param {string} kind
-   * @param {number} index
-   * @param {Side} facing
-   * @returns {Appearance}
+   * @param {string} kind @param {number} index @param {Side} facing @returns {Appearance}
    */
   player(kind, index, facing, carrying = false) {
     const facings = this.facings(kind, index);
@@ -355,8 +343,7 @@ export class Look {
 
   /**
    * Return the look of a player with raised arms, or else from the front.
-   * @param {string} kind
-   * @param {number} index
+   * @param {string} kind @param {number} index
    */
   cheering(kind, index) {
     const asset = this.facings(kind, index)?.cheering;
@@ -366,10 +353,7 @@ export class Look {
 
   /**
    * Return the picture of a player's shut eyes from one side, or null.
-   * @param {string} kind
-   * @param {number} index
-   * @param {Side} facing
-   * @returns {string | null}
+   * @param {string} kind @param {number} index @param {Side} facing @returns {string | null}
    */
   shutEyes(kind, index, facing) {
     return facing === "back" ? null : (this.facings(kind, index)?.shut?.[facing] ?? null);
@@ -377,10 +361,7 @@ export class Look {
 
   /**
    * Return the pictures of a player's stride from one side.
-   * @param {string} kind
-   * @param {number} index
-   * @param {Side} facing
-   * @returns {string[]}
+   * @param {string} kind @param {number} index @param {Side} facing @returns {string[]}
    */
   feet(kind, index, facing) {
     const frames = this.facings(kind, index)?.feet?.[facing] ?? [];
@@ -394,11 +375,8 @@ export class Look {
   }
 
   /**
-   * @param {Placed[]} things
-   * @param {Map<string, Placed>} placed
-   * @param {Map<string, Placed[]>} inside
-   * @param {Related} related
-   * @param {Doing} doing
+   * @param {Placed[]} things @param {Map<string, Placed>} placed
+   * @param {Map<string, Placed[]>} inside @param {Related} related @param {Doing} doing
    */
   pile(things, placed, inside, related, doing) {
     let rise = 0;
@@ -491,9 +469,7 @@ export function insides(placed) {
 
 /**
  * Return everything added to an object or to what is inside it, at any depth.
- * @param {string} name
- * @param {Map<string, Placed>} placed
- * @param {Map<string, Placed[]>} inside
+ * @param {string} name @param {Map<string, Placed>} placed @param {Map<string, Placed[]>} inside
  */
 function contentsOf(name, placed, inside) {
   /** @type {Set<string>} */

@@ -23,9 +23,7 @@ const ASIDE = 0.3;
 
 /**
  * Return the point at a share of a path, the direction there and the share of its tile.
- * @param {Point[]} path
- * @param {number} share
- * @returns {[Point, Point, number]}
+ * @param {Point[]} path @param {number} share @returns {[Point, Point, number]}
  */
 export function along(path, share) {
   const legs = path.length - 1;
@@ -39,8 +37,7 @@ export function along(path, share) {
 
 /**
  * Return which side of a player is seen when it looks along a vector.
- * @param {Point} direction
- * @returns {Side}
+ * @param {Point} direction @returns {Side}
  */
 export function looking([dx, dy]) {
   if (Math.abs(dx) > Math.abs(dy)) return dx > 0 ? "right" : "left";
@@ -67,10 +64,7 @@ export class Motion {
 
   /**
    * Return the pose of each player, `phase` of the way from the previous state to `state`.
-   * @param {State} state
-   * @param {State | null} before
-   * @param {number} step
-   * @param {number} phase
+   * @param {State} state @param {State | null} before @param {number} step @param {number} phase
    */
   poses(state, before, step, phase) {
     const now = scene(state);
@@ -178,7 +172,7 @@ const STRIDES = 4;
 /** Strokes of a tool in a step, and of the arms that hold it. */
 export const BEATS = 2;
 /** Seconds for which players cheer, or are disappointed, after the end of a game. */
-const CHEER_SECONDS = 2.2;
+export const CHEER_SECONDS = 2.2;
 const STEP = 0.06;
 const EFFORT = 0.03;
 const JOY = 0.13;
@@ -192,8 +186,7 @@ const AWAKE = 3.1;
 
 /**
  * Return the gesture of each player.
- * @param {Map<string, Pose>} poses
- * @param {Animation} animation
+ * @param {Map<string, Pose>} poses @param {Animation} animation
  * @param {{phase: number, seconds: number, since: number | null, outcome: string, still: boolean,
  *   held: Set<string>}} moment `since` is the time since the end of the game.
  * @returns {Map<string, Gesture>}
@@ -212,9 +205,7 @@ export function gestures(poses, animation, moment) {
 }
 
 /**
- * @param {Pose} pose
- * @param {boolean} works
- * @param {number} number
+ * @param {Pose} pose @param {boolean} works @param {number} number
  * @param {{phase: number, seconds: number, since: number | null, outcome: string,
  *   still: boolean}} moment
  * @returns {Gesture}
@@ -263,9 +254,7 @@ function gestureOf(pose, works, number, { phase, seconds, since, outcome, still 
 
 /**
  * Return what moves between two moments, or at the first moment of a game.
- * @param {Look} look
- * @param {State} state
- * @param {State | null} before
+ * @param {Look} look @param {State} state @param {State | null} before
  * @param {string} outcome Whether the game was `won` or `lost` with this step; else empty.
  * @returns {Animation}
  */
@@ -313,9 +302,7 @@ export function stepAnimation(look, state, before, outcome) {
 
 /**
  * Return repeated actions that were done once more, each with its object.
- * @param {State} state
- * @param {State} before
- * @returns {[string, string][]}
+ * @param {State} state @param {State} before @returns {[string, string][]}
  */
 function advancedBetween(state, before) {
   const rows = (/** @type {State} */ each) =>
@@ -335,8 +322,7 @@ function advancedBetween(state, before) {
 
 /**
  * Yield objects that have a new carrier and were visible on the old one.
- * @param {SceneSprites} stage
- * @param {SceneSprites} earlier
+ * @param {SceneSprites} stage @param {SceneSprites} earlier
  */
 function* travels(stage, earlier) {
   for (const [host, pieces] of stage.piles) {
@@ -349,8 +335,7 @@ function* travels(stage, earlier) {
 
 /**
  * Return the station an object is on, however deeply it is nested.
- * @param {SceneSprites} stage
- * @param {string} name
+ * @param {SceneSprites} stage @param {string} name
  */
 function stationOf(stage, name) {
   let host = stage.placed.get(name)?.host ?? null;

@@ -3,7 +3,7 @@
 import { workInProgress } from "../rules/work.js";
 import { HEAD, Layout, RAISED, between, freePlace, occupied, sizesOf } from "./layout.js";
 import { spots, up, wayOf } from "./layout.js";
-import { BEATS, Motion, gestures, stepAnimation } from "./motion.js";
+import { BEATS, CHEER_SECONDS, Motion, gestures, stepAnimation } from "./motion.js";
 import { INK, PAPER, SEATS, Sprites, badgeURL } from "./pictures.js";
 
 /** @typedef {import("../rules/task.js").Task} Task */
@@ -82,9 +82,7 @@ const WON = new Set(["goal", "shift_over"]);
 
 export class Kitchen {
   /**
-   * @param {HTMLCanvasElement} canvas
-   * @param {Task} task
-   * @param {Look} look
+   * @param {HTMLCanvasElement} canvas @param {Task} task @param {Look} look
    * @param {{me?: string | null, reducedMotion?: boolean}} options
    */
   constructor(canvas, task, look, { me = null, reducedMotion = false } = {}) {
@@ -119,6 +117,8 @@ export class Kitchen {
     this.layout = new Layout(300, 150, task.problem.width, task.problem.height, 1);
     /** @type {Shown | null} */
     this.shown = null;
+    /** Number of states shown so far. */
+    this.changes = 0;
     /** @type {{state: State, stage: SceneSprites}[]} */
     this.stages = [];
     /** @type {Animated | null} What moves in the step, computed once for all its frames. */
@@ -142,12 +142,12 @@ export class Kitchen {
 
   /**
    * Show a state from now on. `before` is the state one step earlier, if it is known.
-   * @param {State} state
-   * @param {Moment} moment
+   * @param {State} state @param {Moment} moment
    */
   show(state, { step, before, stepSeconds, receivedAt, outcome }) {
     const seconds = stepSeconds && stepSeconds > 0 ? stepSeconds : STEP_SECONDS;
     this.outcome = !outcome ? "" : WON.has(outcome.reason ?? "") ? "won" : "lost";
+    if (this.shown?.state !== state || this.shown.step !== step) this.changes += 1;
     this.shown = { state, step, before, seconds, at: receivedAt };
   }
 
@@ -192,9 +192,7 @@ export class Kitchen {
 
   /**
    * Return the station at a point, or else the uppermost object there.
-   * @param {number} cssX
-   * @param {number} cssY
-   * @returns {string | null}
+   * @param {number} cssX @param {number} cssY @returns {string | null}
    */
   targetAt(cssX, cssY) {
     const { ratio } = this.layout;
@@ -242,9 +240,10 @@ export class Kitchen {
    * @param {number} now Seconds on the clock of `receivedAt`.
    */
   draw(now) {
-    if (!this.shown) return false;
+    // Each picture that is still decoded would change the room.
+    if (!this.shown || !this.coming) return false;
     const { state, before, step, seconds, at } = this.shown;
-    const [file, size] = this.coming?.next().value ?? [null, 0];
+    const [file, size] = this.coming.next().value ?? [null, 0];
     if (file) this.sprites.file(file, size);
     const still = this.reducedMotion;
     const passed = before ? Math.min(1, Math.max(0, (now - at) / seconds)) : 1;
@@ -265,21 +264,22 @@ export class Kitchen {
     this.poses = phase === passed ? poses : this.motion.poses(state, before, step, phase);
     this.spots = spots(this.layout, stage, this.poses);
     const earlier = before ? spots(this.layout, this.stage(before), this.poses) : this.spots;
-    this.paint({ state, before, stage, animation, postures, phase, earlier, time: step + phase });
+    // Stars go on flying while the players cheer.
+    const time = step + phase + Math.min(since ?? 0, CHEER_SECONDS) / seconds;
+    this.paint({ state, before, stage, animation, postures, phase, earlier, time });
     return true;
   }
 
   /**
    * Return a text that changes whenever the picture would.
-   * @param {number} phase
-   * @param {Map<string, Gesture>} postures
+   * @param {number} phase @param {Map<string, Gesture>} postures
    */
   key(phase, postures) {
-    const { shown, sprites, me, hover, mark, pointing } = this;
+    const { sprites, me, hover, mark, pointing } = this;
     return JSON.stringify([
-      shown?.step, phase, sprites.revision, me, hover, mark, pointing, this.outcome,
+      phase, sprites.revision, me, hover, mark, pointing, this.outcome,
       [...postures.values()], this.seats, [...this.waitsFor], [...this.rejected],
-      this.stages.findIndex((each) => each.state === shown?.state),
+      this.changes,
     ]);
   }
 
@@ -298,15 +298,15 @@ export class Kitchen {
 
   /**
    * Return the visible phase of the step. Particles alone need fewer pictures.
-   * @param {number} phase
-   * @param {Animation} animation
+   * @param {number} phase @param {Animation} animation
    */
   visiblePhase(phase, { working, emissions, tools, travels }) {
     const { before, step, seconds } = /** @type {Shown} */ (this.shown);
     if (!before) return 1;
     const lively = !this.reducedMotion;
     const works = lively && working.size + tools.length > 0;
-    if (works || this.animated?.advances || travels.size > 0 || this.motion.walking(step)) return phase;
+    const moves = works || travels.size > 0 || this.motion.walking(step);
+    if (moves || this.animated?.advances) return phase;
     if (!lively || emissions.length === 0) return 1;
     const pictures = Math.max(1, Math.round(EFFECT_PICTURES * seconds));
     return Math.floor(phase * pictures) / pictures;
@@ -455,9 +455,7 @@ export class Kitchen {
 
   /**
    * Put things on the floor of the margins, where they are wide enough.
-   * @param {CanvasRenderingContext2D} context
-   * @param {number} rows
-   * @param {number} columns
+   * @param {CanvasRenderingContext2D} context @param {number} rows @param {number} columns
    */
   stand(context, rows, columns) {
     const { layout } = this;
@@ -524,9 +522,7 @@ export class Kitchen {
 
   /**
    * Draw the objects on a station or in a player's hands, some tiles higher.
-   * @param {Frame} frame
-   * @param {string} host
-   * @param {number} lift
+   * @param {Frame} frame @param {string} host @param {number} lift
    */
   pile(frame, host, lift) {
     const { travels, shaken } = frame.animation;
@@ -544,8 +540,7 @@ export class Kitchen {
 
   /**
    * Draw one object, and its contents if nothing lies on top.
-   * @param {SpritePiece} piece
-   * @param {Spot} spot
+   * @param {SpritePiece} piece @param {Spot} spot
    */
   piece({ appearance, scale, contents }, { x, y, tile }, whole = true) {
     const size = Math.max(1, Math.round(scale * tile));
@@ -606,7 +601,7 @@ export class Kitchen {
       if (!spot) continue;
       const { count = 3, steps = 3, start = 0, rise = 0.4, spread = 0.12 } = effect;
       const [first, last] = effect.size ?? [0.1, 0.2];
-      for (let number = 0; number < count; number += 1) {
+      for (let number = 0; number < Math.min(count, 8); number += 1) {
         const age = (time / steps + number / count) % 1;
         const look = Math.round(age * FRAMES) / FRAMES;
         // The golden ratio spreads the particles evenly, without a random generator.
@@ -625,10 +620,7 @@ export class Kitchen {
 
   /**
    * Stroke a box with round corners inside its edge.
-   * @param {Box} box
-   * @param {number} width
-   * @param {number} radius
-   * @param {string} colour
+   * @param {Box} box @param {number} width @param {number} radius @param {string} colour
    */
   outline([x, y, w, h], width, radius, colour) {
     const { context } = this;
@@ -689,8 +681,7 @@ export class Kitchen {
 
   /**
    * Return the player that holds an object, or holds its container.
-   * @param {SceneSprites} stage
-   * @param {string} name
+   * @param {SceneSprites} stage @param {string} name
    */
   holderOf(stage, name) {
     let host = stage.placed.get(name)?.host ?? null;
@@ -703,8 +694,7 @@ export class Kitchen {
 
   /**
    * Draw the progress of work as rings at stations. Return the covered areas.
-   * @param {Frame} frame
-   * @returns {Box[]}
+   * @param {Frame} frame @returns {Box[]}
    */
   progress({ stage, phase }) {
     const { work, then: earlier } = /** @type {Animated} */ (this.animated);
@@ -734,11 +724,8 @@ export class Kitchen {
 
   /**
    * Draw a disc whose rim is filled by `steps` of RING_STEPS, with the action's icon or letter.
-   * @param {{action: string, running: boolean}} row
-   * @param {number} steps
-   * @param {number} left
-   * @param {number} top
-   * @param {number} side
+   * @param {{action: string, running: boolean}} row @param {number} steps @param {number} left
+   * @param {number} top @param {number} side
    */
   ring({ action, running }, steps, left, top, side) {
     const { context, sprites } = this;
@@ -780,8 +767,7 @@ export class Kitchen {
 
   /**
    * Draw the icons of busy and rejected players. Return the covered areas.
-   * @param {Frame} frame
-   * @returns {Box[]}
+   * @param {Frame} frame @returns {Box[]}
    */
   signs({ state }) {
     const side = Math.round(0.3 * this.layout.tile);
@@ -840,7 +826,7 @@ export class Kitchen {
     const participant = this.seats.find((each) => each.player === player);
     const here = !participant?.name || participant.present;
     const size = Math.max(10 * layout.ratio, Math.min(layout.text, Math.floor(layout.tile / 6)));
-    const font = `bold ${Math.round(size * 0.86)}px ${FONT}`;
+    const font = `bold ${Math.round(size * 0.9)}px ${FONT}`;
     const name = participant?.name || player;
     const key = JSON.stringify(["tag", player, name, here, this.waitsFor.has(player), size]);
     const known = sprites.cache.get(key);
@@ -849,7 +835,7 @@ export class Kitchen {
     const words = fitted(context, name, layout.tile * 1.5);
     const text = this.waitsFor.has(player) ? `${words}  …` : words;
     const letters = Math.ceil(context.measureText(text).width);
-    const height = Math.round(size * 0.92) + 2;
+    const height = Math.round(size * 0.95) + 2;
     const side = Math.round(height * 1.15);
     const badge = sprites.drawn(`badge ${seat} ${here}`, this.badge(seat, here), side);
     if (!badge) return null;
@@ -882,9 +868,7 @@ export class Kitchen {
 
 /**
  * Return a text, cut off with an ellipsis if it is wider than `width`.
- * @param {CanvasRenderingContext2D} context
- * @param {string} text
- * @param {number} width
+ * @param {CanvasRenderingContext2D} context @param {string} text @param {number} width
  */
 function fitted(context, text, width) {
   if (context.measureText(text).width <= width) return text;

@@ -18,8 +18,7 @@ const svgURL = (svg) => `data:image/svg+xml;charset=utf-8,${encodeURIComponent(s
 
 /**
  * Return the URL of an appearance's picture, for an `<img>`.
- * @param {Look} look
- * @param {Appearance} appearance
+ * @param {Look} look @param {Appearance} appearance
  */
 export function pictureURL(look, appearance) {
   return fileURL(look, appearance.asset) ?? svgURL(generated(appearance));
@@ -46,34 +45,36 @@ function generated({ kind, role, words, facing }) {
   let hash = 0x811c9dc5;
   for (const letter of kind) hash = Math.imul(hash ^ (letter.codePointAt(0) ?? 0), 0x01000193);
   const hue = (hash >>> 4) % 360;
-  const fill = (/** @type {number} */ light) => `hsl(${hue} 45% ${light}%)`;
-  const box = (/** @type {number[]} */ [x, y, w, h, r], /** @type {number} */ light) =>
-    `<rect x="${x}" y="${y}" width="${w}" height="${h}" rx="${r}" fill="${fill(light)}"/>`;
+  const box = (/** @type {number[]} */ [x, y, width, height, radius, light], line = 3) =>
+    `<rect x="${x}" y="${y}" width="${width}" height="${height}" rx="${radius}" ` +
+    `fill="hsl(${hue} 40% ${light}%)" stroke="${INK}" stroke-width="${line}"/>`;
   const lines = [kind, ...words.split(" ").slice(0, 2)].filter(Boolean);
-  const size = lines.length > 1 ? 15 : 18;
-  let shapes = box([9, 19, 82, 66, role === "container" ? 30 : 14], 66);
-  let middle = 52;
+  let [middle, size, room] = [52, lines.length > 1 ? 14 : 17, 76];
+  let shapes = box([9, 19, 82, 66, role === "container" ? 30 : 14, 68]);
   if (role === "station") {
-    shapes = box([2, 11, 96, 87, 5], 42) + box([2, 2, 96, 72, 5], 72);
-    middle = 87;
+    shapes = box([2, 11, 96, 87, 5, 42]) + box([2, 2, 96, 72, 5, 74]);
+    [middle, size, room] = [87, 13 / Math.sqrt(lines.length), 88];
   } else if (role === "player") {
     const shift = facing === "left" ? -10 : facing === "right" ? 10 : 0;
-    shapes = box([31, 51, 38, 42, 14], 48) + box([25, 11, 50, 48, 24], 66);
+    shapes = box([31, 51, 38, 42, 14, 48]) + box([25, 11, 50, 48, 24, 66]);
     for (const x of facing === "back" ? [] : [41 + shift, 59 + shift]) {
-      shapes += `<circle cx="${x}" cy="35" r="4" fill="${INK}"/>`;
+      shapes += `<ellipse cx="${x}" cy="35" rx="5" ry="7" fill="${PAPER}"/>`;
+      shapes += `<ellipse cx="${x}" cy="35" rx="2.5" ry="3.5" fill="${INK}"/>`;
     }
-    middle = 78;
+    [middle, size, room] = [76, 11, 36];
   }
+  if (role === "station") shapes += box([7, 6, 86, 5, 2, 88], 0);
+  else if (role !== "player") shapes += box([20, 25, 60, 6, 3, 84], 0);
   const ink = role === "station" ? PAPER : INK;
   const text = lines.map((line, i) => {
-    const fit = Math.min(size, 160 / Math.max(1, line.length));
+    const fit = Math.min(size, (1.7 * room) / Math.max(1, line.length));
     const y = middle + (i - (lines.length - 1) / 2) * size + fit * 0.35;
     return `<text x="50" y="${y}" font-size="${fit}" fill="${ink}">${escaped(line)}</text>`;
   });
   const style = `text-anchor="middle" font-family="sans-serif" font-weight="bold"`;
   return (
     `<svg xmlns="http://www.w3.org/2000/svg" width="100" height="100" viewBox="0 0 100 100">` +
-    `<g stroke="${INK}" stroke-width="3">${shapes}</g><g ${style}>${text.join("")}</g></svg>`
+    `${shapes}<g ${style}>${text.join("")}</g></svg>`
   );
 }
 
@@ -155,8 +156,7 @@ export class Sprites {
 
   /**
    * Return a file's picture as a square of a size in pixels, or null.
-   * @param {string | null | undefined} file
-   * @param {number} size
+   * @param {string | null | undefined} file @param {number} size
    */
   file(file, size) {
     const url = fileURL(this.look, file);
@@ -165,8 +165,7 @@ export class Sprites {
 
   /**
    * Return an object's picture as a square of a size in pixels; null until it is decoded.
-   * @param {Appearance} appearance
-   * @param {number} size
+   * @param {Appearance} appearance @param {number} size
    */
   of(appearance, size) {
     const { asset, kind, role, words, facing } = appearance;
@@ -192,9 +191,7 @@ export class Sprites {
 
   /**
    * Return a canvas that is drawn once.
-   * @param {string} key
-   * @param {number} width
-   * @param {number} height
+   * @param {string} key @param {number} width @param {number} height
    * @param {(context: CanvasRenderingContext2D) => void} draw
    */
   kept(key, width, height, draw) {

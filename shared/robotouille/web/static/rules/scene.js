@@ -25,8 +25,7 @@ const known = new WeakMap();
 
 /**
  * Return every object of a state by name, with its place. Do not modify the result: it is cached.
- * @param {State} state
- * @returns {Map<string, Placed>}
+ * @param {State} state @returns {Map<string, Placed>}
  */
 export function scene(state) {
   let found = known.get(state);
@@ -40,9 +39,7 @@ export function scene(state) {
 /**
  * Append a value to the list of a key.
  * @template K, V
- * @param {Map<K, V[]>} lists
- * @param {K} key
- * @param {V} value
+ * @param {Map<K, V[]>} lists @param {K} key @param {V} value
  */
 export function append(lists, key, value) {
   const list = lists.get(key);
@@ -130,8 +127,7 @@ function levelOf(name, below) {
 
 /**
  * Return whether two tiles are the same.
- * @param {Tile | null | undefined} one
- * @param {Tile | null | undefined} other
+ * @param {Tile | null | undefined} one @param {Tile | null | undefined} other
  */
 export function sameTile(one, other) {
   return !!one && !!other && one[0] === other[0] && one[1] === other[1];
@@ -139,8 +135,7 @@ export function sameTile(one, other) {
 
 /**
  * Return each player's tile next to its station, different from others if possible.
- * @param {State} state
- * @param {Map<string, string>} at
+ * @param {State} state @param {Map<string, string>} at
  */
 function tilesOfPlayers(state, at) {
   const { task } = state;
@@ -170,11 +165,8 @@ function tilesOfPlayers(state, at) {
 }
 
 /**
- * @param {State} state
- * @param {Thing} thing
- * @param {Tile | null} tile
- * @param {string | undefined} station
- * @returns {Tile | null}
+ * @param {State} state @param {Thing} thing @param {Tile | null} tile
+ * @param {string | undefined} station @returns {Tile | null}
  */
 function facingOf(state, thing, tile, station) {
   if (!state.task.playerTypes.has(thing.type) || tile === null) return null;
