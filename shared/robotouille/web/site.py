@@ -9,6 +9,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -24,6 +25,7 @@ from robotouille.installation import data_folder
 
 STATIC = Path(__file__).parent / "static"
 PAGE = "index.html"
+FIRST_TEXTS = "texts/en.js"
 DEFAULTS = "published_defaults"
 """File in the folder of the domains that is not a domain."""
 KINDS = {
@@ -78,7 +80,7 @@ class WebSite:
     def page(self) -> WebFile:
         """The first page, with the addresses of all modules."""
         text = (self._makers[PAGE])().decode()
-        scripts = (name for name in sorted(self._makers) if name.endswith(".js"))
+        scripts = (name for name in sorted(self._makers) if _is_needed_first(name))
         links = "\n".join(f'    <link rel="modulepreload" href="{{files}}/{n}">' for n in scripts)
         text = text.replace("{modules}", links.strip()).replace("{files}", f"play/{self.version}")
         return WebFile.of(PAGE, text.encode())
@@ -101,18 +103,39 @@ class WebSite:
         return found.hexdigest()[:16]
 
 
+def _is_needed_first(name: str) -> bool:
+    """Return whether every visit needs a file: a module, except the texts of other languages."""
+    return name.endswith(".js") and (not name.startswith("texts/") or name == FIRST_TEXTS)
+
+
 Maker = Callable[[], bytes]
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Maker]]:
     for path in sorted(folder.rglob("*")):
         if path.suffix in KINDS:
-            yield path.relative_to(folder).as_posix(), path.read_bytes
+            make = partial(_module, path) if path.suffix == ".js" else path.read_bytes
+            yield path.relative_to(folder).as_posix(), make
     for domain in _shipped_domains():
         yield f"looks/{domain}.json", partial(_shipped_look, domain)
     for path in sorted(data_folder("assets").iterdir()):
         if path.is_dir() and any(path.glob("*.svg")):
             yield f"pictures/{path.name}.json", partial(_pictures, path)
+
+
+_COMMENT = re.compile(rb"^[ \t]*(?:/\*\*(?:(?!\*/).)*\*/[ \t]*|//[^\n]*)\n", re.MULTILINE | re.DOTALL)
+
+
+def without_comments(script: bytes) -> bytes:
+    """Return a module without comments that have lines of their own, a third of its size.
+
+    Modules have no strings with such lines.
+    """
+    return _COMMENT.sub(b"", script)
+
+
+def _module(path: Path) -> bytes:
+    return without_comments(path.read_bytes())
 
 
 def _shipped_domains() -> Iterator[str]:

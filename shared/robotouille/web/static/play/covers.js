@@ -38,6 +38,7 @@ export class Cover {
 
   kind() {
     const { game } = this;
+    if (!game.state) return "";
     if (game.outcome) return "end";
     if (this.offline) return "offline";
     if (game.phase === "paused" && game.pause) return "pause";

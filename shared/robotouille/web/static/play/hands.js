@@ -45,8 +45,8 @@ export class Hands {
     this.pointed = null;
     /** @type {Map<string, HTMLLIElement>} Rows of the list by action. */
     this.rows = new Map();
-    /** @type {unknown} */
-    this.listed = null;
+    /** @type {unknown} The state whose actions are listed; null while none can be done. */
+    this.listed = undefined;
     this.listen(around.signal);
     setText(/** @type {HTMLElement} */ (byId("actions").firstElementChild), text("actions"));
     byId("choices").replaceChildren();
@@ -198,16 +198,29 @@ export class Hands {
   stepped() {
     const { game } = this;
     const { state, me } = game;
-    if (!state || !me || (state === this.listed && game.running)) return;
-    this.listed = state;
+    const shown = game.running ? state : null;
+    if (!state || !me || shown === this.listed) return;
+    this.listed = shown;
     this.controls.names = new Map(
       game.seats.filter(({ name, player }) => name && player !== me).map((s) => [s.player, s.name]),
     );
     const busy = state.busySteps(me);
-    byId("choices").classList.toggle("busy", busy > 0);
+    this.hint(busy);
     // While the player is busy, the last list stays: a choice waits for its turn.
     if (busy && this.rows.size) return;
     this.list(game.running ? this.controls.possible(state, me) : []);
+  }
+
+  /** Show what the keys do now. @param {number} busy Steps until the player can act. */
+  hint(busy) {
+    const { state, me } = this.game;
+    if (!state || !me) return;
+    /** @type {[string, string][]} */
+    let rows = [];
+    if (busy) rows = [["", text("busy", { steps: busy })]];
+    else if (this.game.running) rows = this.controls.hints(state, me, "E");
+    byId("hint").replaceChildren(...rows.map(([key, does]) =>
+      element("span", {}, key && element("kbd", {}, key), key && " ", does)));
   }
 
   /** Show a list of actions, and leave rows that stay where they are. @param {Action[]} actions */

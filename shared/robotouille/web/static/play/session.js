@@ -281,6 +281,7 @@ export class Session {
   ended() {
     keepSeat(this.game.code, null);
     this.show();
+    this.hands?.stepped();
     this.status();
     this.speak(outcomeWords(this.game.outcome));
   }

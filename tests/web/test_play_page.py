@@ -1,0 +1,338 @@
+"""The page in a real browser: people who play by mouse, keyboard and touch, from a link alone."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import re
+import shutil
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import pytest_asyncio
+
+from robotouille import GroundAction, State, World, load_task
+from robotouille.domain.rendering import language_of
+from robotouille.installation import data_folder
+from robotouille.planning.plan import read_plan
+from robotouille.protocol import messages
+from robotouille.replay.recording import read_recording
+from robotouille.world.presentation.places import capitalised
+from robotouille.world.presentation.wording import Wording
+from robotouille_client import connect
+from robotouille_server import Server
+from robotouille_server.requests import Opening, open_episode
+from robotouille_server.rooms.room import Room
+from tests.support.servers import serving
+
+if importlib.util.find_spec("playwright") is None:
+    pytest.skip("needs playwright: pip install playwright", allow_module_level=True)
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = [
+    pytest.mark.asyncio(loop_scope="module"),
+    pytest.mark.browser,
+    pytest.mark.process,
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium"),
+]
+
+FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run"]
+DESKTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
+ALONE, TOGETHER = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
+PATIENCE = 20_000
+"""Milliseconds after which a test that waits for the browser fails."""
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def browser() -> AsyncIterator[Any]:
+    """Start one browser for all tests. Each page opens its own context in it."""
+    from playwright import async_api as playwright
+
+    playwright.expect.set_options(timeout=PATIENCE)
+    async with playwright.async_playwright() as driver:
+        started = await driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield started
+        await started.close()
+
+
+def expect(locator: Any) -> Any:
+    from playwright import async_api as playwright
+
+    return playwright.expect(locator)
+
+
+def link(server: Server, fragment: str, path: str = "play") -> str:
+    return f"http://127.0.0.1:{server.port}/{path}#{fragment}"
+
+
+@asynccontextmanager
+async def visiting(
+    browser: Any, url: str, name: str, size: dict[str, int] = DESKTOP, **options: Any
+) -> AsyncIterator[Any]:
+    """Open a link and enter a name. Errors in the browser's console fail the test."""
+    errors: list[str] = []
+    context = await browser.new_context(viewport=size, **options)
+    page = await context.new_page()
+    page.set_default_timeout(PATIENCE)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+    try:
+        await page.goto(url)
+        await page.fill("#name", name)
+        await page.click("#enter-button")
+        yield page
+    finally:
+        await context.close()
+    # A connection that the server closes is an error in the console.
+    assert [line for line in errors if "WebSocket connection" not in line] == []
+
+
+async def get_ready(page: Any) -> None:
+    await page.get_by_role("button", name="I'm ready").click()
+
+
+async def at_step(page: Any, step: int) -> None:
+    await expect(page.locator("#progress")).to_have_text(re.compile(rf"\b{step} of \d+ steps"))
+
+
+def planned(task: str) -> Iterator[tuple[State, GroundAction, str]]:
+    """Yield each action of a shipped plan for one player, with its state and its words."""
+    world = World(load_task(task))
+    plan = (data_folder("problems") / f"{task}.plan").read_text(encoding="utf-8")
+    wording, state = Wording(world, language_of(world.task), world.players[0]), world.initial
+    for joint in read_plan(plan, world):
+        for action in joint:
+            yield state, action, capitalised(wording.action(action, state))
+        state = state.step(list(joint)).state
+
+
+async def by_buttons(page: Any, words: str) -> None:
+    """Choose an action from the list with the keyboard alone."""
+    button = page.locator("#choices").get_by_role("button", name=words, exact=True).first
+    await button.focus()
+    await page.keyboard.press("Enter")
+
+
+async def spot_of(page: Any, words: str) -> tuple[float, float] | None:
+    """Return a point of the kitchen whose tip says these words."""
+    box = await page.locator("#kitchen").bounding_box()
+    for row in range(1, 24):
+        for column in range(1, 24):
+            x, y = box["x"] + box["width"] * column / 24, box["y"] + box["height"] * row / 24
+            await page.mouse.move(x, y)
+            if (await page.locator("#kitchen").get_attribute("title")) == words:
+                return x, y
+    return None
+
+
+async def by_mouse(page: Any, words: str) -> None:
+    """Click on what the tip says; work that no click stands for is done with the right button."""
+    spot = await spot_of(page, words)
+    if spot is not None:
+        await page.mouse.click(*spot)
+    else:
+        await page.keyboard.press("e")
+
+
+async def by_touch(page: Any, words: str) -> None:
+    spot = await spot_of(page, words)
+    if spot is not None:
+        await page.touchscreen.tap(*spot)
+    else:
+        await page.locator("#choices").get_by_role("button", name=words, exact=True).first.tap()
+
+
+@pytest.mark.parametrize(
+    ("way", "size"),
+    [(by_buttons, DESKTOP), (by_mouse, DESKTOP), (by_touch, PHONE)],
+    ids=["keyboard", "mouse", "touch"],
+)
+async def test_whole_task_is_played_in_a_browser(
+    browser: Any, tmp_path: Path, way: Any, size: dict[str, int]
+) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task=ALONE, clock="lockstep"))
+        touch = way is by_touch
+        url = link(server, room.code)
+        async with visiting(browser, url, "Ada", size, has_touch=touch) as page:
+            await get_ready(page)
+            for step, (_, _, words) in enumerate(planned(ALONE)):
+                await at_step(page, step)
+                await way(page, words)
+            await expect(page.locator("#cover")).to_contain_text("Goal reached")
+            await expect(page.locator(".dish li:not(.done)")).to_have_count(0)
+        await asyncio.sleep(0.1)
+    recording = read_recording(next(tmp_path.glob("*.rbt")))
+    assert recording.outcome is not None
+    assert recording.outcome["reason"] == "goal"
+
+
+@asynccontextmanager
+async def playing(
+    browser: Any, server: Server, fragments: tuple[str, str]
+) -> AsyncIterator[tuple[Any, Any]]:
+    """Let two people enter a real-time game from their links, and start it."""
+    async with AsyncExitStack() as stack:
+        ada = await stack.enter_async_context(visiting(browser, link(server, fragments[0]), "Ada"))
+        ben = await stack.enter_async_context(
+            visiting(browser, link(server, fragments[1]), "Ben", PHONE)
+        )
+        for page in (ada, ben):
+            await get_ready(page)
+        for page in (ada, ben):
+            await expect(page.locator("#status")).to_have_text("")
+        yield ada, ben
+
+
+def opened_room(server: Server, **options: Any) -> Room:
+    rules = {"task": f"{TOGETHER}@2", "clock": "realtime", "step_rate": 10, "max_steps": 5000}
+    return server.lobby.create(messages.Create(**{**rules, **options}))
+
+
+def names(room: Room) -> list[str]:
+    return [seat.name for seat in room.episode.seats.values()]
+
+
+async def test_two_people_chat_signal_and_see_each_other(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server)
+        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+            await ada.keyboard.press("t")
+            await ada.keyboard.type("<img src=x onerror=alert(1)> & <b>hi</b>")
+            await ada.keyboard.press("Enter")
+            for page in (ada, ben):
+                await expect(page.locator("#lines")).to_contain_text("Ada: <img src=x")
+            assert await ben.locator("#lines b").count() == 1, "only the speaker's name is bold"
+            await ben.get_by_role("button", name="Thanks").click()
+            await expect(ada.locator(".bubble", has_text="Thank you")).to_be_visible()
+            await expect(ada.locator("#seats")).to_contain_text("Ben")
+            await ben.get_by_role("button", name="Leave").click()
+            await expect(ada.locator("#lines")).to_contain_text("Ben left")
+
+
+async def test_reload_returns_to_the_seat_and_a_second_window_takes_it(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server)
+        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+            before = names(room)
+            await ada.reload()
+            await expect(ada.locator("#seats")).to_contain_text("Ada")
+            await expect(ada.locator("#choices li").first).to_be_visible()
+            assert names(room) == before
+            second = await ada.context.new_page()
+            await second.goto(link(server, room.code))
+            await expect(second.locator("#choices li").first).to_be_visible()
+            await expect(ada.locator("#cover")).to_contain_text("playing in another window")
+            await ada.get_by_role("button", name="Play here").click()
+            await expect(second.locator("#cover")).to_contain_text("playing in another window")
+            await expect(ben.locator("#seats")).not_to_contain_text("2")
+
+
+async def test_personal_link_moves_its_person_to_another_browser(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path, require_token=True) as server:
+        request = messages.Create(
+            task=f"{TOGETHER}@2", clock="realtime", tokens=True, participants={"robot1": "P1"}
+        )
+        room, created = open_episode(server.services, Opening(request=request, owner="lab"))
+        links = created.links["robot1"], created.links["robot2"]
+        async with playing(browser, server, links) as (ada, ben):
+            assert room.episode.seats["robot1"].name == "Ada"
+            async with visiting(browser, link(server, links[0]), "Ada", PHONE) as phone:
+                await expect(phone.locator("#choices li").first).to_be_visible()
+                await expect(ada.locator("#cover")).to_contain_text("another window")
+                assert names(room) == ["Ada", "Ben"]
+                await expect(ben.locator("#seats")).to_contain_text("Ada")
+
+
+async def test_page_survives_a_restart_of_the_server(browser: Any, tmp_path: Path) -> None:
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(serving(tmp_path))
+        room = opened_room(server)
+        port = server.port
+        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+            before = names(room)
+            await server.stop("restart", hand_over=True)
+            await expect(ada.locator("#cover")).to_contain_text("Connection lost")
+            again = await stack.enter_async_context(serving(tmp_path, port=port, seed=2))
+            for page in (ada, ben):
+                await expect(page.locator("#cover")).to_be_hidden()
+            room = again.lobby.rooms[room.id]
+            step = room.episode.step
+            await expect(ada.locator("#progress")).not_to_contain_text(f"{step} of")
+            assert names(room) == before
+
+
+async def test_rematch_leads_both_to_the_next_game(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server, max_steps=3)
+        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+            for page in (ada, ben):
+                await expect(page.locator("#cover")).to_contain_text("Out of steps")
+            await ada.get_by_role("button", name="Play again").click()
+            await expect(ada.locator("#cover")).to_contain_text("Waiting room")
+            await ben.get_by_role("button", name="Join the next game").click()
+            await expect(ben.locator("#cover")).to_contain_text("Waiting room")
+            (again,) = (each for each in server.lobby.rooms.values() if each.id != room.id)
+            assert sorted(names(again)) == ["Ada", "Ben"]
+
+
+async def test_spectator_watches_and_a_full_kitchen_offers_to_watch(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server)
+        async with playing(browser, server, (room.code, room.code)) as (ada, _):
+            async with visiting(browser, link(server, room.code, "watch"), "Eve") as eve:
+                await expect(eve.locator("#status")).to_have_text("You are watching")
+                assert await eve.locator("#actions").is_hidden()
+            async with visiting(browser, link(server, room.code), "Zoe") as zoe:
+                await expect(zoe.locator("#cover")).to_contain_text("All seats are taken")
+                await zoe.get_by_role("button", name="Watch").click()
+                await expect(zoe.locator("#status")).to_have_text("You are watching")
+
+
+@pytest.mark.parametrize(
+    ("fragment", "words"),
+    [
+        ("KQXZB-MHTWA", "This kitchen does not exist"),
+        ("nonsense%20%3Cb%3E", "This kitchen does not exist"),
+        ("KQXZB-MHTWA.JgehIHJvYm90MgEjRWeJq83vL9MSyjTSgyocijES", "does not accept your link"),
+    ],
+)
+async def test_wrong_link_says_what_is_wrong(
+    browser: Any, tmp_path: Path, fragment: str, words: str
+) -> None:
+    async with serving(tmp_path) as server:
+        async with visiting(browser, link(server, fragment), "Ada") as page:
+            await expect(page.locator("#cover")).to_contain_text(words)
+
+
+async def test_reader_of_german_and_of_a_kitchen_of_its_own(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(messages.Create(task="workshop/01_painted_gear"))
+        async with visiting(browser, link(server, room.code), "Ada", locale="de-DE") as page:
+            await page.get_by_role("button", name="Ich bin bereit").click()
+            await expect(page.locator("#bar")).to_contain_text("Schritt 0 von")
+            await expect(page.locator("#choices li").first).to_be_visible()
+
+
+async def test_page_plays_with_another_client(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server)
+        async with connect(server.url, name="Robo", kind="bot") as client:
+            game = await client.join(room.code)
+            async with visiting(browser, link(server, room.code), "Ada") as page:
+                await get_ready(page)
+                await expect(page.locator("#seats")).to_contain_text("Robo")
+                await expect(page.locator("#choices li").first).to_be_visible()
+                await page.keyboard.press("ArrowUp")
+                await page.keyboard.press("e")
+                await expect(page.locator("#progress")).not_to_have_text(re.compile("^[0-3] of"))
+            assert game.step > 0
