@@ -148,7 +148,7 @@ def kitchen_page(size: tuple[int, int] = (1280, 720), ratio: float = 1.0) -> Ite
 
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        viewport = {"width": size[0], "height": size[1]}
+        viewport: Any = {"width": size[0], "height": size[1]}
         page = browser.new_page(viewport=viewport, device_scale_factor=ratio)
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))

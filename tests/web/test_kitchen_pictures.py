@@ -34,7 +34,7 @@ pytestmark = [
 SIZE = (1000, 640)
 PARTS = 2
 """Parts of a tile's side whose mean colours are compared."""
-LARGEST, MEAN = 15.0, 1.5
+LARGEST, MEAN = 12.0, 1.2
 """Allowed differences of mean colours, of 255: of one part, and of all parts."""
 MOVING = ("multi_agent/10@4", "multi_agent/07@2", "asynchronous/10", "workshop/02", "shifts/06@2")
 BEHIND = 0.6
