@@ -21,10 +21,12 @@ class Table {
   constructor(task, predicates) {
     this.task = task;
     this.predicates = predicates;
-    /** @type {Map<string, Thing>} */
-    this.things = new Map();
-    /** @type {Map<string, number>} Rank of each object in the order of the table. */
-    this.rank = new Map();
+    /** @type {string[]} Names of the objects by their position in messages. */
+    this.names = [];
+    // Without facts that can change, a server sends no objects at all.
+    this.things = new Map(task.things);
+    /** Rank of each object in the order of the table. */
+    this.rank = new Map([...task.things.keys()].map((name, i) => [name, i]));
     /** @type {Atom[]} */
     this.atoms = [];
     /** @type {Map<string, number>} */
@@ -34,18 +36,16 @@ class Table {
   /** Append objects and atoms of a message. @param {any[]} objects @param {any[]} atoms */
   extend(objects, atoms) {
     for (const [name, kind, type] of objects) {
-      if (![name, kind].every((each) => typeof each === "string") || this.things.has(name)) {
-        throw new Error(`invalid object ${name}`);
-      }
-      if (!this.task.types.includes(type)) throw new Error(`invalid type ${type}`);
-      const thing = this.task.things.get(name);
+      const texts = [name, kind].every((each) => typeof each === "string");
+      if (!texts || !this.task.types.includes(type)) throw new Error(`invalid object ${name}`);
+      this.names.push(name);
+      if (this.things.has(name)) continue;
       this.rank.set(name, this.rank.size);
-      this.things.set(name, thing ?? { name, kind, type, tile: null, facing: null, label: null });
+      this.things.set(name, { name, kind, type, tile: null, facing: null, label: null });
     }
-    const names = [...this.things.keys()];
     for (const [number, ...places] of atoms) {
       const predicate = SPECIAL.get(number) ?? this.predicates[number];
-      const args = places.map((/** @type {number} */ place) => names[place]);
+      const args = places.map((/** @type {number} */ place) => this.names[place]);
       const types = SPECIAL.has(number) ? [args[0]] : this.task.predicates.get(predicate);
       if (types?.length !== args.length || args.includes(undefined)) {
         throw new Error(`invalid atom of ${predicate}`);
@@ -62,6 +62,7 @@ class Table {
   extended(objects, atoms) {
     if (!objects.length && !atoms.length) return this;
     const copy = new Table(this.task, this.predicates);
+    copy.names = [...this.names];
     copy.things = new Map(this.things);
     copy.rank = new Map(this.rank);
     copy.atoms = [...this.atoms];
