@@ -17,6 +17,7 @@ from robotouille_server.auth.tokens import Tokens
 from robotouille_server.requests import Opening, open_episode
 from tests.support.handshakes import hello, opened
 from tests.support.servers import serving
+from tests.support.thorough import thorough
 from tests.support.virtual_time import virtual
 
 KEY, OTHER = Key("a", b"x" * 32), Key("b", b"y" * 32)
@@ -36,6 +37,7 @@ LINKS = st.builds(
 )
 
 
+@thorough(60)
 @given(LINKS)
 def test_link_is_read_as_it_was_written(link: Link) -> None:
     token = pack_link(link, KEY)
@@ -45,6 +47,7 @@ def test_link_is_read_as_it_was_written(link: Link) -> None:
     assert read_link(token, [OTHER]) is None
 
 
+@thorough(100)
 @given(LINKS, st.data())
 def test_changed_link_is_refused(link: Link, data: st.DataObject) -> None:
     token = pack_link(link, KEY)

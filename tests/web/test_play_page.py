@@ -288,7 +288,7 @@ async def test_spectator_watches_and_a_full_kitchen_offers_to_watch(
 ) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server)
-        async with playing(browser, server, (room.code, room.code)) as (ada, _):
+        async with playing(browser, server, (room.code, room.code)) as _:
             async with visiting(browser, link(server, room.code, "watch"), "Eve") as eve:
                 await expect(eve.locator("#status")).to_have_text("You are watching")
                 assert await eve.locator("#actions").is_hidden()

@@ -3,7 +3,7 @@
 A link's token is for one seat of one episode, and has no name and no id of its own. It is signed
 like other tokens and needs no storage, so every process with the same keys accepts it:
 
-    byte 0      length of the seat (bits 0 to 4), form of the subject (5 and 6), one session only (7)
+    byte 0      length of the seat (bits 0 to 4), form of the subject (5, 6), one session only (7)
     bytes 1-3   end of validity, in hours since 1970
     then        the seat, the subject
     last 12     first bytes of HMAC-SHA256 over `robotouille/link`, the code and all bytes before

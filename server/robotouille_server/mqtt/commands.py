@@ -214,12 +214,13 @@ class Commands:
             except ProtocolError as refused:
                 error = _refusal("", refused).error
                 break
-            made = OpenedEpisode(episode=room.id, code=room.code)
+            tokens, links = {}, {}
             if create.tokens:
-                asked = room, create.participants, grant.subject
-                made.tokens = services.seat_tokens(*asked)
-                made.links = services.seat_links(*asked)
-            opened.append(made)
+                tokens = services.seat_tokens(room, create.participants, grant.subject)
+                links = services.seat_links(room, create.participants, grant.subject)
+            opened.append(
+                OpenedEpisode(episode=room.id, code=room.code, tokens=tokens, links=links)
+            )
             await asyncio.sleep(0)  # Opening creates a file; let other episodes run in between.
         self._note(command, grant, count=len(opened), labels=_text(create.labels))
         return CommandReply(ref=command.ref, ok=error is None, opened=opened, error=error)

@@ -123,7 +123,7 @@ def _files(folder: Path) -> Iterator[tuple[str, Maker]]:
             yield f"pictures/{path.name}.json", partial(_pictures, path)
 
 
-_COMMENT = re.compile(rb"^[ \t]*(?:/\*\*(?:(?!\*/).)*\*/[ \t]*|//[^\n]*)\n", re.MULTILINE | re.DOTALL)
+_COMMENT = re.compile(rb"(?ms)^[ \t]*(?:/\*\*(?:(?!\*/).)*\*/[ \t]*|//[^\n]*)\n")
 
 
 def without_comments(script: bytes) -> bytes:
@@ -164,4 +164,5 @@ def _pictures(folder: Path) -> bytes:
 
 
 def _packed(value: Any) -> bytes:
-    return json.dumps(value, separators=(",", ":"), sort_keys=True).encode()
+    # The order of the pictures in a rendering decides between equally specific ones.
+    return json.dumps(value, separators=(",", ":")).encode()

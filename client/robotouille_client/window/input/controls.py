@@ -374,7 +374,8 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> ResolvedInp
 
 def ends_work(state: State, action: GroundAction) -> bool:
     """Return whether an action interrupts work that continues without a player."""
-    running = [_key(row) for row in work_in_progress(state) if row.running]
+    # Work that players repeat does not continue by itself: the last stroke does not interrupt it.
+    running = [_key(row) for row in work_in_progress(state) if row.running and row.timed]
     if not running:
         return False
     # Work may end by itself in this step. Only a comparison shows what the action causes.

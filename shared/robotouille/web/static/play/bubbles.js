@@ -18,8 +18,18 @@ export class Bubbles {
     this.look = look;
     this.wording = wording;
     this.root = byId("bubbles");
-    /** @type {Map<string, {box: HTMLElement, until: number}>} */
+    /** @type {Map<string, {box: HTMLElement, until: number, rejected: boolean, target: string}>} */
     this.shown = new Map();
+  }
+
+  /** Players whose last action was rejected. */
+  get rejected() {
+    return new Set([...this.shown].filter(([, each]) => each.rejected).map(([player]) => player));
+  }
+
+  /** What the shown signals point at. */
+  get pointing() {
+    return [...this.shown].flatMap(([player, { target }]) => (target ? [{ player, target }] : []));
   }
 
   /**
@@ -33,7 +43,7 @@ export class Bubbles {
     const picture = target && this.pictureOf(target);
     if (picture) box.append(" ", element("img", { src: picture, alt: "" }));
     this.root.append(box);
-    this.shown.set(player, { box, until: now() + SECONDS });
+    this.shown.set(player, { box, until: now() + SECONDS, rejected, target });
   }
 
   /** Show a chat message or signal. @param {import("./game.js").Line} line */

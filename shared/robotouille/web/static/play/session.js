@@ -222,7 +222,10 @@ export class Session {
       known.set(seat.player, seat);
     }
     showSeats(game);
-    if (this.kitchen) this.kitchen.seats = game.seats;
+    if (this.kitchen) {
+      this.kitchen.seats = game.seats;
+      this.kitchen.waitsFor = new Set(game.waitsFor);
+    }
     this.hands?.stepped();
     this.status();
   }
@@ -306,7 +309,11 @@ export class Session {
   draw() {
     const at = now();
     this.hands?.tick();
-    this.kitchen?.draw(at);
+    if (this.kitchen && this.bubbles) {
+      this.kitchen.rejected = this.bubbles.rejected;
+      this.kitchen.pointing = this.bubbles.pointing;
+      this.kitchen.draw(at);
+    }
     this.bubbles?.place(at);
   }
 

@@ -228,7 +228,7 @@ export function workInProgress(view) {
  * @param {State} state @param {Action} action
  */
 export function endsWork(state, action) {
-  const running = workInProgress(state).filter((row) => row.running);
+  const running = workInProgress(state).filter((row) => row.running && row.timed);
   if (!running.length) return false;
   // Work may end by itself in this step. Only a comparison shows what the action causes.
   const [then, without] = [action, null].map((each) => goesOn(new Stepped(state, each)));
