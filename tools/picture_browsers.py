@@ -96,8 +96,8 @@ async def pictures(server: Server) -> list[bytes]:
         ]
         for page, name in zip(reversed(pages), reversed(NAMES), strict=True):
             await enter(page, url, name)
-        seats = [await page.locator("#seats li", has_text="you").count() for page in pages]
-        assert seats == [1, 1], seats
+        for page in pages:
+            await expect(page.locator("#seats li", has_text="you")).to_have_count(1)
         # The first to join gets the first seat that stands in nobody's way.
         order = [seat.name for seat in room.episode.seats.values()]
         world = World(load_task(f"{TASK}@2"))

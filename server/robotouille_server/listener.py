@@ -68,7 +68,11 @@ class HttpPages:
         self._metrics_from = parse_networks(settings.metrics_from, "--metrics-from")
         self._origins = parse_origins(settings.origins)
         ports = range(worker.first_port, worker.first_port + worker.count)
-        self._own = OwnSite(settings.page_names.split(","), {settings.port, *ports})
+        self._own = OwnSite(
+            settings.page_names.split(","),
+            {settings.port, *ports},
+            parse_origins(settings.page_parents, "--page-parents"),
+        )
         self._web = WebPages(WebSite(), self._own) if settings.page else None
 
     def listens(self, name: str, port: int) -> None:

@@ -8,7 +8,7 @@ pages and those of `--origins`. A page never counts as a local program, so it is
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from http import HTTPStatus
 
 from websockets.datastructures import Headers
@@ -32,11 +32,15 @@ class OwnSite:
     Args:
         names: Host names of the server, and of the nodes and proxies that belong to it.
         ports: Ports of the server and its workers.
+        parents: Origins of pages that may show the page in a frame.
     """
 
-    def __init__(self, names: Iterable[str], ports: Iterable[int]) -> None:
+    def __init__(
+        self, names: Iterable[str], ports: Iterable[int], parents: Collection[str] = ()
+    ) -> None:
         self.names = {name.strip().lower() for name in names if name.strip()}
         self.ports = set(ports)
+        self.parents = tuple(sorted(parents))
 
     def host(self, headers: Headers) -> str | None:
         """Return the name in `Host` if it is one of this server; otherwise None.
@@ -67,11 +71,12 @@ class OwnSite:
         # `'self'` is the page's own port; workers and nodes have others. IPv6 addresses are not
         # allowed in a policy.
         names = sorted(name for name in {host, *self.names} if not name.startswith("["))
+        parents = " ".join(self.parents) or "'none'"
         sockets = " ".join(f"ws://{name}:* wss://{name}:*" for name in names)
         return (
             "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
             f"connect-src 'self' {sockets}; base-uri 'none'; form-action 'none'; "
-            "frame-ancestors 'none'"
+            f"frame-ancestors {parents}"
         )
 
 
@@ -99,7 +104,11 @@ class WebPages:
                 f"The host {given!r} is not allowed; its operator can add it with --page-names.\n",
             )
         if path in PAGES:
-            return _file(self._site.page, headers, self._own.policy(host), "no-cache")
+            page = _file(self._site.page, headers, self._own.policy(host), "no-cache")
+            if not self._own.parents:
+                # For browsers that do not know `frame-ancestors`.
+                page.headers["X-Frame-Options"] = "DENY"
+            return page
         version, _, name = path.removeprefix(FILES).partition("/")
         # An old version's address must not show a new file, which browsers would keep.
         found = self._site.find(name) if version == self._site.version else None
@@ -119,7 +128,6 @@ def _file(file: WebFile, headers: Headers, policy: str, keep: str) -> Response:
     response.headers["Vary"] = "Accept-Encoding"
     response.headers["Cache-Control"] = keep
     response.headers["Content-Security-Policy"] = policy
-    response.headers["X-Frame-Options"] = "DENY"
     return response
 
 

@@ -80,6 +80,19 @@ async def test_page_is_shown_under_the_servers_own_names_only(tmp_path: Path) ->
 
 
 @virtual
+async def test_page_may_be_framed_by_the_named_sites_only(tmp_path: Path) -> None:
+    async with serving(
+        tmp_path, page_parents="https://Lab.example, http://localhost:3000"
+    ) as server:
+        _, headers, _ = await get(server, "/play")
+        policy = headers["content-security-policy"]
+        assert policy.endswith("frame-ancestors http://localhost:3000 https://lab.example")
+        assert "x-frame-options" not in headers
+        framing = {"Origin": "https://lab.example"}
+        assert (await status(server, **framing))[0] == 403, "the parent itself may not connect"
+
+
+@virtual
 async def test_server_without_the_page_refuses_its_origin(tmp_path: Path) -> None:
     async with serving(tmp_path, page=False) as server:
         assert (await get(server, "/play"))[0] == 426

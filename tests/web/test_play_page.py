@@ -336,3 +336,82 @@ async def test_page_plays_with_another_client(browser: Any, tmp_path: Path) -> N
                 await page.keyboard.press("e")
                 await expect(page.locator("#progress")).not_to_have_text(re.compile("^[0-3] of"))
             assert game.step > 0
+
+
+PARENT = """<!doctype html><iframe id="game" style="width: 1000px; height: 700px"></iframe>
+<script>
+  window.heard = [];
+  addEventListener("message", ({ data, origin }) => heard.push({ ...data, origin }));
+  window.show = (src) => { document.getElementById("game").src = src; };
+  window.tell = (type) => document.getElementById("game").contentWindow.postMessage({ type }, "*");
+</script>"""
+
+
+@asynccontextmanager
+async def site() -> AsyncIterator[str]:
+    """Serve a page of another site, which can show the game in a frame; yield its origin."""
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        head = "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nConnection: close\r\n\r\n"
+        writer.write((head + PARENT).encode())
+        writer.close()
+
+    # A name of the same machine: browsers ask people before a public site may reach it.
+    server = await asyncio.start_server(answer, "127.0.0.1", 0)
+    async with server:
+        yield f"http://localhost:{server.sockets[0].getsockname()[1]}"
+
+
+@asynccontextmanager
+async def survey(browser: Any, origin: str, url: str) -> AsyncIterator[Any]:
+    """Open a page of a site that shows a game in a frame."""
+    context = await browser.new_context(viewport=DESKTOP)
+    page = await context.new_page()
+    page.set_default_timeout(PATIENCE)
+    await page.goto(f"{origin}/survey")
+    await page.evaluate("(url) => show(url)", url)
+    try:
+        yield page
+    finally:
+        await context.close()
+
+
+async def test_survey_shows_a_game_and_learns_its_outcome(browser: Any, tmp_path: Path) -> None:
+    async with site() as lab, serving(tmp_path, page_parents=lab) as server:
+        room = server.lobby.create(
+            messages.Create(task=ALONE, clock="realtime", step_rate=10, max_steps=4)
+        )
+        query = f"?embed={lab}&name=P07&return={lab}/thanks#{room.code}"
+        own = f"http://127.0.0.1:{server.port}"
+        async with survey(browser, lab, f"{own}/play{query}") as page:
+            await page.wait_for_function("heard.some(({ type }) => type === 'ready')")
+            assert names(room) == ["P07"]
+            await page.evaluate("tell('__proto__'); tell('ready')")
+            await page.wait_for_function("heard.some(({ type }) => type === 'ended')")
+            heard = await page.evaluate("heard")
+            assert {each["origin"] for each in heard} == {own}
+            assert heard[-1]["outcome"]["reason"] == "step_limit"
+            kinds = {each["type"] for each in heard}
+            assert kinds == {"ready", "step", "started", "ended"}
+            frame = page.frame_locator("#game")
+            await frame.get_by_role("button", name="Continue").click()
+            await expect(frame.locator("iframe")).to_be_attached()
+
+
+async def test_other_sites_get_nothing_from_a_frame(browser: Any, tmp_path: Path) -> None:
+    async with site() as lab, site() as evil, serving(tmp_path, page_parents=lab) as server:
+        room = server.lobby.create(messages.Create(task=ALONE))
+        url = f"http://127.0.0.1:{server.port}/play?embed={evil}&name=x#{room.code}"
+        async with survey(browser, evil, url) as page:
+            await asyncio.sleep(1)
+            assert await page.evaluate("heard") == []
+            assert names(room) == [""]
+        # The allowed site may frame the page, but the page obeys the named origin only.
+        async with survey(browser, lab, url) as page:
+            frame = page.frame_locator("#game")
+            await expect(frame.locator("#cover")).to_contain_text("Waiting room")
+            await page.evaluate("tell('leave')")
+            await asyncio.sleep(0.5)
+            assert await page.evaluate("heard") == []
+            assert names(room) == ["x"]

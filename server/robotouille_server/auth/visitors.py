@@ -85,12 +85,12 @@ def parse_networks(text: str, flag: str) -> tuple[Network, ...]:
     return tuple(networks)
 
 
-def parse_origins(text: str) -> frozenset[str]:
+def parse_origins(text: str, flag: str = "--origins") -> frozenset[str]:
     """Parse a list of web origins, such as `https://example.org,http://localhost:3000`."""
-    return frozenset(_origin(part) for part in _parts(text))
+    return frozenset(_origin(part, flag) for part in _parts(text))
 
 
-def _origin(text: str) -> str:
+def _origin(text: str, flag: str) -> str:
     try:
         parts = urlsplit(text.rstrip("/"))
         whole = (
@@ -101,7 +101,7 @@ def _origin(text: str) -> str:
         whole = ""
     if not whole:
         raise AccessSettingError(
-            f"--origins: {text!r} is not an origin; expected https://HOST or https://HOST:PORT"
+            f"{flag}: {text!r} is not an origin; expected https://HOST or https://HOST:PORT"
         )
     return text.rstrip("/").lower()
 

@@ -150,6 +150,11 @@ class ServerSettings(BaseSettings):
         description="Comma-separated host names of the page, such as those of a proxy and of the "
         "nodes of a cluster. Addresses, localhost and the certificate's name need no entry.",
     )
+    page_parents: str = Field(
+        "",
+        description="Comma-separated origins of web pages that may show the page in a frame, such "
+        "as https://lab.example.org.",
+    )
     trust_proxy: str = Field(
         "",
         description="Comma-separated proxies whose X-Forwarded-For header is trusted: "

@@ -76,6 +76,11 @@ class WebSite:
         self._made: dict[str, WebFile] = {}
         self.version = self._digest()
 
+    @property
+    def names(self) -> list[str]:
+        """Names of all files, sorted."""
+        return sorted(self._makers)
+
     @cached_property
     def page(self) -> WebFile:
         """The first page, with the addresses of all modules."""

@@ -6,7 +6,10 @@ import { seatMark, seatWords } from "./panel.js";
 import { listed, text } from "./texts.js";
 
 /** @typedef {import("./game.js").Game} Game */
-/** @typedef {{ready: (ready: boolean) => void, rematch: () => void, share: () => void}} Answers */
+/**
+ * @typedef {{ready: (ready: boolean) => void, rematch: () => void, share: () => void,
+ *   next: string | null}} Answers `next` is the address to which the game's end leads.
+ */
 
 const STARS = 3;
 
@@ -133,10 +136,14 @@ export class Cover {
       made.append(row);
     }
     if (game.outcome?.detail) made.append(element("p", {}, String(game.outcome.detail)));
-    if (game.me !== null || game.rematch) {
+    const { next } = this.answers;
+    const buttons = element("p", { class: "buttons" });
+    if (next) buttons.append(button(text("next"), () => location.assign(next), true));
+    else if (game.me !== null || game.rematch) {
       const words = text(game.rematch ? "joinRematch" : "rematch");
-      made.append(element("p", { class: "buttons" }, button(words, () => this.answers.rematch(), true)));
+      buttons.append(button(words, () => this.answers.rematch(), true));
     }
+    made.append(buttons);
     return made;
   }
 }

@@ -2,6 +2,7 @@
 
 import { byId, element, inputById, setText } from "./dom.js";
 import { Session } from "./session.js";
+import { givenName, parentOrigin } from "./parent.js";
 import { keep, recall, seatToken } from "./storage.js";
 import { loadTexts, text } from "./texts.js";
 
@@ -28,7 +29,7 @@ function showForm(fault = "") {
   setText(byId("enter-fault"), fault);
   byId("code-row").hidden = code !== "";
   inputById("code").value = code;
-  inputById("name").value ||= recall("name") ?? "";
+  inputById("name").value ||= givenName || (recall("name") ?? "");
   inputById(code ? "name" : "code").focus();
 }
 
@@ -67,10 +68,12 @@ async function start() {
     submitted();
   });
   addEventListener("hashchange", () => location.reload());
+  document.body.classList.toggle("embedded", parentOrigin !== "");
   const { code, watch } = invitation();
-  const name = recall("name");
-  // A reload of the page returns to the seat without a question.
-  if (code && name && !watch && seatToken(code)) enter(code, name);
+  const name = givenName || recall("name");
+  // A reload of the page returns to the seat without a question, as does an address with a name.
+  const known = givenName || (!watch && seatToken(code));
+  if (code && name && known) enter(code, name);
   else showForm();
 }
 

@@ -11,6 +11,7 @@ import { Game, now } from "./game.js";
 import { Hands } from "./hands.js";
 import { loadLook } from "./look.js";
 import { Chat, showSeats } from "./panel.js";
+import { nextAddress, obeyParent, tellParent } from "./parent.js";
 import { keepSeat, seatToken } from "./storage.js";
 import { text } from "./texts.js";
 import { Ticket } from "./ticket.js";
@@ -42,6 +43,7 @@ export class Session {
       ready: (ready) => this.game.ready(ready),
       rematch: () => this.rematch(),
       share: () => this.share(),
+      next: nextAddress(),
     });
     /** @type {Kitchen | null} */
     this.kitchen = null;
@@ -53,6 +55,7 @@ export class Session {
     this.bubbles = null;
     /** @type {any} */
     this.language = null;
+    this.phase = "";
     this.noticeUntil = 0;
     this.spokenAt = 0;
     this.over = false;
@@ -86,6 +89,8 @@ export class Session {
     };
     requestAnimationFrame(frame);
     this.timer = setInterval(() => this.tick(), 250);
+    const commands = { ready: () => this.game.ready(true), leave: () => this.leave() };
+    obeyParent(commands, this.abort.signal);
   }
 
   /** Set the texts that do not change. */
@@ -210,6 +215,7 @@ export class Session {
     const { orders } = game.state ?? {};
     const points = orders ? `${text("points", { points: orders.score })} · ` : "";
     setText(byId("progress"), points + steps);
+    tellParent("step", { step: game.step, points: orders?.score });
     this.status();
   }
 
@@ -220,6 +226,11 @@ export class Session {
       const news = old && seat.player !== game.me ? change(old, seat) : "";
       if (news) this.happened(news);
       known.set(seat.player, seat);
+    }
+    if (game.phase !== this.phase) {
+      this.phase = game.phase;
+      if (game.phase === "waiting") tellParent("ready", { episode: game.episode, seat: game.me });
+      if (game.phase === "running") tellParent("started", { episode: game.episode });
     }
     showSeats(game);
     if (this.kitchen) {
@@ -286,7 +297,9 @@ export class Session {
     this.show();
     this.hands?.stepped();
     this.status();
-    this.speak(outcomeWords(this.game.outcome));
+    const { outcome, episode, me } = this.game;
+    this.speak(outcomeWords(outcome));
+    tellParent("ended", { episode, seat: me, outcome });
   }
 
   /** Say something to a screen reader. @param {string} words */
@@ -361,6 +374,7 @@ export class Session {
 
   leave() {
     this.connection?.send({ type: "leave" });
+    tellParent("left", { reason: "" });
     keepSeat(this.game.code, null);
     this.close();
     this.exits.left("");
@@ -382,6 +396,7 @@ export class Session {
     if (!this.game.state) {
       byId("game").hidden = true;
     }
+    tellParent("left", { reason: code });
     const [title, detail, retry] = FAREWELLS.get(code) ?? ["sorry", "", "again"];
     const words = detail ? text(detail) : reason;
     const cover = byId("cover");

@@ -271,9 +271,20 @@ function leadsOn(node, view) {
  * @param {Node} node @param {Task} task
  */
 function isPossible({ conditions }, task) {
-  return conditions.every(({ atom, expected }) => {
-    const name = atomName(atom);
-    if (task.isStatic(atom[0])) return task.staticNames.has(name) === expected;
-    return !conditions.some((each) => each.expected !== expected && atomName(each.atom) === name);
-  });
+  const [required, forbidden] = [new Set(), new Set()];
+  for (const { atom, expected } of conditions) {
+    const [predicate, ...names] = atom;
+    const literals = expected ? required : forbidden;
+    if (!task.isStatic(predicate)) {
+      literals.add(atomName(atom));
+      continue;
+    }
+    // A fixed fact holds while its objects exist.
+    const types = task.predicates.get(predicate) ?? [];
+    const mortal = names.filter((_, i) => task.transient.has(types[i]));
+    const holds = task.staticNames.has(atomName(atom));
+    if (holds ? !expected && !mortal.length : expected) return false;
+    for (const name of holds ? mortal : []) literals.add(`${name} exists`);
+  }
+  return ![...required].some((each) => forbidden.has(each));
 }

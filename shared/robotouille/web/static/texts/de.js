@@ -79,6 +79,7 @@ export default {
   abandoned: "Das Spiel wurde aufgegeben",
   aborted: "Das Spiel wurde abgebrochen",
   ended: "Das Spiel ist zu Ende",
+  next: "Weiter",
   rematch: "Noch einmal",
   joinRematch: "Zum nächsten Spiel",
   elsewhere: "Du spielst in einem anderen Fenster",

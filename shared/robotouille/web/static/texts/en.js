@@ -79,6 +79,7 @@ export default {
   abandoned: "The game was abandoned",
   aborted: "The game was stopped",
   ended: "The game is over",
+  next: "Continue",
   rematch: "Play again",
   joinRematch: "Join the next game",
   elsewhere: "You are playing in another window",

@@ -1,0 +1,85 @@
+"""Files that the server and the replay page give to browsers."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import pytest
+
+from robotouille.domain.task import read_domain
+from robotouille.installation import data_folder
+from robotouille.web import WebSite
+from robotouille.web.site import STATIC, without_comments
+
+
+@pytest.fixture(scope="module")
+def site() -> WebSite:
+    return WebSite()
+
+
+def test_every_module_that_a_module_imports_is_served(site: WebSite) -> None:
+    for path in STATIC.rglob("*.js"):
+        for line in path.read_text().splitlines():
+            if line.startswith(("import ", "} from ")) and ' from "' in f" {line}":
+                name = line.rpartition(' "')[2].strip('";')
+                wanted = (path.parent / name).resolve().relative_to(STATIC.resolve())
+                assert site.find(wanted.as_posix()) is not None, f"{path.name}: {name}"
+
+
+def test_every_shipped_domain_has_a_look_with_all_its_pictures(site: WebSite) -> None:
+    domains = [p.stem for p in data_folder("domains").glob("*.json") if "." not in p.stem]
+    domains.remove("published_defaults")
+    assert len(domains) > 3
+    for domain in domains:
+        look = site.find(f"looks/{domain}.json")
+        assert look is not None
+        found = json.loads(look.content)
+        actions = {a.name for a in read_domain(domain).action_defs}
+        bound = {
+            each["name"]
+            for kind in ("mouse_click_actions", "keyboard_actions")
+            for each in found["bindings"].get(kind, ())
+        }
+        assert bound == actions
+        rendering = found["rendering"]
+        folders = [rendering.get("assets", "kitchen"), *rendering.get("inherited_assets", ())]
+        pictures: set[str] = set()
+        for folder in folders:
+            file = site.find(f"pictures/{folder}.json")
+            assert file is not None
+            pictures |= json.loads(gzip.decompress(file.packed)).keys()
+        named = {w for w in json.dumps(rendering).split('"') if w.endswith((".svg", ".png"))}
+        assert named <= pictures
+
+
+def test_a_change_of_any_file_changes_the_address_of_all(tmp_path: Path) -> None:
+    for name, content in {"index.html": "<p>{files}", "a.js": "let a;", "b.css": "p {}"}.items():
+        (tmp_path / name).write_text(content)
+    before = WebSite(tmp_path)
+    assert before.version == WebSite(tmp_path).version
+    assert before.version.encode() in before.page.content
+    (tmp_path / "b.css").write_text("p { }")
+    assert WebSite(tmp_path).version != before.version
+
+
+def test_comments_are_not_sent(site: WebSite) -> None:
+    source = (
+        b"// one\n/** two\n * three */\nlet a = /** @type {any} */ (1); // four\n  // five\nb();\n"
+    )
+    assert without_comments(source) == b"let a = /** @type {any} */ (1); // four\nb();\n"
+    for path in STATIC.rglob("*.js"):
+        file = site.find(path.relative_to(STATIC).as_posix())
+        assert file is not None
+        assert b"\n/**" not in file.content
+
+
+def test_page_fits_into_120_kib(site: WebSite) -> None:
+    names = [n for n in site.names if n.endswith((".js", ".css", ".svg")) and "/de" not in n]
+    names = [n for n in names if not n.startswith("replay/")]
+    names += ["looks/robotouille.json", "pictures/kitchen.json"]
+    files = [site.find(name) for name in names]
+    # Requests and answers have heads of about 600 bytes.
+    size = sum(len(file.packed) + 600 for file in files if file is not None)
+    assert size < 120 * 1024
