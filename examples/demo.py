@@ -71,6 +71,8 @@ def run(task: str, out: Path, headless: bool) -> None:
     server, url, code = start_server(task, recordings)
     processes = [server]
     console.print(f"[bold]server[/]     {url}, real time, 8 steps a second, kitchen {code}")
+    page = f"http{url.removeprefix('ws')}/watch#{code}"
+    console.print(f"[bold]browser[/]    watch the game at {page}", soft_wrap=True)
     try:
         picture = out / "kitchen.png"
         watch = [command("robotouille-client"), code, "--url", url, "--watch", "--name", "watcher"]
