@@ -26,6 +26,7 @@ from robotouille_client import connect
 from robotouille_server import Server
 from robotouille_server.requests import Opening, open_episode
 from robotouille_server.rooms.room import Room
+from tests.support.firefox import FIREFOX, firefox_page
 from tests.support.servers import serving
 
 if importlib.util.find_spec("playwright") is None:
@@ -42,6 +43,11 @@ pytestmark = [
 FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run"]
 DESKTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 ALONE, TOGETHER = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
+TEXT_OF = "((query) => document.querySelector(query).innerText)"
+BUTTON_WITH = "((words) => [...document.querySelectorAll('#choices button')]"
+BUTTON_WITH += ".find((button) => button.innerText === words))"
+ENTER = "\ue007"
+"""The key Enter in WebDriver."""
 PATIENCE = 20_000
 """Milliseconds after which a test that waits for the browser fails."""
 
@@ -107,6 +113,32 @@ def planned(task: str) -> Iterator[tuple[State, GroundAction, str]]:
         for action in joint:
             yield state, action, capitalised(wording.action(action, state))
         state = state.step(list(joint)).state
+
+
+def together(task: str) -> Iterator[dict[str, str]]:
+    """Yield the words of each player's action in each step of a game that follows a shipped plan.
+
+    A plan may rely on an action of the same step, which nobody is offered. That player waits.
+    """
+    world = World(load_task(task))
+    path = data_folder("problems") / f"{task}.plan"
+    state = world.initial
+    for joint in read_plan(path.read_text(encoding="utf-8"), world):
+        rest = list(joint)
+        while rest:
+            now = [action for action in rest if action in state.actions(str(action.player))]
+            acting = {str(action.player): action for action in now}
+            yield {player: words_of(state, player, acting.get(player)) for player in world.players}
+            state = state.step(now).state
+            rest = [action for action in rest if action not in now]
+    assert state.goal_reached
+
+
+def words_of(state: State, player: str, action: GroundAction | None) -> str:
+    if action is None:
+        return "Wait"
+    wording = Wording(state.world, language_of(state.world.task), player)
+    return capitalised(wording.action(action, state))
 
 
 async def by_buttons(page: Any, words: str) -> None:
@@ -415,3 +447,36 @@ async def test_other_sites_get_nothing_from_a_frame(browser: Any, tmp_path: Path
             await asyncio.sleep(0.5)
             assert await page.evaluate("heard") == []
             assert names(room) == ["x"]
+
+
+@pytest.mark.skipif(FIREFOX is None, reason="needs Firefox: apt install firefox-esr")
+async def test_chromium_and_firefox_finish_a_game_together(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server, firefox_page() as firefox:
+        room = server.lobby.create(messages.Create(task=f"{TOGETHER}@2", clock="lockstep"))
+        await firefox.goto(link(server, room.code))
+        await firefox.wait_for("document.activeElement.id === 'name'")
+        await firefox.press(*"Ben", ENTER)
+        await firefox.wait_for('document.activeElement.innerText === "I\'m ready"')
+        # The driver's keys do not activate buttons in Firefox.
+        await firefox.evaluate("document.activeElement.click()")
+        async with visiting(browser, link(server, room.code), "Ada") as ada:
+            await get_ready(ada)
+            ada_is = next(p for p, seat in room.episode.seats.items() if seat.name == "Ada")
+            for step, words in enumerate(together(f"{TOGETHER}@2")):
+                await at_step(ada, step)
+                await firefox.wait_for(f"{TEXT_OF}('#progress').startsWith('{step} of')")
+                for player, said in words.items():
+                    if player == ada_is:
+                        await by_buttons(ada, said)
+                    else:
+                        await firefox.wait_for(f"{BUTTON_WITH}({said!r})")
+                        await firefox.evaluate(f"{BUTTON_WITH}({said!r}).click()")
+            await expect(ada.locator("#cover")).to_contain_text("Goal reached")
+            await firefox.wait_for(
+                "document.querySelector('#cover').innerText.includes('Goal reached')"
+            )
+        await asyncio.sleep(0.1)
+    recording = read_recording(next(tmp_path.glob("*.rbt")))
+    assert recording.outcome is not None
+    assert recording.outcome["reason"] == "goal"
+    assert recording.resimulate() == recording.stream

@@ -87,6 +87,12 @@ def test_goals_can_have_static_facts() -> None:
     assert not holds(term("iscuttable", ("lettuce", 1)), items=[item("lettuce", 0)])
 
 
+def test_static_fact_about_another_kind_is_no_part_of_the_goal() -> None:
+    world = kitchen(goal=[term("isboard", ("table", 1))])
+    assert not world.initial.goal_reached
+    assert world.goal.fit(world.initial.facts).holding == (False,)
+
+
 def test_created_objects_satisfy_goals_while_they_exist() -> None:
     goal = [term("in", ("water", 1), ("pot", 2))]
     cook = [{"name": "robot", "x": 5, "y": 1, "direction": [0, -1]}]

@@ -77,7 +77,7 @@ class _Scene:
                     self._facts.setdefault(atom[1], set()).add(atom[0])
                 case "bottom_of_stack" | "reaches":
                     pass
-                case _:
+                case _ if len(atom) > 2:
                     self._related.setdefault(atom[-1], []).append(atom[1])
 
     def _carry(self, first: str, second: str) -> None:

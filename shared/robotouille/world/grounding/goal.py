@@ -280,12 +280,19 @@ class Goal:
         if term.predicate in self._table.static_predicates:
             static = self._static[term.predicate]
             work.add(len(static))
-            atoms = [atom for atom in static if self._table.holds(atom, facts)]
+            atoms = [
+                atom
+                for atom in static
+                if self._table.holds(atom, facts) and self._are_candidates(term, atom[1:])
+            ]
         else:
             true = facts & self._mask[term]
             work.add(true.bit_count())
             atoms = [self._table.atoms[i] for i in bits_of(true)]
         return [atom[1:] for atom in atoms if self._suits(term, atom[1:])]
+
+    def _are_candidates(self, term: GoalTerm, names: tuple[str, ...]) -> bool:
+        return all(name in self._candidates[i] for i, name in zip(term.ids, names, strict=True))
 
     def _suits(self, term: GoalTerm, names: tuple[str, ...]) -> bool:
         """Return whether equal ids get one object and different ids of a kind different objects."""

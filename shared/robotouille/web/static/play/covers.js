@@ -66,7 +66,7 @@ export class Cover {
     const button = this.root.querySelector("button.main");
     // The keyboard goes on where it was: in the cover, or in the kitchen behind it.
     if (button instanceof HTMLElement && (kind === "end" || kind === "lobby")) button.focus();
-    else if (focused) byId("kitchen").focus();
+    else if (focused || document.activeElement === document.body) byId("kitchen").focus();
   }
 
   lobby() {

@@ -65,7 +65,8 @@ export class Hands {
     document.addEventListener("keyup", (event) => this.release(event), { signal });
     addEventListener("blur", () => this.queue.release(), { signal });
     byId("help-button").addEventListener("click", () => this.help(), { signal });
-    canvas.focus();
+    // The waiting room has the focus until the game begins.
+    if (byId("cover").hidden) canvas.focus();
   }
 
   close() {
