@@ -63,7 +63,7 @@ for await (const line of createInterface({ input: process.stdin })) {
     const levels = new Map(expect.levels);
     check("levels", dishRows(wanted.dishes(own, game.look, levels)), expect.stacked);
     for (const [name, appearances] of Object.entries(expect.orders)) {
-      check(name, wanted.orderPictures(own, game.look, name), appearances);
+      check(name, wanted.orderLayers(own, game.look, name).map((each) => each.appearance), appearances);
     }
   } else {
     [game.before, game.state] = [game.state, game.state.after(delta)];

@@ -45,18 +45,20 @@ export function dishes(task, look, levels = new Map(), terms = task.problem.goal
 }
 
 /**
- * Return the looks of an ordered dish's objects when it is ready, the lowest first.
- * @param {Task} task @param {Look} look
+ * Return the looks and words of an ordered dish's objects when it is ready, the lowest first.
+ *
+ * @param {Task} task
+ * @param {Look} look
  * @param {string} name Name of the dish on the menu of the shift.
- * @returns {Appearance[]}
+ * @returns {{appearance: Appearance, words: string}[]}
  */
-export function orderPictures(task, look, name) {
+export function orderLayers(task, look, name) {
   const menu = new Map(Object.entries(task.problem.shift?.menu ?? {}));
   const terms = menu.get(name)?.goal;
   /** @type {Dish[]} */
   const found = (terms && dishes(task, look, new Map(), terms)) || [];
   const layers = found.flatMap((dish) => dish.layers).reverse();
-  return layers.map((layer) => layer.appearance).filter((each) => each.role !== "station");
+  return layers.filter(({ appearance }) => appearance.role !== "station");
 }
 
 class Goal {

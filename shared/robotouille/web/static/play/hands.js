@@ -277,9 +277,9 @@ export class Hands {
       [["W", "A", "S", "D"], text("keyWalk")],
       [["E"], text("keyUse")],
       [[text("keyClick")], text("keyClickDoes")],
-      ...this.controls.help().map(([key, does]) => /** @type {[string[], string]} */ ([[key], does])),
       [["Tab"], text("keyActions")],
-      [["1", "5"], text("keySignals")],
+      [["1", "2", "3", "4", "5"], text("keySignals")],
+      ...this.controls.help().map(([key, does]) => /** @type {[string[], string]} */ ([[key], does])),
     ];
     /** @type {[string[], string][]} */
     const rows = [...own, [["T"], text("keyChat")], [["H"], text("help")]];

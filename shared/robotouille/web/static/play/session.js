@@ -24,6 +24,8 @@ import { Ticket } from "./ticket.js";
  */
 
 const NOTICE_SECONDS = 4;
+// Beginning of a bot's announcement of its next actions (planning/policies/team_talk.py).
+const INTENDS = "Next: ";
 // The live region speaks at most this often, so that a screen reader can follow.
 const SPOKEN_SECONDS = 1;
 
@@ -275,6 +277,12 @@ export class Session {
 
   /** @param {import("./game.js").Line} line @param {boolean} old */
   heard(line, old) {
+    if (line.text.startsWith(INTENDS)) {
+      // Bots announce every few steps what they do next, which would drown the chat.
+      const [first] = line.text.slice(INTENDS.length).split(";");
+      if (!old && line.seat) this.bubbles?.show(line.seat, `${first} …`);
+      return;
+    }
     this.chat.say(line.name, line.text);
     if (!old && line.seat) this.bubbles?.say(line);
     if (line.seat !== this.game.me) this.speak(text("saidBy", { name: line.name, text: line.text }));

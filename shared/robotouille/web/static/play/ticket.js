@@ -1,6 +1,6 @@
 // The ticket beside the kitchen: the goal's dishes with ticks, or the open orders of a shift.
 
-import { dishes, orderPictures } from "../kitchen/dishes.js";
+import { dishes, orderLayers } from "../kitchen/dishes.js";
 import { pictureURL } from "../kitchen/pictures.js";
 import { Goal } from "../rules/goal.js";
 import { byId, element, setText } from "./dom.js";
@@ -202,15 +202,17 @@ class Orders {
     const { menu, arrivals } = task.problem.shift;
     const name = String(arrivals[number]?.dish ?? "");
     const dish = Object.hasOwn(menu, name) ? menu[name] : {};
-    const images = orderPictures(task, look, name).map((appearance) =>
+    const layers = orderLayers(task, look, name);
+    const images = layers.map(({ appearance }) =>
       element("img", { src: pictureURL(look, appearance), alt: "" }));
+    const parts = layers.map(({ words }) => words).reverse().join(", ");
     const max = (dish.patience ?? 0) * task.profile.delayFactor || left;
     const bar = element("progress", { max, "aria-label": name });
     const remaining = element("span", { class: "left" });
     const head = element("p", {}, element("b", {}, name), ` ${dish.points ?? ""}`);
     const pictures = element("div", { class: "pictures" }, ...images);
     const slip = {
-      root: element("div", { class: "order" }, head, pictures, bar, remaining),
+      root: element("div", { class: "order", title: parts }, head, pictures, element("small", {}, parts), bar, remaining),
       left: remaining,
       bar,
     };
