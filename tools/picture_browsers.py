@@ -37,7 +37,7 @@ TASK = "multi_agent/03_lettuce_fried_onion_fried_chicken_burger"
 NAMES, SIZES = ("Ada", "Ben"), ((1280, 720), (390, 844))
 STEPS = 8
 SAYS = {3: (0, "I fry, you cut?"), 6: (1, "On it!")}
-"""Who says what, by step."""
+"""Seat and chat message, by step."""
 GAP, HEIGHT = 28, 720
 GROUND = (250, 246, 238)
 

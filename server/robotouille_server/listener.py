@@ -301,7 +301,7 @@ class Listener:
 
     @property
     def page_url(self) -> str:
-        """Address of the page for people, without a code; empty if there is none."""
+        """Address of the page for people, without a code; empty if the page is turned off."""
         if not self._settings.page:
             return ""
         return f"http{self.public_url.removeprefix('ws')}/play"

@@ -54,7 +54,7 @@ def test_changed_link_is_refused(link: Link, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(token) - 1))
     letter = data.draw(st.sampled_from("ABYZaz09-_.=+ \0"))
     changed = token[:at] + letter + token[at + 1 :]
-    # Dashes of a code have no meaning, and case in a code has none.
+    # The server ignores dashes and case in a code.
     if changed != token and not (at <= len(link.code) and letter in "-"):
         assert read_link(changed, [KEY]) is None
 

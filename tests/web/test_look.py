@@ -88,7 +88,7 @@ def _step(state: State, rng: random.Random) -> State:
 
 
 class _Window:
-    """What the window draws of the states of one game."""
+    """Expected pictures of the states of one game, as the window draws them."""
 
     def __init__(self, world: World) -> None:
         self.world = world

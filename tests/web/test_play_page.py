@@ -161,7 +161,7 @@ async def spot_of(page: Any, words: str) -> tuple[float, float] | None:
 
 
 async def by_mouse(page: Any, words: str) -> None:
-    """Click on what the tip says; work that no click stands for is done with the right button."""
+    """Click at the point whose tip has these words. Press E for work that has no such point."""
     spot = await spot_of(page, words)
     if spot is not None:
         await page.mouse.click(*spot)

@@ -133,7 +133,7 @@ def _joint(state: State, rng: random.Random) -> dict[str, GroundAction]:
 
 
 class _Answers:
-    """What the Python code says about the states of one game."""
+    """Answers of the Python code about the states of one game."""
 
     def __init__(self, world: World, language: Language, rng: random.Random) -> None:
         self.controls = Controls(world, bindings_of(world.task), language)
