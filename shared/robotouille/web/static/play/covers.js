@@ -82,10 +82,11 @@ export class Cover {
     const made = slip(text("lobby"), element("p", {}, waiting(game)), element("ul", {}, ...rows));
     const ready = game.seat?.ready ?? true;
     const share = button(text("copy"), () => this.answers.share());
-    made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
+    const others = game.seats.length > 1;
+    if (others) made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
     const choose = game.me !== null &&
       button(text(ready ? "notReady" : "ready"), () => this.answers.ready(!ready), !ready);
-    made.append(element("p", { class: "buttons" }, choose, share));
+    made.append(element("p", { class: "buttons" }, choose, others && share));
     return made;
   }
 
@@ -160,6 +161,7 @@ export function button(words, does, main = false) {
 
 /** Return what a game that has not started waits for. @param {Game} game */
 export function waiting(game) {
+  if (game.startsAt !== null) return text("starting", { seconds: Math.max(0, Math.ceil(game.startsAt - now())) });
   if (game.me !== null && game.seat && !game.seat.ready) return text("waitingReady");
   const late = game.seats.filter((seat) => seat.name && (!seat.present || !seat.ready));
   const free = game.seats.filter((seat) => !seat.name).length;

@@ -29,6 +29,8 @@ const HELP = "h";
 const SIGNALS = ["need", "yours", "look", "wait", "thanks"];
 /** Signals that point at something. */
 const POINTING = new Set(["need", "yours", "look"]);
+/** Inputs that the help explains in general, not by the domain's actions. */
+const KNOWN = new Set(["E", "Left click"]);
 /** Mouse buttons by their numbers in events. @type {("left" | "middle" | "right")[]} */
 const BUTTONS = ["left", "middle", "right"];
 
@@ -131,8 +133,22 @@ export class Hands {
     }
     // A button that has the focus takes these keys itself.
     if (target instanceof HTMLButtonElement && (key === "enter" || key === " ")) return;
+    if (this.moveInList(target, key)) {
+      event.preventDefault();
+      return;
+    }
     if (/** @type {HTMLDialogElement} */ (byId("help")).open) return;
     if (this.command(key, event.repeat)) event.preventDefault();
+  }
+
+  /** Move the focus in the list of actions by the arrow keys. @param {Element} from @param {string} key */
+  moveInList(from, key) {
+    const way = new Map([["arrowleft", -1], ["arrowup", -1], ["arrowright", 1], ["arrowdown", 1]]);
+    const rows = [...this.rows.values()];
+    const at = rows.findIndex((row) => row.contains(from));
+    const next = at < 0 ? undefined : rows[at + (way.get(key) ?? NaN)];
+    if (next?.firstElementChild instanceof HTMLElement) next.firstElementChild.focus();
+    return at >= 0 && way.has(key);
   }
 
   /** Run the command of a key; return whether there is one. @param {string} key @param {boolean} again */
@@ -279,7 +295,8 @@ export class Hands {
       [[text("keyClick")], text("keyClickDoes")],
       [["Tab"], text("keyActions")],
       [["1", "2", "3", "4", "5"], text("keySignals")],
-      ...this.controls.help().map(([key, does]) => /** @type {[string[], string]} */ ([[key], does])),
+      ...this.controls.help().filter(([key]) => !KNOWN.has(key))
+        .map(([key, does]) => /** @type {[string[], string]} */ ([[key], does])),
     ];
     /** @type {[string[], string][]} */
     const rows = [...own, [["T"], text("keyChat")], [["H"], text("help")]];

@@ -163,7 +163,7 @@ export class Session {
     this.language = look.rendering.language;
     const canvas = /** @type {HTMLCanvasElement} */ (byId("kitchen"));
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", text("kitchen", { count: task.players.length }));
+    canvas.setAttribute("aria-label", text("kitchen"));
     const quiet = matchMedia("(prefers-reduced-motion: reduce)");
     const { me } = this.game;
     this.kitchen = new Kitchen(canvas, task, look, { me, reducedMotion: quiet.matches });

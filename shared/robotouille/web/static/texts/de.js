@@ -108,7 +108,7 @@ export default {
   keyActions: "zur Liste der Aktionen",
   keyChat: "Chat",
   keySignals: "den anderen sagen: das brauche ich, nimm du das, schau, warte, danke",
-  kitchen: "Küche mit {count} Köchen",
+  kitchen: "Küche",
   saidBy: "{name}: {text}",
   joined: "{name} ist dazugekommen",
   gone: "{name} ist gegangen",

@@ -108,7 +108,7 @@ export default {
   keyActions: "go to the list of actions",
   keyChat: "chat",
   keySignals: "tell the others: I need this, you take this, look, wait, thanks",
-  kitchen: "Kitchen with {count} cooks",
+  kitchen: "Kitchen",
   saidBy: "{name}: {text}",
   joined: "{name} joined",
   gone: "{name} left",
