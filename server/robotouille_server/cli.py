@@ -355,7 +355,7 @@ def _invitation(server: Server, room: Room) -> list[str]:
 
 
 def _page(server: Server, room: Room) -> list[str]:
-    """Return the link for browsers. The page cannot send a token, so it needs none."""
+    """Return the link for browsers. With `require_token`, each person needs a personal link."""
     page = server.listener.page_url
     if not page or server.settings.require_token:
         return []

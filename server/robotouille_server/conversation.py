@@ -280,9 +280,15 @@ class Conversation:
             services.metrics.resumed.inc()
             if room is not None:
                 room.connection_back(session, hello.seen)
-            elif hello.seen is not None:
+            elif episode := self._lost_episode(hello):
                 reason = "you are no longer in this episode"
-                self.peer.send(messages.Left(episode=hello.seen.episode, reason=reason))
+                self.peer.send(messages.Left(episode=episode, reason=reason))
+
+    def _lost_episode(self, hello: messages.Hello) -> str:
+        """Return the episode to which a client has tried to return; empty without one."""
+        if hello.seen is not None or hello.resume is None:
+            return hello.seen.episode if hello.seen is not None else ""
+        return self._services.tokens.check_resume(hello.resume).episode
 
     async def _handle_hello_later(self, hello: messages.Hello, search: Awaitable[object]) -> None:
         """Search for an episode, without delaying others, then answer `hello`.

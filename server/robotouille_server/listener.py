@@ -37,7 +37,7 @@ from robotouille_server.transport import (
     PendingConnection,
     ServerTLS,
 )
-from robotouille_server.web_pages import OwnSite, WebPages
+from robotouille_server.web_pages import OwnSite, WebPages, is_host_name, parse_names
 
 
 class HttpPages:
@@ -69,7 +69,7 @@ class HttpPages:
         self._origins = parse_origins(settings.origins)
         ports = range(worker.first_port, worker.first_port + worker.count)
         self._own = OwnSite(
-            settings.page_names.split(","),
+            parse_names(settings.page_names),
             {settings.port, *ports},
             parse_origins(settings.page_parents, "--page-parents"),
         )
@@ -78,7 +78,8 @@ class HttpPages:
     def listens(self, name: str, port: int) -> None:
         """Add the name of a certificate, which may be empty, and a port to the server's own."""
         self._own.ports.add(port)
-        if name:
+        # A certificate may name a whole domain, such as `*.example.org`.
+        if is_host_name(name):
             self._own.names.add(name.lower())
 
     def visitor(self, connection: Connection, request: Request) -> Visitor:

@@ -15,7 +15,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Response
 
 from robotouille.web import WebFile, WebSite
-from robotouille_server.auth import is_address
+from robotouille_server.auth import AccessSettingError, is_address
 
 PAGES = ("/play", "/watch")
 """Addresses of the page. The part after `#` has the code of a kitchen."""
@@ -23,7 +23,29 @@ FILES = "/play/"
 YEAR = 365 * 24 * 3600
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(\d{1,5}))?")
 _ORIGIN = re.compile(f"(https?)://{_HOST.pattern}")
+_NAME = re.compile(r"[a-z0-9]([a-z0-9.-]{0,250}[a-z0-9])?")
 _DEFAULT_PORTS = {"http": 80, "https": 443}
+
+
+def parse_names(text: str) -> frozenset[str]:
+    """Parse a list of host names, such as `kitchen.example.org,node2.example.org`.
+
+    Raises:
+        AccessSettingError: A name is invalid, or has a scheme or port.
+    """
+    names = frozenset(part.strip().lower() for part in text.split(",") if part.strip())
+    for name in sorted(names):
+        if not is_host_name(name):
+            raise AccessSettingError(
+                f"--page-names: {name!r} is not a host name; expected names without scheme and "
+                "port, such as kitchen.example.org"
+            )
+    return names
+
+
+def is_host_name(text: str) -> bool:
+    """Return whether a text is a host name, without a port."""
+    return _NAME.fullmatch(text.lower()) is not None
 
 
 class OwnSite:
@@ -38,7 +60,7 @@ class OwnSite:
     def __init__(
         self, names: Iterable[str], ports: Iterable[int], parents: Collection[str] = ()
     ) -> None:
-        self.names = {name.strip().lower() for name in names if name.strip()}
+        self.names = set(names)
         self.ports = set(ports)
         self.parents = tuple(sorted(parents))
 
@@ -60,7 +82,7 @@ class OwnSite:
         if origin is None or host is None:
             return False
         scheme, name, port = origin[1], origin[2], int(origin[3] or _DEFAULT_PORTS[origin[1]])
-        if name in self.names:
+        if name in self.names and (port in self.ports or port == _DEFAULT_PORTS[scheme]):
             return True
         given = _HOST.fullmatch(headers["Host"])
         here = int(given[2]) if given and given[2] else _DEFAULT_PORTS[scheme]
@@ -104,7 +126,8 @@ class WebPages:
                 f"The host {given!r} is not allowed; its operator can add it with --page-names.\n",
             )
         if path in PAGES:
-            page = _file(self._site.page, headers, self._own.policy(host), "no-cache")
+            page = _file(self._site.page, headers, "no-cache")
+            page.headers["Content-Security-Policy"] = self._own.policy(host)
             if not self._own.parents:
                 # For browsers that do not know `frame-ancestors`.
                 page.headers["X-Frame-Options"] = "DENY"
@@ -115,10 +138,10 @@ class WebPages:
         if found is None:
             return _text(HTTPStatus.NOT_FOUND, "no such file; reload the page\n")
         keep = f"public, max-age={YEAR}, immutable"
-        return _file(found, headers, self._own.policy(host), keep)
+        return _file(found, headers, keep)
 
 
-def _file(file: WebFile, headers: Headers, policy: str, keep: str) -> Response:
+def _file(file: WebFile, headers: Headers, keep: str) -> Response:
     accepted = ",".join(headers.get_all("Accept-Encoding")).lower()
     packed = re.search(r"(^|[\s,])gzip\s*(,|;\s*q=(1|0\.0*[1-9])|$)", accepted) is not None
     body = file.packed if packed else file.content
@@ -127,7 +150,6 @@ def _file(file: WebFile, headers: Headers, policy: str, keep: str) -> Response:
         response.headers["Content-Encoding"] = "gzip"
     response.headers["Vary"] = "Accept-Encoding"
     response.headers["Cache-Control"] = keep
-    response.headers["Content-Security-Policy"] = policy
     return response
 
 

@@ -283,6 +283,40 @@ async def test_personal_link_moves_its_person_to_another_browser(
                 await expect(ben.locator("#seats")).to_contain_text("Ada")
 
 
+async def test_two_people_with_links_share_a_browser(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path, require_token=True) as server:
+        request = messages.Create(task=f"{TOGETHER}@2", tokens=True)
+        room, created = open_episode(server.services, Opening(request=request, owner="lab"))
+        first, second = created.links.values()
+        async with visiting(browser, link(server, first), "Ada") as ada:
+            await expect(ada.locator("#cover")).to_contain_text("Waiting room")
+            await ada.fill("#said", "hello")
+            ben = await ada.context.new_page()
+            await ben.goto(link(server, second))
+            await ben.fill("#name", "Ben")
+            await ben.click("#enter-button")
+            await expect(ada.locator("#cover")).to_contain_text("Ben")
+            await ada.keyboard.type(" Ben")
+            assert await ada.input_value("#said") == "hello Ben", "the waiting room took the focus"
+            for page in (ada, ben):
+                await page.reload()
+                await expect(page.locator("#cover")).to_contain_text("Waiting room")
+            assert names(room) == ["Ada", "Ben"]
+
+
+async def test_code_in_another_spelling_returns_to_the_same_seat(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server)
+        plain = room.code.replace("-", "").lower()
+        async with visiting(browser, link(server, plain), "Ada") as page:
+            await expect(page.locator("#cover")).to_contain_text("Waiting room")
+            await page.reload()
+            await expect(page.locator("#cover")).to_contain_text("Waiting room")
+            assert sorted(names(room)) == ["", "Ada"]
+
+
 async def test_page_survives_a_restart_of_the_server(browser: Any, tmp_path: Path) -> None:
     async with AsyncExitStack() as stack:
         server = await stack.enter_async_context(serving(tmp_path))

@@ -1,4 +1,4 @@
-"""Files that the server and the replay page give to browsers."""
+"""Files that the server gives to browsers."""
 
 from __future__ import annotations
 
@@ -80,6 +80,6 @@ def test_page_fits_into_120_kib(site: WebSite) -> None:
     names = [n for n in names if not n.startswith("replay/")]
     names += ["looks/robotouille.json", "pictures/kitchen.json"]
     files = [site.find(name) for name in names]
-    # Requests and answers have heads of about 600 bytes.
-    size = sum(len(file.packed) + 600 for file in files if file is not None)
+    # Answers have heads of about 400 bytes.
+    size = sum(len(file.packed) + 400 for file in files if file is not None)
     assert size < 120 * 1024

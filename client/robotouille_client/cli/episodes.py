@@ -222,6 +222,12 @@ def write_table(rows: Iterable[Mapping[str, Any]], path: Path | None, *, secret:
         raise TableError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def page_address(url: str) -> str:
+    """Return the address of a server's page; of several servers, that of the first one."""
+    site = url.partition(",")[0].rstrip("/")
+    return f"http{site.removeprefix('ws')}/play"
+
+
 def _printable(row: Mapping[str, Any]) -> dict[str, Any]:
     return {
         printable(name): printable(value) if isinstance(value, str) else value
@@ -244,17 +250,6 @@ def _opened(path: Path | None, *, secret: bool) -> Iterator[IO[str]]:
 
 T = TypeVar("T")
 U = TypeVar("U")
-
-def page_link(url: str, link: str) -> str:
-    """Return the address of a server's page with a personal link, or with a code.
-
-    Args:
-        url: The address of the server; of several, the first one counts.
-        link: A personal link, as in `created`, or the code of an episode.
-    """
-    site = url.partition(",")[0].rstrip("/")
-    return f"http{site.removeprefix('ws')}/play#{link}"
-
 
 AT_ONCE = 32
 """Number of requests that wait for an answer at a time."""
@@ -293,6 +288,9 @@ def open_(
     tokens: Annotated[
         bool, typer.Option("--tokens", help="Add a role token and a personal link for each seat.")
     ] = False,
+    page: Annotated[
+        str, typer.Option(help="Address of the page in links. Default: from the URL.")
+    ] = "",
     url: UrlOption = DEFAULT_URL,
     token: TokenOption = None,
 ) -> None:
@@ -301,11 +299,12 @@ def open_(
         fail(printable(f"{out} exists and may contain codes; name another file"), 2)
     rows, requests = read_requests(table, open_for=seconds(open_for), tokens=tokens)
     opened: list[dict[str, Any]] = []
+    site = page or page_address(url)
 
     async def open_all(clients: Sequence[Client]) -> None:
         def record(at: int, created: messages.Created) -> None:
             signed = {f"token.{player}": each for player, each in created.tokens.items()}
-            signed |= {f"link.{p}": page_link(url, each) for p, each in created.links.items()}
+            signed |= {f"link.{p}": f"{site}#{each}" for p, each in created.links.items()}
             names = {"code": created.code, "episode": created.episode}
             made = {name: spreadsheet_cell(value) for name, value in {**names, **signed}.items()}
             opened.append({**rows[at], **made})

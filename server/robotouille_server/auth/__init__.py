@@ -1,5 +1,6 @@
 """Authentication and authorization: visitors, roles, tokens and signing keys."""
 
+from robotouille_server.auth.links import MAX_SEAT
 from robotouille_server.auth.private_files import read_private
 from robotouille_server.auth.revocation import UsedTokens
 from robotouille_server.auth.roles import (
@@ -20,6 +21,7 @@ from robotouille_server.auth.tokens import (
 )
 from robotouille_server.auth.visitors import (
     PROXY_HEADERS,
+    AccessSettingError,
     CodeGuessLimiter,
     ConnectionLimiter,
     CountedConnection,
@@ -36,7 +38,9 @@ from robotouille_server.auth.visitors import (
 )
 
 __all__ = [
+    "MAX_SEAT",
     "PROXY_HEADERS",
+    "AccessSettingError",
     "CodeGuessLimiter",
     "ConnectionLimiter",
     "CountedConnection",

@@ -20,16 +20,17 @@ import hmac
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robotouille_server.auth.keys import Key
 from robotouille_server.runtime.workers import plain_code
 
-_LINK = re.compile(r"([A-Z-]{6,20})\.([A-Za-z0-9_-]{22,140})", re.ASCII | re.IGNORECASE)
+_LINK = re.compile(r"([A-Z-]{6,20})\.([A-Za-z0-9_-]{22,148})", re.ASCII | re.IGNORECASE)
 _PURPOSE = b"robotouille/link\0"
 _SIGNATURE = 12
 _HOUR = 3600
-_MAX_SEAT = 31
+MAX_SEAT, MAX_SUBJECT = 31, 64
+"""Longest parts of a link, in bytes."""
 _RAW, _PARTICIPANT, _NUMBERED = range(3)
 _PSEUDONYM = re.compile(r"participant-([0-9a-f]{16})")
 _ANONYMOUS = re.compile(r"([0-9a-f]{16})-([1-9][0-9]?)")
@@ -41,11 +42,13 @@ class Link:
     """Content of a link's token.
 
     Attributes:
-        code: The code of the episode.
+        code: The code of the episode. A token that was read has it without a dash, because clients
+            may write it in several ways.
         seat: The seat, or empty for any.
         subject: The pseudonym of the bearer.
         expires: The end of validity in seconds since 1970, a whole hour.
         once: True if it is good for one session only.
+        token_id: The id with which the token can be revoked, once it is signed.
     """
 
     code: str
@@ -53,6 +56,7 @@ class Link:
     subject: str
     expires: float
     once: bool = False
+    token_id: str = ""
 
 
 def is_link(token: str) -> bool:
@@ -63,9 +67,10 @@ def is_link(token: str) -> bool:
 def pack_link(link: Link, key: Key) -> str:
     """Return the token of a link, signed with a key; raise ValueError for invalid values."""
     seat, hours = link.seat.encode(), math.ceil(link.expires / _HOUR)
-    if len(seat) > _MAX_SEAT:
-        raise ValueError(f"the seat {link.seat!r} is too long for a link")
     form, subject = _packed_subject(link.subject)
+    for name, part, most in (("seat", seat, MAX_SEAT), ("sub", subject, MAX_SUBJECT)):
+        if len(part) > most:
+            raise ValueError(f"{name}: a link has room for {most} bytes")
     first = len(seat) | form << 5 | link.once << 7
     content = bytes([first]) + hours.to_bytes(3, "big") + seat + subject
     signed = content + _signature(link.code, content, key)
@@ -77,7 +82,7 @@ def read_link(token: str, keys: Iterable[Key]) -> Link | None:
     found = _LINK.fullmatch(token)
     if found is None:
         return None
-    code, text = found[1].upper(), found[2]
+    code, text = plain_code(found[1]), found[2]
     try:
         signed = base64.b64decode(text + "=" * (-len(text) % 4), "-_", validate=True)
     except binascii.Error:
@@ -88,11 +93,12 @@ def read_link(token: str, keys: Iterable[Key]) -> Link | None:
     content, signature = signed[:-_SIGNATURE], signed[-_SIGNATURE:]
     if not any(hmac.compare_digest(_signature(code, content, key), signature) for key in keys):
         return None
-    return _read(code, content)
+    signed_part = _signed_part(code, content)
+    return replace(_read(code, content), token_id=hashlib.sha256(signed_part).hexdigest()[:16])
 
 
 def _read(code: str, content: bytes) -> Link:
-    length = content[0] & _MAX_SEAT
+    length = content[0] & MAX_SEAT
     seat, subject = content[4 : 4 + length], content[4 + length :]
     return Link(
         code=code,
@@ -120,5 +126,8 @@ def _read_subject(form: int, packed: bytes) -> str:
 
 
 def _signature(code: str, content: bytes, key: Key) -> bytes:
-    signed = _PURPOSE + plain_code(code).encode() + b"\0" + content
-    return hmac.digest(key.secret, signed, hashlib.sha256)[:_SIGNATURE]
+    return hmac.digest(key.secret, _signed_part(code, content), hashlib.sha256)[:_SIGNATURE]
+
+
+def _signed_part(code: str, content: bytes) -> bytes:
+    return _PURPOSE + plain_code(code).encode() + b"\0" + content

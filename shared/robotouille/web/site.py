@@ -10,9 +10,9 @@ import gzip
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -72,37 +72,36 @@ class WebSite:
     """
 
     def __init__(self, folder: Path = STATIC) -> None:
-        self._makers = dict(_files(folder))
+        # The bytes behind the digest are kept: a file that is changed later must not be served
+        # under the address of the old one.
+        self._contents = dict(_files(folder))
         self._made: dict[str, WebFile] = {}
         self.version = self._digest()
 
     @property
     def names(self) -> list[str]:
         """Names of all files, sorted."""
-        return sorted(self._makers)
+        return sorted(self._contents)
 
     @cached_property
     def page(self) -> WebFile:
         """The first page, with the addresses of all modules."""
-        text = (self._makers[PAGE])().decode()
-        scripts = (name for name in sorted(self._makers) if _is_needed_first(name))
+        text = self._contents[PAGE].decode()
+        scripts = (name for name in self.names if _is_needed_first(name))
         links = "\n".join(f'    <link rel="modulepreload" href="{{files}}/{n}">' for n in scripts)
         text = text.replace("{modules}", links.strip()).replace("{files}", f"play/{self.version}")
         return WebFile.of(PAGE, text.encode())
 
     def find(self, name: str) -> WebFile | None:
         """Return a file by its name, such as `play/main.js`; None if it does not exist."""
-        maker = self._makers.get(name)
-        if maker is None:
-            return None
-        if name not in self._made:
-            self._made[name] = WebFile.of(name, maker())
-        return self._made[name]
+        content = self._contents.get(name)
+        if content is not None and name not in self._made:
+            self._made[name] = WebFile.of(name, content)
+        return self._made.get(name)
 
     def _digest(self) -> str:
         found = hashlib.sha256()
-        for name, maker in sorted(self._makers.items()):
-            content = maker()
+        for name, content in sorted(self._contents.items()):
             found.update(f"{name} {len(content)}\n".encode())
             found.update(content)
         return found.hexdigest()[:16]
@@ -113,19 +112,18 @@ def _is_needed_first(name: str) -> bool:
     return name.endswith(".js") and (not name.startswith("texts/") or name == FIRST_TEXTS)
 
 
-Maker = Callable[[], bytes]
-
-
-def _files(folder: Path) -> Iterator[tuple[str, Maker]]:
+def _files(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted(folder.rglob("*")):
         if path.suffix in KINDS:
-            make = partial(_module, path) if path.suffix == ".js" else path.read_bytes
-            yield path.relative_to(folder).as_posix(), make
+            content = path.read_bytes()
+            is_module = path.suffix == ".js"
+            name = path.relative_to(folder).as_posix()
+            yield name, without_comments(content) if is_module else content
     for domain in _shipped_domains():
-        yield f"looks/{domain}.json", partial(_shipped_look, domain)
+        yield f"looks/{domain}.json", _shipped_look(domain)
     for path in sorted(data_folder("assets").iterdir()):
         if path.is_dir() and any(path.glob("*.svg")):
-            yield f"pictures/{path.name}.json", partial(_pictures, path)
+            yield f"pictures/{path.name}.json", _pictures(path)
 
 
 _COMMENT = re.compile(rb"(?ms)^[ \t]*(?:/\*\*(?:(?!\*/).)*\*/[ \t]*|//[^\n]*)\n")
@@ -137,10 +135,6 @@ def without_comments(script: bytes) -> bytes:
     Modules have no strings with such lines.
     """
     return _COMMENT.sub(b"", script)
-
-
-def _module(path: Path) -> bytes:
-    return without_comments(path.read_bytes())
 
 
 def _shipped_domains() -> Iterator[str]:

@@ -17,7 +17,8 @@ const LONGEST_DELAY = 8;
 const ANSWER_SECONDS = 10;
 const TICK_SECONDS = 2;
 // A pause of the page's timers that shows that the machine was asleep: its connection is dead.
-const ASLEEP_SECONDS = 25;
+// Browsers run the timers of hidden pages once a minute.
+const ASLEEP_SECONDS = 100;
 const MAX_MOVES = 4;
 // Redirects count as one round until the conversation has lasted this long.
 const SETTLED_SECONDS = 1;
@@ -46,6 +47,8 @@ export class Connection {
     /** @type {WebSocket | null} */
     this.socket = null;
     this.joined = false;
+    /** True if the server has continued the earlier session. */
+    this.resumed = false;
     this.closed = false;
     this.failures = 0;
     this.moves = 0;
@@ -143,8 +146,15 @@ export class Connection {
 
   /** @param {Message} message */
   pass(message) {
+    if (message.type === "left" && !this.joined) {
+      // The session is known, but has lost its seat, for example to another browser.
+      this.resumed = false;
+      this.socket?.send(JSON.stringify(this.join));
+      return;
+    }
     if (message.type === "joined") {
       this.joined = true;
+      this.moves = 0;
       clearTimeout(this.timer);
       if (typeof message.resume === "string") this.keep(message.resume);
       this.join = { ...this.join, episode: message.code };
@@ -160,6 +170,7 @@ export class Connection {
   /** @param {Message} message */
   welcome(message) {
     this.keep(String(message.resume));
+    this.resumed = message.resumed === true;
     // The answer to a resume continues with `joined`. Otherwise the server has forgotten us.
     if (!message.resumed) this.socket?.send(JSON.stringify(this.join));
   }
@@ -187,7 +198,8 @@ export class Connection {
   moved(message) {
     this.moves = Date.now() - this.openedAt > SETTLED_SECONDS * 1000 ? 1 : this.moves + 1;
     const next = redirected(this.url, message);
-    if (next === null || this.moves > MAX_MOVES) {
+    const moves = this.moves;
+    if (next === null || moves > MAX_MOVES) {
       this.lost();
       return;
     }
@@ -221,6 +233,7 @@ export class Connection {
     this.drop();
     this.listener.status("offline");
     this.failures += 1;
+    this.moves = 0;
     // A node that has failed may have passed the episode on: the first address finds it.
     if (this.failures % 3 === 0) this.url = this.home;
     const delay = Math.min(LONGEST_DELAY, FIRST_DELAY * 2 ** (this.failures - 1));

@@ -8,7 +8,8 @@ import { listed, text } from "./texts.js";
 /** @typedef {import("./game.js").Game} Game */
 /**
  * @typedef {{ready: (ready: boolean) => void, rematch: () => void, share: () => void,
- *   next: string | null}} Answers `next` is the address to which the game's end leads.
+ *   mayRepeat: boolean, next: URL | null}} Answers `next` is the address to which the game's end
+ *   leads. `mayRepeat` is true if the next game can be entered.
  */
 
 const STARS = 3;
@@ -20,7 +21,7 @@ export class Cover {
     this.game = game;
     this.answers = answers;
     this.root = byId("cover");
-    this.shown = "";
+    this.shown = this.kindShown = "";
     this.offline = false;
     /** @type {HTMLElement | null} */
     this.ticking = null;
@@ -62,10 +63,14 @@ export class Cover {
     this.root.hidden = !make;
     this.root.classList.toggle("light", kind === "count");
     const focused = this.root.contains(document.activeElement);
+    const isNew = kind !== this.kindShown;
+    this.kindShown = kind;
     this.root.replaceChildren(...(make ? [make()] : []));
     const button = this.root.querySelector("button.main");
     // The keyboard goes on where it was: in the cover, or in the kitchen behind it.
-    if (button instanceof HTMLElement && (kind === "end" || kind === "lobby")) button.focus();
+    const typing = document.activeElement instanceof HTMLInputElement;
+    const asks = kind === "end" || kind === "lobby";
+    if (button instanceof HTMLElement && asks && (focused || (isNew && !typing))) button.focus();
     else if (focused || document.activeElement === document.body) byId("kitchen").focus();
   }
 
@@ -137,10 +142,12 @@ export class Cover {
       made.append(row);
     }
     if (game.outcome?.detail) made.append(element("p", {}, String(game.outcome.detail)));
-    const { next } = this.answers;
+    const { next, mayRepeat } = this.answers;
     const buttons = element("p", { class: "buttons" });
-    if (next) buttons.append(button(text("next"), () => location.assign(next), true));
-    else if (game.me !== null || game.rematch) {
+    if (next) {
+      const words = text("next", { site: next.host });
+      buttons.append(button(words, () => location.assign(next), true));
+    } else if (mayRepeat && (game.me !== null || game.rematch)) {
       const words = text(game.rematch ? "joinRematch" : "rematch");
       buttons.append(button(words, () => this.answers.rematch(), true));
     }

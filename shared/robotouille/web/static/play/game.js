@@ -9,7 +9,7 @@ import { State } from "../rules/state.js";
  * @typedef {import("../rules/actions.js").Action} Action
  * @typedef {{player: string, name: string, kind: string, present: boolean, controller: string,
  *   ready: boolean}} Seat
- * @typedef {{seq: number, action: Action | null, step: number, at: number}} Sent
+ * @typedef {{seq: number, action: Action, step: number, at: number}} Sent
  * @typedef {{number: number, name: string, seat: string, text: string, intent: string,
  *   target: string}} Line
  * @typedef {{type: "answer", sent: Sent, applied: boolean, why: any[], reasons: string[]}} Answer
@@ -22,7 +22,6 @@ import { State } from "../rules/state.js";
 const REPEAT_SECONDS = 5;
 // Dropped deltas after which a snapshot is requested again; a request may fall to a rate limit.
 const RESYNC_EVERY = 20;
-const MAX_LINES = 200;
 
 /** @returns {number} The time in seconds, on a clock that never goes back. */
 export const now = () => performance.now() / 1000;
@@ -69,6 +68,8 @@ export class Game {
     /** @type {Record<string, any> | null} */
     this.outcome = null;
     this.said = 0;
+    /** Number of the last chat message from before this page joined. */
+    this.saidBefore = 0;
     this.seq = 0;
     /** @type {Sent | null} The action that has no answer yet. */
     this.sent = null;
@@ -100,8 +101,8 @@ export class Game {
     return { episode: this.episode, step: this.step, said: this.said, stale: this.resyncing };
   }
 
-  /** Send an action for the next step; it replaces one that has no answer yet. */
-  act(/** @type {Action | null} */ action) {
+  /** Send an action for the next step; it replaces one that has no answer yet. @param {Action} action */
+  act(action) {
     if (!this.running || !this.me) return;
     const previous = this.sent;
     this.seq += 1;
@@ -113,10 +114,12 @@ export class Game {
   /** Send the unanswered action again, at once or when it is due. */
   repeat(atOnce = false) {
     const sent = this.sent;
-    if (!sent || (!atOnce && now() - sent.at < REPEAT_SECONDS)) return;
+    // The missed steps come first: they may have the answer.
+    if (!sent || this.step < this.catchUp) return;
+    if (!atOnce && now() - sent.at < REPEAT_SECONDS) return;
     sent.at = now();
     const { action, seq, step } = sent;
-    const named = action && { name: action.name, args: action.args };
+    const named = { name: action.name, args: action.args };
     this.send({ type: "act", seq, action: named, basis: step });
   }
 
@@ -139,8 +142,12 @@ export class Game {
     HANDLERS.get(message.type)?.(this, message);
   }
 
-  /** @param {Message} message */
-  joined(message) {
+  /** @param {Message} message @param {boolean} resumed True if the session is the earlier one. */
+  joined(message, resumed = false) {
+    const kept = resumed && message.episode === this.episode && (message.seat ?? null) === this.me;
+    // A new session has no record of earlier actions: repeating one could execute it twice.
+    if (!kept && this.sent) this.answer(this.sent, false, [{ kind: "lost" }], []);
+    this.saidBefore = message.said ?? 0;
     this.episode = message.episode;
     this.code = message.code;
     this.role = message.role;
@@ -177,7 +184,7 @@ export class Game {
       const reasons = message.last_reasons ?? [];
       this.answer(this.sent, reasons.length === 0, [], reasons);
     } else if (this.sent && this.sent.seq < (message.seq ?? 0) && this.sent.step < message.step) {
-      this.answer(this.sent, false, [{ kind: "superseded" }], []);
+      this.answer(this.sent, false, [{ kind: "lost" }], []);
     }
     this.emit({ type: "step", jumped });
     if (this.step >= this.catchUp) this.repeat(true);
@@ -219,8 +226,6 @@ export class Game {
       this.answer(sent, unmet.length === 0, message.why?.[row] ?? [], unmet);
       return;
     }
-    // A delta lists actions only, so a step without one is the answer to "nothing".
-    if (sent.action === null) this.answer(sent, true, [], []);
   }
 
   /** @param {Sent} sent @param {boolean} applied @param {any[]} why @param {string[]} reasons */
@@ -272,7 +277,7 @@ export class Game {
     this.said = Math.max(this.said, number);
     const { name, seat = "", text, intent = "", target = "" } = message;
     const line = { number, name, seat, text, intent, target };
-    this.emit({ type: "said", line, old: message.step < this.step - MAX_LINES });
+    this.emit({ type: "said", line, old: number > 0 && number <= this.saidBefore });
   }
 
   /** @param {Message} message */
@@ -287,7 +292,6 @@ export class Game {
 
 /** @type {Map<string, (game: Game, message: Message) => void>} */
 const HANDLERS = new Map([
-  ["joined", (game, message) => game.joined(message)],
   ["snapshot", (game, message) => game.snapshot(message)],
   ["delta", (game, message) => game.delta(message)],
   ["rejected", (game, message) => game.rejected(message)],

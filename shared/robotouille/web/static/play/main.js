@@ -3,7 +3,7 @@
 import { byId, element, inputById, setText } from "./dom.js";
 import { Session } from "./session.js";
 import { givenName, parentOrigin } from "./parent.js";
-import { keep, recall, seatToken } from "./storage.js";
+import { keep, recall, seatKey, seatToken } from "./storage.js";
 import { loadTexts, text } from "./texts.js";
 
 /**
@@ -28,7 +28,7 @@ function showForm(fault = "") {
   setText(byId("enter-button"), text(watch ? "watch" : "join"));
   setText(byId("enter-fault"), fault);
   byId("code-row").hidden = code !== "";
-  inputById("code").value = code;
+  if (code) inputById("code").value = code;
   inputById("name").value ||= givenName || (recall("name") ?? "");
   inputById(code ? "name" : "code").focus();
 }
@@ -54,7 +54,7 @@ function enter(code, name) {
       enter(next, name);
     },
     watch: () => {
-      history.replaceState(null, "", `watch#${encodeURIComponent(code)}`);
+      history.replaceState(null, "", `watch${location.search}#${encodeURIComponent(code)}`);
       enter(code, name);
     },
   });
@@ -62,6 +62,7 @@ function enter(code, name) {
 }
 
 async function start() {
+  byId("loading").remove();
   await loadTexts();
   byId("enter-form").addEventListener("submit", (event) => {
     event.preventDefault();
@@ -69,10 +70,10 @@ async function start() {
   });
   addEventListener("hashchange", () => location.reload());
   document.body.classList.toggle("embedded", parentOrigin !== "");
-  const { code, watch } = invitation();
+  const { code, watch, token } = invitation();
   const name = givenName || recall("name");
   // A reload of the page returns to the seat without a question, as does an address with a name.
-  const known = givenName || (!watch && seatToken(code));
+  const known = givenName || (!watch && seatToken(seatKey(code, token)));
   if (code && name && known) enter(code, name);
   else showForm();
 }

@@ -1,6 +1,6 @@
 // Who cooks, and the chat.
 
-import { SEATS } from "../kitchen/pictures.js";
+import { badgeURL } from "../kitchen/pictures.js";
 import { byId, element } from "./dom.js";
 import { text } from "./texts.js";
 
@@ -8,22 +8,8 @@ import { text } from "./texts.js";
 /** @typedef {import("./game.js").Seat} Seat */
 const MAX_LINES = 200;
 
-/** Return a seat's mark: a shape of its own in its colour. @param {number} index */
-export function seatMark(index) {
-  const shapes = [
-    "M11 2a9 9 0 1 0 .01 0z", "M3 3h16v16H3z", "M11 2l9 17H2z", "M11 1l10 10-10 10L1 11z",
-    "M6 2h10l5 9-5 9H6L1 11z", "M11 1l3 7 7 .500-5.500 4.500 2 7-6.500-4-6.500 4 2-7L1 8.500 8 8z",
-  ];
-  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-  svg.setAttribute("viewBox", "0 0 22 22");
-  svg.setAttribute("aria-hidden", "true");
-  const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-  path.setAttribute("d", shapes[index % shapes.length]);
-  path.setAttribute("fill", SEATS[index % SEATS.length]);
-  path.setAttribute("stroke", "#3b2f2f");
-  svg.append(path);
-  return svg;
-}
+/** Return a seat's mark, as in the kitchen: a shape of its own in its colour. @param {number} seat */
+export const seatMark = (seat) => element("img", { class: "mark", src: badgeURL(seat), alt: "" });
 
 /** Return what a seat's participant is and does, for the list. @param {Seat} seat @param {Game} game */
 export function seatWords(seat, game) {

@@ -5,21 +5,31 @@
 const SOURCE = "robotouille";
 const options = new URLSearchParams(location.search);
 
+/** Return the origin of a web address; empty if it is none. @param {string | null} address */
+function originOf(address) {
+  const url = parsed(address);
+  return url === null ? "" : url.origin;
+}
+
+/** Return a web address as an object; null for other texts. @param {string | null} address */
+function parsed(address) {
+  try {
+    const url = new URL(address ?? "");
+    return /^https?:$/.test(url.protocol) ? url : null;
+  } catch {
+    return null;
+  }
+}
+
 /** The origin of the page around this one, which may send commands; empty without one. */
-export const parentOrigin = window.parent === window ? "" : (options.get("embed") ?? "");
+export const parentOrigin = window.parent === window ? "" : originOf(options.get("embed"));
 
 /** The name that the address gives the participant. */
 export const givenName = (options.get("name") ?? "").trim().slice(0, 40);
 
 /** The address to which the participant goes on after the game; null without one. */
 export function nextAddress() {
-  const text = options.get("return");
-  try {
-    const url = new URL(text ?? "");
-    return /^https?:$/.test(url.protocol) ? url.href : null;
-  } catch {
-    return null;
-  }
+  return parsed(options.get("return"));
 }
 
 /** Tell the parent what happened. @param {News} type @param {object} [details] */

@@ -12,7 +12,7 @@ import { Hands } from "./hands.js";
 import { loadLook } from "./look.js";
 import { Chat, showSeats } from "./panel.js";
 import { nextAddress, obeyParent, tellParent } from "./parent.js";
-import { keepSeat, seatToken } from "./storage.js";
+import { keepSeat, seatKey, seatToken } from "./storage.js";
 import { text } from "./texts.js";
 import { Ticket } from "./ticket.js";
 
@@ -34,9 +34,10 @@ export class Session {
   constructor(visit, exits) {
     this.visit = visit;
     this.exits = exits;
+    this.key = seatKey(visit.code, visit.token);
     /** @type {Connection | null} */
     this.connection = null;
-    /** @type {Map<number, (answer: Message) => void>} */
+    /** @type {Map<number, {request: Message, settle: (answer: Message) => void}>} */
     this.asked = new Map();
     this.lastRef = 0;
     this.game = new Game((message) => this.connection?.send(message) ?? false, (e) => this.on(e));
@@ -45,6 +46,8 @@ export class Session {
       ready: (ready) => this.game.ready(ready),
       rematch: () => this.rematch(),
       share: () => this.share(),
+      // A personal link is for one game.
+      mayRepeat: !visit.token,
       next: nextAddress(),
     });
     /** @type {Kitchen | null} */
@@ -74,14 +77,14 @@ export class Session {
     const join = watch
       ? { type: "join", episode: code, role: "spectator", view: "state" }
       : { type: "join", episode: code, view: "state", ready: false, agent: "browser" };
-    const resume = watch ? undefined : seatToken(code);
+    const resume = watch ? undefined : seatToken(this.key);
     this.connection = new Connection(
       socketAddress(location.href), { name, token, resume }, join, () => this.game.seen(),
       {
         message: (message) => this.receive(message),
         status: (status) => this.connected(status),
         farewell: (reason, words) => this.farewell(reason, words),
-        resume: (token) => this.game.code && !watch && keepSeat(this.game.code, token),
+        resume: (token) => this.game.code && !watch && keepSeat(this.key, token),
       },
     );
     const frame = () => {
@@ -118,12 +121,13 @@ export class Session {
     const waits = message.ref == null ? undefined : this.asked.get(message.ref);
     if (waits) {
       this.asked.delete(message.ref);
-      waits(message);
+      waits.settle(message);
+    } else if (message.type === "joined") {
+      this.game.joined(message, this.connection?.resumed);
+      const { resume } = this.connection?.identity ?? {};
+      if (this.game.role === "player") keepSeat(this.key, resume ?? null);
     } else {
       this.game.receive(message);
-    }
-    if (message.type === "joined" && this.game.role === "player") {
-      keepSeat(this.game.code, message.resume ?? this.connection?.identity.resume ?? null);
     }
   }
 
@@ -134,11 +138,22 @@ export class Session {
    */
   ask(message) {
     this.lastRef += 1;
-    const ref = this.lastRef;
-    return new Promise((resolve) => {
-      this.asked.set(ref, resolve);
-      this.connection?.send({ ...message, ref });
+    const request = { ...message, ref: this.lastRef };
+    return new Promise((settle) => {
+      this.asked.set(request.ref, { request, settle });
+      this.connection?.send(request);
     });
+  }
+
+  /** Send the unanswered requests over a new connection; those that change something fail. */
+  askAgain() {
+    for (const [ref, { request, settle }] of this.asked) {
+      if (request.type.startsWith("get_")) this.connection?.send(request);
+      else {
+        this.asked.delete(ref);
+        settle({ type: "error", message: text("offline") });
+      }
+    }
   }
 
   /** @param {GameEvent} event */
@@ -174,7 +189,9 @@ export class Session {
       wording: () => this.wording(),
       signal: this.abort.signal,
     });
-    new ResizeObserver(() => this.resize()).observe(byId("stage"));
+    const resized = new ResizeObserver(() => this.resize());
+    resized.observe(byId("stage"));
+    this.abort.signal.addEventListener("abort", () => resized.disconnect());
     this.resize();
     this.show();
     this.roster();
@@ -265,8 +282,7 @@ export class Session {
   /** @param {import("./game.js").Answer} answer */
   answered(answer) {
     this.hands?.answered(answer);
-    const superseded = answer.why.some((each) => each.kind === "superseded");
-    if (answer.applied || superseded || !answer.reasons.length || !this.game.me) return;
+    if (answer.applied || !answer.reasons.length || !this.game.me) return;
     const { state } = this.game;
     const [why] = answer.why;
     const reason = why && state ? this.wording().reason({ ...why, words: answer.reasons[0] }, state)
@@ -301,7 +317,7 @@ export class Session {
   }
 
   ended() {
-    keepSeat(this.game.code, null);
+    keepSeat(this.key, null);
     this.show();
     this.hands?.stepped();
     this.status();
@@ -369,6 +385,10 @@ export class Session {
 
   async rematch() {
     const { game } = this;
+    if (!game.rematch && !this.connection?.online) {
+      this.notify(text("offline"));
+      return;
+    }
     const answer = game.rematch
       ? { type: "created", code: game.rematch }
       : await this.ask({ type: "create", rematch: game.episode });
@@ -383,7 +403,7 @@ export class Session {
   leave() {
     this.connection?.send({ type: "leave" });
     tellParent("left", { reason: "" });
-    keepSeat(this.game.code, null);
+    keepSeat(this.key, null);
     this.close();
     this.exits.left("");
   }
@@ -391,6 +411,7 @@ export class Session {
   /** @param {"connecting" | "online" | "offline" | "closed"} status */
   connected(status) {
     this.cover.offline = status !== "online" && status !== "closed" && this.game.state !== null;
+    if (status === "online") this.askAgain();
     this.status();
   }
 
@@ -398,18 +419,15 @@ export class Session {
   farewell(code, reason) {
     // The end card stays: nothing can change any more.
     if (this.game.outcome) return;
-    const { code: kitchen } = this.game;
-    if (kitchen && code !== "session/elsewhere") keepSeat(kitchen, null);
+    // Another tab may have a newer token by now.
+    const own = seatToken(this.key) === this.connection?.identity.resume;
+    if (own && (SEATLESS.has(code) || code.startsWith("auth/"))) keepSeat(this.key, null);
     this.close();
-    if (!this.game.state) {
-      byId("game").hidden = true;
-    }
     tellParent("left", { reason: code });
     const [title, detail, retry] = FAREWELLS.get(code) ?? ["sorry", "", "again"];
     const words = detail ? text(detail) : reason;
     const cover = byId("cover");
     cover.hidden = false;
-    byId("game").hidden = false;
     const choices = element("p", { class: "buttons" });
     if (retry === "watch") choices.append(button(text("watch"), () => this.exits.watch(), true));
     else if (retry) {
@@ -430,6 +448,11 @@ export class Session {
     setText(byId("notice"), "");
   }
 }
+
+/** Codes after which the seat is lost for good. */
+const SEATLESS = new Set([
+  "episode/unknown", "episode/ended", "episode/banned", "episode/left", "episode/full", "seat/taken",
+]);
 
 /** @type {Map<string, [string, string, string]>} Title, detail and button by the server's code. */
 const FAREWELLS = new Map([

@@ -40,6 +40,15 @@ function seats() {
   }
 }
 
+/**
+ * Return the key of a seat: the code without its dash, and a personal link's own part. Several
+ * people may use one browser.
+ * @param {string} code @param {string} [link]
+ */
+export function seatKey(code, link = "") {
+  return `${code.toUpperCase().replace(/[^A-Z]/g, "")}.${link.split(".")[1] ?? ""}`;
+}
+
 /** Return the token that leads back to a seat. @param {string} kitchen */
 export function seatToken(kitchen) {
   return seats().find(([name]) => name === kitchen)?.[1];
