@@ -50,10 +50,9 @@ DamagedOption = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class DrawingOptions:
-    """Options of commands that draw recordings."""
+class LookOptions:
+    """Options of commands that show recordings in pictures."""
 
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720"
     rendering: RenderingOption = ""
     lenient: LenientOption = False
     tasks: Annotated[
@@ -102,6 +101,13 @@ def _report_damage(file: Path, recording: Recording) -> None:
     if recording.damage:
         kept = f"only the {recording.length} steps before the damage were read"
         tell(printable(f"{file}: {recording.damage}; {kept}"), err=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawingOptions(LookOptions):
+    """Options of commands that draw recordings."""
+
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720"
 
 
 @replay.command()
@@ -429,3 +435,74 @@ def video(
     except RobotouilleError as error:
         fail(explain(error))
     tell(f"{output}: {frames} frames")
+
+
+@replay.command()
+@options_from(LookOptions)
+def page(
+    files: Annotated[
+        list[Path], typer.Argument(help="Recording, or two of the same task side by side.")
+    ],
+    output: Annotated[Path, typer.Argument(help="File to write: .html.")],
+    options: LookOptions,
+    anonymous: Annotated[
+        bool,
+        typer.Option(
+            "--anonymous",
+            help="Replace names with p1, p2, … and leave out all texts of participants.",
+        ),
+    ] = False,
+    steps_to_go: Annotated[bool, typer.Option(help="Add the steps to go, where found.")] = True,
+    seconds: Annotated[
+        float, typer.Option(min=0.1, help="Time limit in seconds for the steps to go.")
+    ] = 30.0,
+) -> None:
+    """Write recordings as one HTML file that browsers show without a server or a network.
+
+    A damaged or unfinished file is shown up to its last valid step. Names of your own tasks and
+    texts in their files are shown as they are.
+    """
+    if output.suffix.lower() not in (".html", ".htm"):
+        fail(f"{output}: the last argument is the page to write; its name must end with .html")
+    from robotouille_client.window.replay.web_page import replay_page
+
+    try:
+        opened = [(file, options.open(file)) for file in files]
+        deadline = Deadline(seconds)
+        left = [_steps_to_go(recording, deadline) if steps_to_go else [] for _, recording in opened]
+        text = replay_page(
+            [(file.stem, recording) for file, recording in opened],
+            rendering=options.rendering,
+            anonymous=anonymous,
+            to_go=left if any(left) else (),
+        )
+        output.write_text(text, encoding="utf-8", newline="\n")
+    except (OSError, RobotouilleError) as error:
+        fail(explain(error))
+    except KeyboardInterrupt:
+        fail("interrupted", 130)
+    if deadline.struck:
+        tell(f"stopped after {seconds:g} s: some steps to go are missing (--seconds)", err=True)
+    tell(f"{output}: {len(text.encode()):,} bytes")
+
+
+def _steps_to_go(recording: Recording, deadline: Deadline) -> Sequence[list[Any] | None]:
+    """Return what can be found out about the steps to go, and show progress after a while.
+
+    A shift has no goal, so it has no steps to go.
+    """
+    from robotouille_client.window.replay.web_page import steps_to_go
+
+    if recording.task.problem.shift is not None:
+        return []
+    began, status = time.monotonic(), Console(stderr=True).status("")
+    rows: list[list[Any] | None] = []
+    try:
+        for rows in steps_to_go(recording, recording.length, deadline):
+            if time.monotonic() - began > PATIENCE:
+                known = sum(row is not None for row in rows)
+                status.update(f"steps to go: {known} of {len(rows)} steps")
+                status.start()
+    finally:
+        status.stop()
+    return rows

@@ -28,6 +28,8 @@ PAGE = "index.html"
 FIRST_TEXTS = "texts/en.js"
 DEFAULTS = "published_defaults"
 """File in the folder of the domains that is not a domain."""
+REPLAY = "replay"
+"""Folder of the page for recordings, which is written to files and not served."""
 KINDS = {
     ".css": "text/css; charset=utf-8",
     ".html": "text/html; charset=utf-8",
@@ -114,11 +116,11 @@ def _is_needed_first(name: str) -> bool:
 
 def _files(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted(folder.rglob("*")):
-        if path.suffix in KINDS:
+        name = path.relative_to(folder)
+        if path.suffix in KINDS and name.parts[0] != REPLAY:
             content = path.read_bytes()
             is_module = path.suffix == ".js"
-            name = path.relative_to(folder).as_posix()
-            yield name, without_comments(content) if is_module else content
+            yield name.as_posix(), without_comments(content) if is_module else content
     for domain in _shipped_domains():
         yield f"looks/{domain}.json", _shipped_look(domain)
     for path in sorted(data_folder("assets").iterdir()):

@@ -19,6 +19,12 @@ export async function loadTexts() {
   document.documentElement.lang = found;
 }
 
+/** Use texts in a language from now on. @param {string} language @param {typeof texts} own */
+export function useTexts(language, own) {
+  texts = { ...english, ...own };
+  document.documentElement.lang = language;
+}
+
 /**
  * Return a text with its fields filled in.
  * @param {string} key @param {Record<string, string | number>} [fields]

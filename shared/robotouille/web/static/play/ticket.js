@@ -6,7 +6,7 @@ import { Goal } from "../rules/goal.js";
 import { byId, element, setText } from "./dom.js";
 import { text } from "./texts.js";
 
-/** @typedef {import("./game.js").Game} Game */
+/** @typedef {Pick<import("./game.js").Game, "task" | "state" | "step" | "stepSeconds">} Game */
 /** @typedef {import("../kitchen/look.js").Look} Look */
 /** @typedef {import("../kitchen/dishes.js").Dish} Dish */
 /** @typedef {import("../rules/state.js").State} State */
@@ -19,9 +19,8 @@ const MAX_ORDERED = 4;
 
 /** The ticket of a game: `update` shows a new state. */
 export class Ticket {
-  /** @param {Game} game @param {Look} look */
-  constructor(game, look) {
-    const root = byId("ticket");
+  /** @param {Game} game @param {Look} look @param {HTMLElement} [root] */
+  constructor(game, look, root = byId("ticket")) {
     root.replaceChildren();
     const shift = Boolean(game.task?.problem.shift);
     root.append(element("h2", {}, text(shift ? "orders" : "goal")));

@@ -1,0 +1,382 @@
+"""Recordings as a page in a single file, which browsers show without a server.
+
+The page gets the messages that a player's page would have received: a snapshot and deltas. Beside
+them are the times, activities and events that this module reads from the recordings.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+from robotouille.domain.input_bindings import bindings_of
+from robotouille.domain.pictures import PictureError, plain_picture, read_picture
+from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.domain.task import Task
+from robotouille.episode import TEAM_TOPIC, RejectionKind
+from robotouille.errors import RobotouilleError
+from robotouille.installation import VERSION
+from robotouille.protocol.states import StateReader, why_row
+from robotouille.replay.controllers import Seating, seatings
+from robotouille.replay.distances import StateSource, estimates
+from robotouille.replay.measures import rejection_kind
+from robotouille.replay.recording import Recording
+from robotouille.replay.timeline import DEPARTURES, pauses
+from robotouille.web.single_file import single_file
+from robotouille.web.site import STATIC, look_files
+from robotouille.world.unmet import UnmetKind, only_words, unmet_from
+from robotouille.world.world import State
+from robotouille_client.window.replay.history import UNSEEN
+from robotouille_client.window.replay.recorded_history import RecordedHistory
+
+FORMAT = 1
+"""Version of the data, for programs that read pages."""
+MAX_SHOWN = 2
+"""Recordings in one page."""
+DELTA = ("objects", "atoms", "add", "remove", "timers", "busy", "orders")
+"""Fields of a recorded step that a delta has."""
+ACTIVITIES = "sxabwi"
+"""Letter of each activity, in the order of `history.ACTIVITIES`, and `?` for an unknown one."""
+EXPANSIONS = 500
+"""Search budget of one plan for the steps to go."""
+
+Row = list[Any]
+
+
+@dataclass(slots=True)
+class Names:
+    """Names as the page shows them: as recorded, or `p1`, `p2`, … in the order of appearance."""
+
+    anonymous: bool
+    _known: dict[str, str] = field(default_factory=dict)
+
+    def shown(self, name: str) -> str:
+        """Return the name to show."""
+        if not self.anonymous or not name:
+            return name
+        return self._known.setdefault(name, f"p{len(self._known) + 1}")
+
+    def text(self, text: str) -> str:
+        """Return a participant's text, or an empty one if the page is anonymous."""
+        return "" if self.anonymous else text
+
+
+def replay_page(
+    recordings: Sequence[tuple[str, Recording]],
+    *,
+    rendering: str = "",
+    anonymous: bool = False,
+    to_go: Sequence[Sequence[Row | None]] = (),
+) -> str:
+    """Return the page of one recording, or of two recordings of the same task.
+
+    Args:
+        recordings: Recordings and their labels.
+        rendering: Name of a rendering. Default: the domain's own.
+        anonymous: True to leave out names and texts of participants.
+        to_go: The value of `steps_to_go` for each recording; empty if they are unknown.
+
+    Raises:
+        RobotouilleError: The recordings cannot be shown together, or have no usable look.
+    """
+    data = page_data(recordings, rendering=rendering, anonymous=anonymous, to_go=to_go)
+    page = (STATIC / "replay/index.html").read_text(encoding="utf-8")
+    return single_file("replay/main.js", page, ["page.css", "replay/replay.css"], data)
+
+
+def page_data(
+    recordings: Sequence[tuple[str, Recording]],
+    *,
+    rendering: str = "",
+    anonymous: bool = False,
+    to_go: Sequence[Sequence[Row | None]] = (),
+) -> dict[str, Any]:
+    """Return the data of a page; see `replay_page`."""
+    _check(recordings)
+    names = Names(anonymous)
+    task = recordings[0][1].task
+    rows = []
+    for number, (label, recording) in enumerate(recordings):
+        row = {"label": names.text(label), **_Reading(recording, names).row()}
+        if to_go:
+            row["to_go"] = to_go[number]
+        rows.append(row)
+    return {
+        "format": FORMAT,
+        "software": VERSION,
+        "anonymous": anonymous,
+        "task": task.json,
+        "look": _look(task, rendering_of(task, rendering)),
+        "recordings": rows,
+    }
+
+
+def _check(recordings: Sequence[tuple[str, Recording]]) -> None:
+    if not 1 <= len(recordings) <= MAX_SHOWN:
+        raise RobotouilleError(f"at most two recordings fit side by side, not {len(recordings)}")
+    if len({recording.header["digest"] for _, recording in recordings}) > 1:
+        shown = ", ".join(f"{label} is of {recording.task.name}" for label, recording in recordings)
+        raise RobotouilleError(
+            f"only recordings of the same task can be shown side by side: {shown}"
+        )
+
+
+def _look(task: Task, rendering: RenderingFile) -> dict[str, Any]:
+    """Return the rendering, the key bindings, and the pictures that the rendering names."""
+    pictures = {}
+    for file in sorted(rendering.files()):
+        places = (folder / file for folder in rendering.folders(task.folder))
+        found = next((path for path in places if path.is_file()), None)
+        if found is None:
+            continue  # The page draws a tile with the kind's name.
+        try:
+            content = read_picture(found)
+            content = plain_picture(found.name, content)
+        except (OSError, PictureError) as error:
+            why = error.strerror if isinstance(error, OSError) else error
+            raise RobotouilleError(f"{found}: {why}") from None
+        if file.endswith(".svg"):
+            pictures[file] = content.decode("utf-8", "replace")
+        else:
+            pictures[file] = f"data:image/png;base64,{base64.b64encode(content).decode()}"
+    return {**look_files(rendering, bindings_of(task)), "pictures": pictures}
+
+
+class _Reading:
+    """Conversion of one recording.
+
+    Rejected actions and reasons repeat, so each distinct one is stored once in a table.
+    """
+
+    def __init__(self, recording: Recording, names: Names) -> None:
+        self._recording = recording
+        self._names = names
+        self._players = recording.world.players
+        self._places = {player: place for place, player in enumerate(self._players)}
+        self._actions: dict[tuple[str, ...], int] = {}
+        self._deltas: list[dict[str, Any]] = []
+        self._moves: list[Row] = []
+        self._log: list[Row] = []
+        self._seated: dict[str, tuple[str, str]] = {}
+        self._reader: StateReader | None = None
+        self._snapshot: dict[str, Any] = {}
+        self._fault = ""
+
+    def row(self) -> dict[str, Any]:
+        """Return the recording as JSON values, up to its damage."""
+        recording, history = self._recording, RecordedHistory(self._recording)
+        self._fault = history.fault
+        self._read(history.length)
+        length = len(self._deltas)
+        times = list(history.times[: length + 1])
+        rules, outcome = recording.header["rules"], recording.outcome
+        return {
+            "steps": length,
+            "max_steps": history.max_steps,
+            "rate": history.rate,
+            "clock": rules["clock"],
+            # Differences are short numbers that repeat.
+            "times": [later - earlier for earlier, later in pairwise(times)],
+            "snapshot": self._snapshot,
+            "deltas": self._deltas,
+            "lanes": [_letters(history.lanes[player][:length]) for player in self._players],
+            "actions": [list(action) for action in self._actions],
+            "moves": self._moves,
+            "seats": list(self._seatings(length)),
+            "log": self._log,
+            "pauses": [
+                [pause.step, pause.t, list(pause.holds), pause.seconds]
+                for pause in pauses(recording)
+                if pause.step <= length
+            ],
+            "outcome": self._outcome(outcome) if outcome and not self._fault else None,
+            "fault": self._fault,
+        }
+
+    def _outcome(self, outcome: Mapping[str, Any]) -> dict[str, Any]:
+        kept = {key: outcome[key] for key in ("reason", "steps", "seconds")}
+        score = {"score": outcome["score"]} if outcome.get("score") else {}
+        detail = self._names.text(outcome["detail"])
+        return {**kept, **score, **({"detail": detail} if detail else {})}
+
+    def _seatings(self, length: int) -> Iterator[Row]:
+        """Yield the step from which the seats are as in a row, and their names and kinds."""
+        before: Mapping[str, Seating] | None = None
+        for step, seats in seatings(self._recording):
+            if step > length:
+                return
+            if seats is not before:
+                before = seats
+                rows = [seats[player] for player in self._players]
+                yield [step, [[self._names.shown(r.name), r.kind, r.controller] for r in rows]]
+
+    def _read(self, length: int) -> None:
+        # Checked frames have the right types, but their content may contradict the task.
+        try:
+            for frame in self._recording.each_frame():
+                kind, step = frame["kind"], len(self._deltas)
+                if kind == "state" and self._reader is None:
+                    self._begin(frame)
+                elif kind == "step":
+                    if step == length or frame["step"] != step + 1:
+                        return
+                    self._take(frame)
+                elif kind == "notes":
+                    for note in frame["notes"]:
+                        self._note(step, note)
+        except RobotouilleError as error:
+            self._fault = self._fault or str(error)
+        if self._reader is None:
+            raise RobotouilleError(self._fault or "the recording has no state")
+
+    def _begin(self, frame: dict[str, Any]) -> None:
+        tables = self._recording.header["tables"]
+        self._reader = StateReader(self._recording.world, tables, frame)
+        values = {key: frame[key] for key in ("facts", "timers", "busy", "orders") if key in frame}
+        self._snapshot = {"step": 0, **tables, **values}
+
+    def _take(self, frame: dict[str, Any]) -> None:
+        reader = self._reader
+        if reader is None:
+            raise RobotouilleError("the recording has a step before its first state")
+        step, unmet = frame["step"], frame.get("unmet", {})
+        reader.apply(frame)
+        self._deltas.append({key: frame[key] for key in DELTA if frame.get(key)})
+        row: Row = []
+        for place, move in enumerate(frame["moves"]):
+            seat, action = self._place(move["player"]), self._action(move["action"])
+            if str(place) in unmet:
+                why = self._reasons(unmet[str(place)], ())
+                self._log.append([step, frame["t"], "lost", seat, action, why])
+            else:
+                row += [seat, action]
+            if thought := self._names.text(move.get("reasoning", "")):
+                self._log.append([step, frame["t"], "thought", seat, thought])
+        self._moves.append(row)
+
+    def _action(self, action: Iterable[str]) -> int:
+        return self._actions.setdefault(tuple(action), len(self._actions))
+
+    def _place(self, player: str) -> int:
+        """Return the number of a seat, or -1 for somebody without a seat."""
+        return self._places.get(player, -1)
+
+    def _reasons(self, words: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+        """Return reasons as the page's wording reads them; other reasons keep their words."""
+        found = unmet_from(words, rows) if rows else only_words(*words)
+        return [
+            {**why_row(each), **({} if each.predicate or each.objects else {"words": each.words})}
+            for each in found
+        ]
+
+    def _note(self, step: int, note: Mapping[str, Any]) -> None:
+        made = _NOTES.get(note["note"])
+        rows = made(self, note) if made else None
+        if rows is not None:
+            self._log.append([step, note["t"], *rows])
+
+    def _said(self, note: Mapping[str, Any]) -> Row:
+        name, text = self._names.shown(note["name"]), self._names.text(note["text"])
+        row = ["said", self._place(note["player"]), name, text]
+        if note.get("intent"):
+            row += [note["intent"], note.get("target", "")]
+        return row
+
+    def _noted(self, note: Mapping[str, Any]) -> Row | None:
+        # Bots announce their version to each other; people need not see that.
+        text = self._names.text(note["text"])
+        if note["topic"] == TEAM_TOPIC or not text:
+            return None
+        return ["noted", self._place(note["player"]), f"{note['topic']}: {text}"]
+
+    def _announced(self, note: Mapping[str, Any]) -> Row:
+        return ["announced", -1, self._names.text(note["text"])]
+
+    def _restarted(self, note: Mapping[str, Any]) -> Row:
+        return ["restarted", -1]
+
+    def _roster(self, note: Mapping[str, Any]) -> Row | None:
+        """Return who came, left, was away or returned."""
+        player, name = note["player"], note["name"]
+        before = self._seated.get(player)
+        place, substitute = self._place(player), note.get("controller") == "substitute"
+        if not note["taken"] or not name:
+            self._seated.pop(player, None)
+            if before is None:
+                return None
+            how = note.get("why", "") if note.get("why") in DEPARTURES else "left"
+            return [how, place, self._names.shown(before[0]), substitute]
+        self._seated[player] = (name, note["session"])
+        what = "back"
+        if not note["present"]:
+            what = "away"
+        elif before is None or (before[0] != name and before[1] != note["session"]):
+            what = "joined"
+        return [what, place, self._names.shown(name), substitute]
+
+    def _rejected(self, note: Mapping[str, Any]) -> Row | None:
+        kind = rejection_kind(note)
+        if kind is RejectionKind.SUPERSEDED:
+            return None
+        place, reader = self._place(note["player"]), self._reader
+        state = reader.state if reader is not None else self._recording.world.initial
+        action: int | str = self._parsed(note, state)
+        reasons = self._reasons(note["reasons"], note.get("why", ()))
+        if isinstance(action, str) or kind is RejectionKind.MALFORMED:
+            # The text is a participant's, and the words of the reasons may quote it.
+            action = self._names.text(str(note.get("text") or note["action"]))
+            reasons = [] if self._names.anonymous else reasons
+        if self._names.anonymous:
+            reasons = [reason for reason in reasons if reason["kind"] != UnmetKind.OTHER]
+        return ["rejected", place, action, reasons]
+
+    def _parsed(self, note: Mapping[str, Any], state: State) -> int | str:
+        """Return the number of a rejected action, or its text if it names none."""
+        try:
+            found = self._recording.world.parse(state, note["player"], note["action"], valid=False)
+        except RobotouilleError:
+            return str(note["action"])
+        return self._action((found.name, *found.arguments))
+
+
+_NOTES: Mapping[str, Callable[[_Reading, Mapping[str, Any]], Row | None]] = {
+    "said": _Reading._said,
+    "noted": _Reading._noted,
+    "announced": _Reading._announced,
+    "restarted": _Reading._restarted,
+    "roster": _Reading._roster,
+    "rejected": _Reading._rejected,
+}
+
+
+def _letters(lane: Sequence[int]) -> str:
+    return "".join("?" if code == UNSEEN else ACTIVITIES[code] for code in lane)
+
+
+def steps_to_go(
+    recording: StateSource, length: int, stop: Callable[[], bool], expansions: int = EXPANSIONS
+) -> Iterator[list[Row | None]]:
+    """Yield what is known about the steps to go, step by step, as it becomes more.
+
+    A row is `[least, most]`, with `most` null if no plan is known, or `[-1, null]` if the goal is
+    out of reach. The same list is yielded each time.
+
+    Args:
+        length: Number of steps.
+        stop: Returns True when the time is up.
+        expansions: Search budget for one plan.
+    """
+    known: dict[int, tuple[int, int | None, bool]] = defaultdict(lambda: (0, None, False))
+    rows: list[Row | None] = [None] * (length + 1)
+    for step, left in estimates(recording, expansions, stop):
+        least, most, dead = known[step]
+        lengths = [each for each in (most, left.steps) if each is not None]
+        known[step] = (max(least, left.bound), min(lengths, default=None), dead or left.dead)
+        least, most, dead = known[step]
+        if step <= length:
+            rows[step] = [-1, None] if dead else [least, most]
+        yield rows

@@ -1,0 +1,103 @@
+// Beside the kitchen: the ticket, the cooks, and the list of events of one recording.
+
+import { element, setText } from "../play/dom.js";
+import { seatMark } from "../play/panel.js";
+import { text } from "../play/texts.js";
+import { Ticket } from "../play/ticket.js";
+import { clock } from "./words.js";
+
+/** @typedef {import("./reel.js").Reel} Reel */
+/** @typedef {import("./words.js").Words} Words */
+
+// Events shown before and after the current step.
+const [BEFORE, AFTER] = [50, 10];
+
+export class Panel {
+  /**
+   * @param {Reel} reel @param {Words} words @param {any} look
+   * @param {(step: number, ms: number) => void} go
+   */
+  constructor(reel, words, look, go) {
+    this.reel = reel;
+    this.words = words;
+    this.go = go;
+    this.ticketRoot = element("section", { class: "ticket" });
+    const stepSeconds = reel.raw.clock === "realtime" ? 1 / reel.raw.rate : null;
+    this.game = { task: reel.task, state: reel.state(0), step: 0, stepSeconds };
+    this.ticket = new Ticket(this.game, look, this.ticketRoot);
+    this.points = element("p", { class: "points", hidden: true });
+    this.ticketRoot.append(this.points);
+    this.rows = reel.task.players.map((_, seat) => {
+      const [who, kind, does] = ["who", "kind faint", "does faint"].map((name) =>
+        element("span", { class: name }));
+      const row = element("li", {}, seatMark(seat), element("div", {}, who, " ", kind, does));
+      return { row, who, kind, does };
+    });
+    this.cooks = element("section", { class: "cooks" },
+      element("h2", {}, text("seats")), element("ul", {}, ...this.rows.map(({ row }) => row)));
+    this.lines = element("ol", { class: "lines" });
+    this.events = element("section", { class: "events" },
+      element("h2", {}, text("log")), this.lines);
+    /** @type {Map<number, HTMLElement>} */
+    this.known = new Map();
+    this.shown = "";
+  }
+
+  /** Show a step. @param {number} step */
+  update(step) {
+    const { reel, words, game } = this;
+    game.state = reel.state(step);
+    game.step = step;
+    this.ticket.update();
+    const { orders } = game.state;
+    this.points.hidden = !orders;
+    if (orders) setText(this.points, text("points", { points: orders.score }));
+    const cooks = reel.cooks(step);
+    this.rows.forEach(({ who, kind, does }, seat) => {
+      const cook = cooks[seat];
+      setText(who, cook.name || text("isFree"));
+      const known = cook.kind === "bot" || cook.kind === "model";
+      setText(kind, known ? text(cook.kind) : "");
+      setText(does, step ? words.doing(seat, step) : "");
+    });
+    this.showLines(step);
+  }
+
+  /** @param {number} step */
+  showLines(step) {
+    const { reel, lines } = this;
+    const until = reel.eventsUntil(step);
+    const [first, end] = [Math.max(0, until - BEFORE), Math.min(reel.log.length, until + AFTER)];
+    const shown = `${first} ${until} ${end}`;
+    if (shown === this.shown) return;
+    this.shown = shown;
+    const rows = [];
+    for (let place = first; place < end; place += 1) {
+      const row = this.known.get(place) ?? this.line(place);
+      this.known.set(place, row);
+      row.classList.toggle("later", place >= until);
+      rows.push(row);
+    }
+    for (const place of this.known.keys()) {
+      if (place < first || place >= end) this.known.delete(place);
+    }
+    lines.replaceChildren(...rows);
+    // The newest event that has happened is at the bottom, above those to come.
+    const newest = rows[until - first - 1];
+    lines.scrollTop = newest
+      ? newest.offsetTop + newest.offsetHeight - lines.clientHeight : 0;
+  }
+
+  /** @param {number} place */
+  line(place) {
+    const entry = this.reel.log[place];
+    const { who, what } = this.words.entry(entry);
+    const line = element(
+      "button", { type: "button", class: `line ${entry.kind}`,
+        onclick: () => this.go(entry.step, entry.ms) },
+      element("span", { class: "when" }, clock(entry.ms)),
+      element("span", {}, who && element("b", {}, `${who}: `), what),
+    );
+    return element("li", {}, line);
+  }
+}

@@ -1,0 +1,132 @@
+// One recording in pictures: the kitchen, speech bubbles, and notices.
+
+import { Kitchen } from "../kitchen/painter.js";
+import { pictureURL } from "../kitchen/pictures.js";
+import { element, setText } from "../play/dom.js";
+import { text } from "../play/texts.js";
+import { pauseWords } from "./words.js";
+
+/** @typedef {import("./reel.js").Reel} Reel */
+/** @typedef {import("./player.js").Player} Player */
+/** @typedef {import("./words.js").Words} Words */
+
+// Seconds for which words stay over a player, and steps at least.
+const [BUBBLE_SECONDS, BUBBLE_STEPS] = [3, 3];
+const MAX_LETTERS = 120;
+const NOT_PRESENT = new Set(["", "absent", "substitute"]);
+
+export class Run {
+  /** @param {Reel} reel @param {Words} words @param {any} look @param {Player} player */
+  constructor(reel, words, look, player) {
+    this.reel = reel;
+    this.words = words;
+    this.look = look;
+    this.player = player;
+    this.canvas = element("canvas", { role: "img" });
+    this.canvas.setAttribute("aria-label", text("kitchen", { count: reel.task.players.length }));
+    this.notice = element("p", { class: "notice", hidden: true });
+    this.over = element("div", { class: "bubbles", "aria-hidden": "true" });
+    this.stage = element("div", { class: "stage" }, this.canvas, this.over, this.notice);
+    const quiet = matchMedia("(prefers-reduced-motion: reduce)");
+    this.kitchen = new Kitchen(this.canvas, reel.task, look, { reducedMotion: quiet.matches });
+    quiet.addEventListener("change", () => (this.kitchen.reducedMotion = quiet.matches));
+    this.step = -1;
+    /** @type {Map<string, {box: HTMLElement, words: string}>} */
+    this.bubbles = new Map();
+    new ResizeObserver(() => this.resize()).observe(this.stage);
+    this.stage.addEventListener("click", () => player.play());
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = this.stage;
+    this.kitchen.resize(clientWidth, clientHeight, devicePixelRatio);
+  }
+
+  /** Show the step at the playhead. Return whether it is another one. @param {number} now */
+  update(now) {
+    const { reel, player, kitchen } = this;
+    const step = player.stepOf(reel);
+    if (step === this.step) return false;
+    const before = player.advanced && step === this.step + 1 && step > 0;
+    this.step = step;
+    const cooks = reel.cooks(step);
+    kitchen.seats = reel.task.players.map((name, seat) => ({
+      player: name, name: cooks[seat].name, present: !NOT_PRESENT.has(cooks[seat].controller),
+    }));
+    this.showEvents(step);
+    kitchen.show(reel.state(step), {
+      step,
+      before: before ? reel.state(step - 1) : null,
+      stepSeconds: player.secondsOf(reel, step),
+      receivedAt: now,
+      outcome: step === reel.last ? reel.outcome : null,
+    });
+    return true;
+  }
+
+  /** Show the newest words of each player, and what happened between steps. @param {number} step */
+  showEvents(step) {
+    const { reel, kitchen } = this;
+    const { players } = reel.task;
+    const back = Math.max(BUBBLE_STEPS, Math.round(BUBBLE_SECONDS * this.player.rate));
+    /** @type {Map<string, {words: string, rejected: boolean, target: string}>} */
+    const said = new Map();
+    let notice = "";
+    kitchen.rejected = new Set();
+    for (let place = reel.eventsUntil(step - back); place < reel.eventsUntil(step); place += 1) {
+      const entry = reel.log[place];
+      const player = players[entry.seat];
+      if (entry.kind === "said" && player) {
+        const target = entry.rest[2] ? String(entry.rest[3] ?? "") : "";
+        said.set(player, { words: this.words.said(entry), rejected: false, target });
+      } else if ((entry.kind === "rejected" || entry.kind === "lost") && player) {
+        if (entry.step === step) kitchen.rejected.add(player);
+        const at = entry.kind === "lost" ? entry.step - 1 : entry.step;
+        const words = this.words.reasons(entry.rest[1], at);
+        if (entry.step > step - BUBBLE_STEPS) said.set(player, { words, rejected: true, target: "" });
+      } else if (entry.kind === "announced") {
+        notice = this.words.entry(entry).what;
+      } else if (entry.kind === "paused" && entry.step === step) {
+        notice = pauseWords(entry.rest[0], entry.rest[1]);
+      }
+    }
+    kitchen.pointing = [...said].filter(([, { target }]) => target)
+      .map(([player, { target }]) => ({ player, target }));
+    this.notice.hidden = !notice;
+    setText(this.notice, notice);
+    this.showBubbles(said);
+  }
+
+  /** @param {Map<string, {words: string, rejected: boolean, target: string}>} said */
+  showBubbles(said) {
+    for (const [player, { box, words }] of this.bubbles) {
+      if (said.get(player)?.words === words) continue;
+      box.remove();
+      this.bubbles.delete(player);
+    }
+    for (const [player, { words, rejected, target }] of said) {
+      if (this.bubbles.has(player)) continue;
+      const cut = words.length > MAX_LETTERS ? `${words.slice(0, MAX_LETTERS)}…` : words;
+      const box = element("div", { class: rejected ? "bubble rejected" : "bubble" }, cut);
+      const appearance = target && this.kitchen.shown ? this.kitchen.appearanceOf(target) : null;
+      const src = appearance && pictureURL(this.look, appearance);
+      if (src) box.append(" ", element("img", { src, alt: "" }));
+      this.over.append(box);
+      this.bubbles.set(player, { box, words });
+    }
+  }
+
+  /** @param {number} now Seconds. */
+  draw(now) {
+    this.kitchen.draw(now);
+    for (const [player, { box }] of this.bubbles) {
+      const spot = this.kitchen.spotOf(player);
+      box.hidden = !spot;
+      if (!spot) continue;
+      const half = box.offsetWidth / 2 + 4;
+      const x = Math.max(half, Math.min(spot.x, this.over.clientWidth - half));
+      box.style.left = `${x}px`;
+      box.style.top = `${Math.max(spot.y - spot.tile * 0.75, box.offsetHeight + 4)}px`;
+    }
+  }
+}
