@@ -464,14 +464,17 @@ def page(
     """
     if output.suffix.lower() not in (".html", ".htm"):
         fail(f"{output}: the last argument is the page to write; its name must end with .html")
-    from robotouille_client.window.replay.web_page import replay_page
+    from robotouille_client.window.replay.web_page import labels, replay_page
 
     try:
-        opened = [(file, options.open(file)) for file in files]
-        deadline = Deadline(seconds)
-        left = [_steps_to_go(recording, deadline) if steps_to_go else [] for _, recording in opened]
+        recordings = [options.open(file) for file in files]
+        left, struck = [], False
+        for recording in recordings if steps_to_go else ():
+            deadline = Deadline(seconds / len(recordings))
+            left.append(_steps_to_go(recording, deadline))
+            struck = struck or deadline.struck
         text = replay_page(
-            [(file.stem, recording) for file, recording in opened],
+            list(zip(labels([file.stem for file in files]), recordings, strict=True)),
             rendering=options.rendering,
             anonymous=anonymous,
             to_go=left if any(left) else (),
@@ -481,7 +484,7 @@ def page(
         fail(explain(error))
     except KeyboardInterrupt:
         fail("interrupted", 130)
-    if deadline.struck:
+    if struck:
         tell(f"stopped after {seconds:g} s: some steps to go are missing (--seconds)", err=True)
     tell(f"{output}: {len(text.encode()):,} bytes")
 

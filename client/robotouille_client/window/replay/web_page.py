@@ -88,6 +88,18 @@ def replay_page(
     return single_file("replay/main.js", page, ["page.css", "replay/replay.css"], data)
 
 
+def labels(stems: Sequence[str]) -> list[str]:
+    """Return the names of files as labels, without the parts that all of them have.
+
+    >>> labels(["20260102_soup_1bd3", "20260103_soup_0d37"])
+    ['20260102 1bd3', '20260103 0d37']
+    """
+    parts = [stem.split("_") for stem in stems]
+    shared = set.intersection(*map(set, parts)) if len(parts) > 1 else set()
+    own = [[part for part in each if part not in shared] for each in parts]
+    return [" ".join(each) or stem for each, stem in zip(own, stems, strict=True)]
+
+
 def page_data(
     recordings: Sequence[tuple[str, Recording]],
     *,
@@ -102,7 +114,7 @@ def page_data(
     rows = []
     for number, (label, recording) in enumerate(recordings):
         row = {"label": names.text(label), **_Reading(recording, names).row()}
-        if to_go:
+        if to_go and any(to_go[number]):
             row["to_go"] = to_go[number]
         rows.append(row)
     return {

@@ -63,6 +63,8 @@ class Page {
     this.speed = element("select", { id: "speed" }, ...SPEEDS.map((speed) =>
       element("option", { value: String(speed) }, `×${speed}`)));
     this.spoken = 0;
+    /** @type {number | undefined} Milliseconds until the first picture. */
+    this.readyAt = undefined;
     this.place();
     this.help();
     this.listen();
@@ -227,6 +229,8 @@ class Page {
       this.timeline.update();
       this.status();
     }
+    const panel = this.panels[this.side];
+    if (!panel.shown) panel.showLines(this.runs[this.side].step);
     for (const run of this.runs) run.draw(now);
   }
 
@@ -289,6 +293,7 @@ export async function start(data) {
   await Promise.all(page.runs.map((/** @type {Run} */ run) => run.kitchen.ready));
   const frame = (/** @type {number} */ ms) => {
     page.frame(ms / 1000);
+    page.readyAt ??= performance.now();
     requestAnimationFrame(frame);
   };
   requestAnimationFrame(frame);

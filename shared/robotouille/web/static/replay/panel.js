@@ -11,6 +11,8 @@ import { clock } from "./words.js";
 
 // Events shown before and after the current step.
 const [BEFORE, AFTER] = [50, 10];
+// Milliseconds of a frame for lines that are new.
+const BUDGET_MS = 8;
 
 export class Panel {
   /**
@@ -70,26 +72,35 @@ export class Panel {
     const [first, end] = [Math.max(0, until - BEFORE), Math.min(reel.log.length, until + AFTER)];
     const shown = `${first} ${until} ${end}`;
     if (shown === this.shown) return;
-    this.shown = shown;
-    const rows = [];
-    for (let place = first; place < end; place += 1) {
-      const row = this.known.get(place) ?? this.line(place);
-      this.known.set(place, row);
-      row.classList.toggle("later", place >= until);
-      rows.push(row);
-    }
     for (const place of this.known.keys()) {
       if (place < first || place >= end) this.known.delete(place);
     }
+    // The newest events come first. Words of an action take a millisecond, so that the others may
+    // have to wait for the next frames.
+    const late = performance.now() + BUDGET_MS;
+    let from = until;
+    while (from > first && performance.now() < late) this.line((from -= 1), false);
+    let to = until;
+    while (to < end && performance.now() < late) this.line((to += 1) - 1, true);
+    this.shown = from === first && to === end ? shown : "";
+    const rows = [];
+    for (let place = from; place < to; place += 1) {
+      rows.push(/** @type {HTMLElement} */ (this.known.get(place)));
+    }
     lines.replaceChildren(...rows);
     // The newest event that has happened is at the bottom, above those to come.
-    const newest = rows[until - first - 1];
+    const newest = rows[until - from - 1];
     lines.scrollTop = newest
       ? newest.offsetTop + newest.offsetHeight - lines.clientHeight : 0;
   }
 
-  /** @param {number} place */
-  line(place) {
+  /** Make the line of an event, if it is not known. @param {number} place @param {boolean} later */
+  line(place, later) {
+    const known = this.known.get(place);
+    if (known) {
+      known.classList.toggle("later", later);
+      return;
+    }
     const entry = this.reel.log[place];
     const { who, what } = this.words.entry(entry);
     const line = element(
@@ -98,6 +109,6 @@ export class Panel {
       element("span", { class: "when" }, clock(entry.ms)),
       element("span", {}, who && element("b", {}, `${who}: `), what),
     );
-    return element("li", {}, line);
+    this.known.set(place, element("li", { class: later ? "later" : "" }, line));
   }
 }
