@@ -16,7 +16,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from robotouille.web.site import STATIC
+from robotouille.web.site import STATIC, without_comments
 
 PREFIX = "robotouille/"
 """Beginning of a module's name in an import map, before its path."""
@@ -66,8 +66,8 @@ def modules_of(entry: str, folder: Path = STATIC) -> dict[str, str]:
     while waiting:
         name = waiting.pop()
         if name not in found:
-            source = (folder / name).read_text(encoding="utf-8")
-            found[name], imported = with_bare_imports(name, source)
+            source = without_comments((folder / name).read_bytes())
+            found[name], imported = with_bare_imports(name, source.decode())
             waiting += imported
     return dict(sorted(found.items()))
 

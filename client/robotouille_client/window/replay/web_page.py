@@ -122,7 +122,7 @@ def page_data(
         "software": VERSION,
         "anonymous": anonymous,
         "task": task.json,
-        "look": _look(task, rendering_of(task, rendering)),
+        "look": _look(task, rendering_of(task, rendering), _kinds(task, rows)),
         "recordings": rows,
     }
 
@@ -137,10 +137,31 @@ def _check(recordings: Sequence[tuple[str, Recording]]) -> None:
         )
 
 
-def _look(task: Task, rendering: RenderingFile) -> dict[str, Any]:
-    """Return the rendering, the key bindings, and the pictures that the rendering names."""
+def _kinds(task: Task, rows: Iterable[Mapping[str, Any]]) -> set[str]:
+    """Return all kinds of objects that the recordings or the ticket may show, and other words."""
+    found = set(_words(task.json["problem"]))
+    for row in rows:
+        for message in (row["snapshot"], *row["deltas"]):
+            found.update(kind for _, kind, _ in message.get("objects", ()))
+    return found
+
+
+def _words(value: Any) -> Iterator[str]:
+    """Yield all texts in JSON values, also those that are keys."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for key, each in value.items():
+            yield from (key, *_words(each))
+    elif isinstance(value, Sequence):
+        for each in value:
+            yield from _words(each)
+
+
+def _look(task: Task, rendering: RenderingFile, kinds: set[str]) -> dict[str, Any]:
+    """Return the rendering, the key bindings, and the pictures that can appear."""
     pictures = {}
-    for file in sorted(rendering.files()):
+    for file in sorted({file for place, file in rendering.pictures() if _appears(place, kinds)}):
         places = (folder / file for folder in rendering.folders(task.folder))
         found = next((path for path in places if path.is_file()), None)
         if found is None:
@@ -156,6 +177,12 @@ def _look(task: Task, rendering: RenderingFile) -> dict[str, Any]:
         else:
             pictures[file] = f"data:image/png;base64,{base64.b64encode(content).decode()}"
     return {**look_files(rendering, bindings_of(task)), "pictures": pictures}
+
+
+def _appears(place: str, kinds: set[str]) -> bool:
+    """Return whether a picture can appear, by its place in the rendering file."""
+    group, _, kind = place.partition(".entities.")
+    return not kind or group not in ("item", "station", "container") or kind.split(".")[0] in kinds
 
 
 class _Reading:
