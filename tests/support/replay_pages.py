@@ -13,7 +13,9 @@ __all__ = ["page_data_of", "unpacked"]
 
 def unpacked(page: str, part: str) -> str:
     """Return the text in a compressed part of a page: `modules` or `data`."""
-    found = re.search(rf'<script type="application/octet-stream" id="{part}">([^<]*)</script>', page)
+    found = re.search(
+        rf'<script type="application/octet-stream" id="{part}">([^<]*)</script>', page
+    )
     assert found is not None
     return gzip.decompress(base64.b64decode(found[1])).decode()
 

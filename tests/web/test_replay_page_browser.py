@@ -177,8 +177,8 @@ async def test_two_recordings_go_by_step_or_by_time(browser: Any, tmp_path: Path
             assert atoms == sorted(dict(game.states())[20].fact_names())
         await page.get_by_role("button", name="By time").click()
         assert (await shown_atoms(page, 0))[0] == 20
-        await page.get_by_role("button", name="game 1").click()
-        await expect(page.get_by_role("button", name="game 1")).to_have_attribute(
+        await page.get_by_role("button", name="Recording 2").click()
+        await expect(page.get_by_role("button", name="Recording 2")).to_have_attribute(
             "aria-pressed", "true"
         )
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
+from robotouille.certification.certificate import Deadline
 from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.pictures import PictureError, plain_picture, read_picture
 from robotouille.domain.rendering import RenderingFile, rendering_of
@@ -37,6 +38,8 @@ FORMAT = 1
 """Version of the data, for programs that read pages."""
 MAX_SHOWN = 2
 """Recordings in one page."""
+SNAPSHOT = ("facts", "timers", "busy", "orders")
+"""Fields of a recorded state that a snapshot has, besides the tables."""
 DELTA = ("objects", "atoms", "add", "remove", "timers", "busy", "orders")
 """Fields of a recorded step that a delta has."""
 ACTIVITIES = "sxabwi"
@@ -275,8 +278,7 @@ class _Reading:
     def _begin(self, frame: dict[str, Any]) -> None:
         tables = self._recording.header["tables"]
         self._reader = StateReader(self._recording.world, tables, frame)
-        values = {key: frame[key] for key in ("facts", "timers", "busy", "orders") if key in frame}
-        self._snapshot = {"step": 0, **tables, **values}
+        self._snapshot = {"step": 0, **tables, **{k: frame[k] for k in SNAPSHOT if k in frame}}
 
     def _take(self, frame: dict[str, Any]) -> None:
         reader = self._reader
@@ -304,7 +306,9 @@ class _Reading:
         """Return the number of a seat, or -1 for somebody without a seat."""
         return self._places.get(player, -1)
 
-    def _reasons(self, words: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> list[Row]:
+    def _reasons(
+        self, words: Sequence[str], rows: Sequence[Mapping[str, Any]]
+    ) -> list[dict[str, Any]]:
         """Return reasons as the page's wording reads them; other reasons keep their words."""
         found = unmet_from(words, rows) if rows else only_words(*words)
         return [
@@ -397,7 +401,7 @@ def _letters(lane: Sequence[int]) -> str:
 
 
 def steps_to_go(
-    recording: StateSource, length: int, stop: Callable[[], bool], expansions: int = EXPANSIONS
+    recording: StateSource, length: int, deadline: Deadline, expansions: int = EXPANSIONS
 ) -> Iterator[list[Row | None]]:
     """Yield what is known about the steps to go, step by step, as it becomes more.
 
@@ -406,12 +410,12 @@ def steps_to_go(
 
     Args:
         length: Number of steps.
-        stop: Returns True when the time is up.
+        deadline: Returns True when the time is up.
         expansions: Search budget for one plan.
     """
     known: dict[int, tuple[int, int | None, bool]] = defaultdict(lambda: (0, None, False))
     rows: list[Row | None] = [None] * (length + 1)
-    for step, left in estimates(recording, expansions, stop):
+    for step, left in estimates(recording, expansions, deadline):
         least, most, dead = known[step]
         lengths = [each for each in (most, left.steps) if each is not None]
         known[step] = (max(least, left.bound), min(lengths, default=None), dead or left.dead)

@@ -5,12 +5,13 @@ import { outcomeWords } from "../play/covers.js";
 import { byId, element, setText } from "../play/dom.js";
 import { text } from "../play/texts.js";
 import { readTask } from "../rules/task.js";
+import { fillHelp } from "./help.js";
 import { Panel } from "./panel.js";
 import { Player, SPEEDS } from "./player.js";
 import { Reel } from "./reel.js";
 import { Run } from "./run.js";
 import { chooseTexts } from "./texts.js";
-import { ACTIVITIES, MARKS, Timeline, drawMark } from "./timeline.js";
+import { MARKS, Timeline } from "./timeline.js";
 import { Words, clock } from "./words.js";
 
 const FORMAT = 1;
@@ -46,14 +47,14 @@ class Page {
     const { rendering, bindings, pictures } = data.look;
     this.look = new Look({ rendering, bindings, pictures: new Map(Object.entries(pictures)) });
     this.data = data;
+    /** @type {Reel[]} */
     this.reels = data.recordings.map((/** @type {any} */ raw) => new Reel(task, raw));
-    this.words = this.reels.map((/** @type {Reel} */ reel) => new Words(reel, rendering.language));
+    this.words = this.reels.map((reel) => new Words(reel, rendering.language));
     this.changed = true;
     this.player = new Player(this.reels, () => (this.changed = true));
-    this.runs = this.reels.map((/** @type {Reel} */ reel, /** @type {number} */ number) =>
-      new Run(reel, this.words[number], this.look, this.player));
-    this.panels = this.reels.map((/** @type {Reel} */ reel, /** @type {number} */ number) =>
-      new Panel(reel, this.words[number], this.look, (step, ms) => this.goTo(reel, step, ms)));
+    this.runs = this.words.map((words) => new Run(words, this.look, this.player));
+    this.panels = this.words.map((words) => new Panel(words, this.look, (step, ms) =>
+      this.goTo(words.reel, step, ms)));
     this.side = 0;
     this.timeline = new Timeline(byId("lanes"), this.player, this.words);
     /** @type {Map<string, HTMLButtonElement>} */
@@ -66,7 +67,7 @@ class Page {
     /** @type {number | undefined} Milliseconds until the first picture. */
     this.readyAt = undefined;
     this.place();
-    this.help();
+    fillHelp();
     this.listen();
   }
 
@@ -79,11 +80,12 @@ class Page {
     setText(byId("title"), title.charAt(0).toUpperCase() + title.slice(1));
     document.title = `${byId("title").textContent} – Robotouille`;
     setText(byId("outcome"), two ? "" : this.ending(0));
-    byId("runs").replaceChildren(...runs.map((/** @type {Run} */ run, /** @type {number} */ number) =>
-      element("section", { class: "run" },
-        two && element("h2", {}, this.label(number), " ",
-          element("span", { class: "faint" }, this.ending(number))),
-        run.stage)));
+    byId("runs").replaceChildren(...runs.map((run, number) => element(
+      "section", { class: "run" },
+      two && element("h2", {}, `${this.label(number)} `,
+        element("span", { class: "faint" }, this.ending(number))),
+      run.stage,
+    )));
     /** @type {[Icon, () => void][]} */
     const actions = [
       ["first", () => this.player.seek(0)], ["mark1", () => this.event(-1)],
@@ -102,14 +104,14 @@ class Page {
       this.player.speed = Number(this.speed.value);
       this.changed = true;
     });
-    byId("buttons").replaceChildren(
-      this.position, element("div", { class: "keys" }, ...this.buttons.values()), this.speed, this.left);
+    const keys = element("div", { class: "keys" }, ...this.buttons.values());
+    byId("buttons").replaceChildren(this.position, keys, this.speed, this.left);
     this.choices(byId("sync"), text("sync"), [text("inStep"), text("inTime")], (chosen) => {
       this.player.count(chosen === 1);
       this.timeline.draw();
     });
-    const labels = reels.map((/** @type {Reel} */ _, /** @type {number} */ n) => this.label(n));
-    this.choices(byId("sides"), text("sync"), labels, (chosen) => this.turn(chosen));
+    const sides = reels.map((_, number) => text("recording", { number: number + 1 }));
+    this.choices(byId("sides"), text("sync"), sides, (chosen) => this.turn(chosen));
     this.turn(0);
     if (this.data.anonymous) byId("talk").append(
       element("p", { class: "faint" }, text("anonymous")));
@@ -117,7 +119,8 @@ class Page {
 
   /** @param {number} number */
   label(number) {
-    return this.reels[number].label || text("recording", { number: number + 1 });
+    const { label } = this.reels[number];
+    return label ? `${number + 1} · ${label}` : text("recording", { number: number + 1 });
   }
 
   /** Return how a recording ends. @param {number} number */
@@ -135,13 +138,16 @@ class Page {
   choices(root, label, names, choose) {
     root.hidden = this.reels.length < 2;
     root.setAttribute("aria-label", label);
+    const press = (/** @type {number} */ number) => buttons.forEach((each, place) =>
+      each.setAttribute("aria-pressed", String(place === number)));
     const buttons = names.map((name, number) => element("button", {
-      type: "button", title: name, onclick: () => {
-        buttons.forEach((each, place) => each.setAttribute("aria-pressed", String(place === number)));
+      type: "button",
+      onclick: () => {
+        press(number);
         choose(number);
       },
     }, name));
-    buttons.forEach((each, place) => each.setAttribute("aria-pressed", String(place === 0)));
+    press(0);
     root.replaceChildren(...buttons);
   }
 
@@ -165,35 +171,12 @@ class Page {
   /** Go to the next event, or to the previous one. @param {1 | -1} way */
   event(way) {
     const { player } = this;
-    const steps = this.reels.flatMap((/** @type {Reel} */ reel) => reel.log
+    const steps = this.reels.flatMap((reel) => reel.log
       .filter(({ kind }) => MARKS.has(kind)).map(({ step }) => player.placeOf(reel, step)));
     const here = player.inTime ? player.at : Math.floor(player.at);
-    const found = steps.filter((/** @type {number} */ at) => (at - here) * way > 0);
-    const edge = way > 0 ? player.end : 0;
+    const found = steps.filter((at) => (at - here) * way > 0);
     player.playing = false;
-    player.seek(found.reduce((/** @type {number} */ a, /** @type {number} */ b) =>
-      (Math.abs(b - here) < Math.abs(a - here) ? b : a), edge));
-  }
-
-  /** Fill the dialog with the keys and signs. */
-  help() {
-    const dialog = /** @type {HTMLDialogElement} */ (byId("help"));
-    const keys = [["Space", "keySpace"], ["← →", "keyArrows"], [", .", "keyEvents"],
-      ["− +", "keySpeed"], ["Home End", "keyEnds"]];
-    const list = element("dl", {}, ...keys.flatMap(([key, words]) =>
-      [element("dt", {}, element("kbd", {}, key)), element("dd", {}, text(words))]));
-    const signs = [["said", "said"], ["rejected", "rejectedSign"], ["thought", "thoughtSign"],
-      ["announced", "announcedSign"], ["paused", "pauseSign"], ["restarted", "restartSign"],
-      ["ended", "endSign"]].map(([kind, words]) => [sign(kind), text(words)]);
-    const lanes = [...ACTIVITIES.keys()].map((letter) => [swatch(letter), text(letter)]);
-    const legend = element("ul", { class: "legend" }, ...[...lanes, ...signs].map(([picture, words]) =>
-      element("li", {}, picture, words)));
-    const close = element("button", { type: "button", class: "main", onclick: () => dialog.close() },
-      text("close"));
-    dialog.replaceChildren(element("h2", {}, text("keys")), list,
-      element("h2", {}, text("signs")), legend, close);
-    setText(byId("help-button"), text("help"));
-    byId("help-button").addEventListener("click", () => dialog.showModal());
+    player.seek(way > 0 ? Math.min(player.end, ...found) : Math.max(0, ...found));
   }
 
   listen() {
@@ -212,7 +195,7 @@ class Page {
       const target = /** @type {HTMLElement} */ (event.target);
       const does = keys.get(event.key);
       // Space presses the focused button, and arrows choose the speed.
-      const taken = target.closest("select, dialog[open]") || (event.key === " " && target.closest("button"));
+      const taken = target.closest(event.key === " " ? "button, select, dialog" : "select, dialog");
       if (!does || taken || event.ctrlKey || event.metaKey || event.altKey) return;
       event.preventDefault();
       does(event);
@@ -251,35 +234,17 @@ class Page {
     }
     clearTimeout(this.spoken);
     if (!player.playing) {
-      this.spoken = setTimeout(() => setText(byId("live"), `${words}. ${this.spokenWords()}`), SPOKEN_MS);
+      const speak = () => setText(byId("live"), `${words}. ${this.spokenWords()}`);
+      this.spoken = setTimeout(speak, SPOKEN_MS);
     }
   }
 
   /** Return what the cooks do, for a screen reader. */
   spokenWords() {
     const { reel, words, step } = this.runs[this.side];
-    return reel.task.players.map((/** @type {string} */ _, /** @type {number} */ seat) =>
+    return reel.task.players.map((_, seat) =>
       `${words.name(seat, step)}: ${words.doing(seat, step)}`).join(". ");
   }
-}
-
-/** @param {string} kind */
-function sign(kind) {
-  const canvas = element("canvas", { width: 32, height: 32, "aria-hidden": "true" });
-  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  context.scale(2, 2);
-  drawMark(context, /** @type {[string, string]} */ (MARKS.get(kind)), 8, 2, 12);
-  return canvas;
-}
-
-/** @param {string} letter */
-function swatch(letter) {
-  const canvas = element("canvas", { width: 32, height: 32, "aria-hidden": "true" });
-  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  const [colour, height] = /** @type {[string, number]} */ (ACTIVITIES.get(letter));
-  context.fillStyle = colour;
-  context.fillRect(6, 30 - 28 * height, 20, 28 * height);
-  return canvas;
 }
 
 /** Show the recordings. @param {any} data The value of `page_data` in Python. */
@@ -290,7 +255,7 @@ export async function start(data) {
   const page = new Page(data);
   // Programs, such as tests, can read what is shown.
   Object.assign(globalThis, { robotouille: page });
-  await Promise.all(page.runs.map((/** @type {Run} */ run) => run.kitchen.ready));
+  await Promise.all(page.runs.map((run) => run.kitchen.ready));
   const frame = (/** @type {number} */ ms) => {
     page.frame(ms / 1000);
     page.readyAt ??= performance.now();

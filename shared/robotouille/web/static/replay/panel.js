@@ -6,7 +6,6 @@ import { text } from "../play/texts.js";
 import { Ticket } from "../play/ticket.js";
 import { clock } from "./words.js";
 
-/** @typedef {import("./reel.js").Reel} Reel */
 /** @typedef {import("./words.js").Words} Words */
 
 // Events shown before and after the current step.
@@ -15,11 +14,9 @@ const [BEFORE, AFTER] = [50, 10];
 const BUDGET_MS = 8;
 
 export class Panel {
-  /**
-   * @param {Reel} reel @param {Words} words @param {any} look
-   * @param {(step: number, ms: number) => void} go
-   */
-  constructor(reel, words, look, go) {
+  /** @param {Words} words @param {any} look @param {(step: number, ms: number) => void} go */
+  constructor(words, look, go) {
+    const { reel } = words;
     this.reel = reel;
     this.words = words;
     this.go = go;

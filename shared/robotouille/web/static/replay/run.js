@@ -6,7 +6,6 @@ import { element, setText } from "../play/dom.js";
 import { text } from "../play/texts.js";
 import { pauseWords } from "./words.js";
 
-/** @typedef {import("./reel.js").Reel} Reel */
 /** @typedef {import("./player.js").Player} Player */
 /** @typedef {import("./words.js").Words} Words */
 
@@ -16,8 +15,9 @@ const MAX_LETTERS = 120;
 const NOT_PRESENT = new Set(["", "absent", "substitute"]);
 
 export class Run {
-  /** @param {Reel} reel @param {Words} words @param {any} look @param {Player} player */
-  constructor(reel, words, look, player) {
+  /** @param {Words} words @param {any} look @param {Player} player */
+  constructor(words, look, player) {
+    const { reel } = words;
     this.reel = reel;
     this.words = words;
     this.look = look;
@@ -83,7 +83,8 @@ export class Run {
         if (entry.step === step) kitchen.rejected.add(player);
         const at = entry.kind === "lost" ? entry.step - 1 : entry.step;
         const words = this.words.reasons(entry.rest[1], at);
-        if (entry.step > step - BUBBLE_STEPS) said.set(player, { words, rejected: true, target: "" });
+        if (entry.step <= step - BUBBLE_STEPS) continue;
+        said.set(player, { words, rejected: true, target: "" });
       } else if (entry.kind === "announced") {
         notice = this.words.entry(entry).what;
       } else if (entry.kind === "paused" && entry.step === step) {

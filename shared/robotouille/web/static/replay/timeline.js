@@ -143,16 +143,15 @@ export class Timeline {
     this.marks(context, run);
   }
 
-  /** Return the first step at each column of pixels, and the one after the last. @param {number} run */
+  /** Return the first step at each column of pixels, and that of the end. @param {number} run */
   columns(run) {
     const { player } = this;
     const reel = player.reels[run];
     const columns = Math.max(1, Math.ceil(this.x(player.endOf(reel)) - EDGE));
-    const all = Array.from({ length: columns + 1 }, (_, column) => {
+    return Array.from({ length: columns + 1 }, (_, column) => {
       const place = (column / columns) * player.endOf(reel);
       return player.inTime ? reel.stepAt(place) : Math.floor(place);
     });
-    return all;
   }
 
   /** @param {Context} context @param {number} run @param {number} seat */
@@ -184,7 +183,10 @@ export class Timeline {
     }
   }
 
-  /** Draw the steps to go: up to the proven ones darker. @param {Context} context @param {number} run @param {number} top */
+  /**
+   * Draw the steps to go of the shortest known plan; red where the goal is out of reach.
+   * @param {Context} context @param {number} run @param {number} top
+   */
   curve(context, run, top) {
     const { to_go: rows, steps: last } = this.player.reels[run].raw;
     const highest = Math.max(1, ...rows.map((/** @type {any} */ row) => row?.[1] ?? row?.[0] ?? 0));
@@ -224,7 +226,11 @@ export class Timeline {
   }
 }
 
-/** @param {Context} context @param {[string, string]} mark @param {number} x @param {number} y @param {number} size */
+/**
+ * Draw a mark below a point.
+ * @param {Context} context @param {[string, string]} mark
+ * @param {number} x @param {number} y @param {number} size
+ */
 export function drawMark(context, [shape, colour], x, y, size) {
   const half = size / 2;
   context.fillStyle = colour;

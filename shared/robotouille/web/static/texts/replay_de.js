@@ -1,0 +1,31 @@
+// German texts of the page for recordings, besides those of the page for players.
+
+/** @type {Record<string, string>} */
+export default {
+  play: "Abspielen", pause: "Anhalten", first: "Anfang", last: "Ende",
+  back1: "Ein Schritt zurück", on1: "Ein Schritt weiter", mark1: "Voriges Ereignis",
+  mark2: "Nächstes Ereignis", speed: "Tempo", inStep: "Nach Schritten", inTime: "Nach der Zeit",
+  sync: "Zwei Aufnahmen", recording: "Aufnahme {number}", step: "Schritt {step} von {last}",
+  lane: "Zeitleiste", log: "Ereignisse", paused: "{seconds} s lang angehalten",
+  pausedOpen: "Angehalten bis zum Ende der Aufnahme", restarted: "Der Server wurde neu gestartet",
+  operator: "Die Leitung: {text}", someone: "Jemand im Publikum", hidden: "(Text weggelassen)",
+  thought: "{name} denkt: {text}", noted: "{name} notiert {text}",
+  wasRejected: "{name}: {action}. Abgelehnt: {reason}",
+  wasLost: "{name}: {action}. Zu spät: {reason}",
+  lost: "{name} war zu lange weg", removed: "{name} wurde entfernt",
+  bySubstitute: "{what}; ein Bot springt ein", nobody: "niemand", toGo: "Schritte bis zum Ziel",
+  toGoIs: "{steps} Schritte bis zum Ziel", toGoRange: "{least} bis {most} Schritte bis zum Ziel",
+  toGoMost: "höchstens {most} Schritte bis zum Ziel",
+  toGoLeast: "mindestens {least} Schritte bis zum Ziel", toGoNever: "das Ziel ist unerreichbar",
+  damaged: "Die Aufnahme endet hier: {fault}", noEnd: "Die Aufnahme hat kein Ende",
+  anonymous: "Namen und Texte wurden weggelassen",
+  a: "handelt", b: "beschäftigt", w: "wartet", i: "untätig", x: "weg", s: "ein Bot springt ein",
+  "hold operator": "durch die Leitung", "hold player": "durch die Person am Spiel",
+  "hold storage": "die Aufnahme ließ sich nicht schreiben",
+  "hold restart": "der Server wurde neu gestartet", "hold absence": "jemand war weg",
+  "hold deserted": "alle waren weg", signs: "Zeichen", said: "Chat", rejectedSign: "abgelehnt",
+  pauseSign: "Pause", restartSign: "Neustart", announcedSign: "Ansage",
+  thoughtSign: "Überlegung", endSign: "Ende", keySpace: "abspielen oder anhalten",
+  keyArrows: "ein Schritt; mit Umschalt zehn", keyEvents: "voriges, nächstes Ereignis",
+  keySpeed: "langsamer, schneller", keyEnds: "Anfang, Ende", points: "{points} Punkte",
+};

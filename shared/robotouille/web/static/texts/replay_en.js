@@ -1,0 +1,30 @@
+// English texts of the page for recordings, besides those of the page for players.
+
+/** @type {Record<string, string>} */
+export default {
+  play: "Play", pause: "Pause", first: "Beginning", last: "End", back1: "One step back",
+  on1: "One step on", mark1: "Previous event", mark2: "Next event", speed: "Speed",
+  inStep: "By step", inTime: "By time", sync: "Two recordings", recording: "Recording {number}",
+  step: "Step {step} of {last}", lane: "Timeline", log: "Events", paused: "Paused for {seconds} s",
+  pausedOpen: "Paused until the recording ends", restarted: "The server was restarted",
+  operator: "The operator: {text}", someone: "A spectator", hidden: "(text left out)",
+  thought: "{name} thinks: {text}", noted: "{name} notes {text}",
+  wasRejected: "{name}: {action}. Rejected: {reason}",
+  wasLost: "{name}: {action}. Too late: {reason}",
+  lost: "{name} was away too long", removed: "{name} was removed",
+  bySubstitute: "{what}; a bot stands in", nobody: "nobody", toGo: "steps to go",
+  toGoIs: "{steps} steps to go", toGoRange: "{least} to {most} steps to go",
+  toGoMost: "at most {most} steps to go", toGoLeast: "at least {least} steps to go",
+  toGoNever: "the goal is out of reach", damaged: "The recording ends here: {fault}",
+  noEnd: "The recording has no end", anonymous: "Names and texts were left out",
+  a: "acts", b: "busy", w: "waits", i: "idle", x: "away", s: "a bot stands in", "?": "",
+  "hold operator": "by the operator", "hold player": "by the player",
+  "hold storage": "the recording could not be written", "hold restart": "the server was restarted",
+  "hold absence": "a player was away", "hold deserted": "everybody was away",
+  signs: "Signs", said: "chat", rejectedSign: "rejected", pauseSign: "pause",
+  restartSign: "restart",
+  announcedSign: "announcement", thoughtSign: "reasoning", endSign: "the end",
+  keySpace: "play or pause", keyArrows: "one step; with Shift ten",
+  keyEvents: "previous, next event",
+  keySpeed: "slower, faster", keyEnds: "beginning, end", points: "{points} points",
+};
