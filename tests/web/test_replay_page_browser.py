@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import pytest_asyncio
 
+from robotouille.replay.annotations import Codebook, read_annotations
 from robotouille.replay.recording import Recording
 from robotouille_client.window.replay.web_page import replay_page
 from tests.support.games import recorded_game
@@ -181,6 +182,34 @@ async def test_two_recordings_go_by_step_or_by_time(browser: Any, tmp_path: Path
         await expect(page.get_by_role("button", name="Recording 2")).to_have_attribute(
             "aria-pressed", "true"
         )
+
+
+async def test_labels_are_set_by_keys_and_saved(
+    browser: Any, game: Recording, tmp_path: Path
+) -> None:
+    labels = [{"id": "help", "title": EVIL, "key": "h"}, {"id": "wait", "title": "W", "key": "w"}]
+    codebook = Codebook.model_validate({"labels": labels})
+    content = replay_page([("game", game)], codebook=codebook)
+    async with opened(browser, content, tmp_path, accept_downloads=True) as page:
+        await page.evaluate("robotouille.player.seek(20)")
+        await page.keyboard.press("h")
+        await page.keyboard.press("Shift+W")
+        await page.evaluate("robotouille.player.seek(12)")
+        await expect(page.locator("#position")).to_contain_text("Step 12 of")
+        await page.keyboard.press("w")
+        save = page.get_by_role("button", name="Save the labels")
+        await save.click()
+        await expect(page.locator(".coding [role=status]")).to_contain_text("Enter the coder")
+        await page.keyboard.type("when h w")
+        async with page.expect_download() as saving:
+            await save.click()
+        file = tmp_path / "labels.json"
+        await (await saving.value).save_as(file)
+        assert await page.locator(".coding img").count() == 0
+    found = read_annotations(file)
+    assert (found.coder, found.steps, found.labels) == ("when h w", STEPS, ("help", "wait"))
+    spans = [(each.label, each.first, each.last) for each in found.annotations]
+    assert spans == [("wait", 12, 20), ("help", 20, 20)]
 
 
 async def test_phone_shows_everything_without_scrolling_sideways(

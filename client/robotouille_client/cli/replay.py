@@ -17,6 +17,8 @@ from robotouille.certification.certificate import Deadline
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
 from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
+from robotouille.replay.annotations import agreement, read_annotations, read_codebook
+from robotouille.replay.annotations import rows as agreement_rows
 from robotouille.replay.controllers import json_lines
 from robotouille.replay.distances import distances
 from robotouille.replay.model_calls import call_texts
@@ -456,6 +458,13 @@ def page(
     seconds: Annotated[
         float, typer.Option(min=0.1, help="Time limit in seconds for the steps to go.")
     ] = 30.0,
+    codebook: Annotated[
+        Path | None,
+        typer.Option(
+            help="Labels for steps, as JSON: a list `labels` of objects with `id`, `title` and "
+            "`key`."
+        ),
+    ] = None,
 ) -> None:
     """Write recordings as one HTML file that browsers show without a server or a network.
 
@@ -467,6 +476,7 @@ def page(
     from robotouille_client.window.replay.web_page import labels, replay_page
 
     try:
+        codes = None if codebook is None else read_codebook(codebook)
         recordings = [options.open(file) for file in files]
         left, struck = [], False
         for recording in recordings if steps_to_go else ():
@@ -478,6 +488,7 @@ def page(
             rendering=options.rendering,
             anonymous=anonymous,
             to_go=left if any(left) else (),
+            codebook=codes,
         )
         output.write_text(text, encoding="utf-8", newline="\n")
     except (OSError, RobotouilleError) as error:
@@ -509,3 +520,24 @@ def _steps_to_go(recording: Recording, deadline: Deadline) -> Sequence[list[Any]
     finally:
         status.stop()
     return rows
+
+
+@replay.command("agreement")
+@failing
+def agreement_command(
+    files: Annotated[list[Path], typer.Argument(help="Labels that pages have saved.")],
+    json_output: JsonOption = False,
+) -> None:
+    """Show the agreement of coders about each label: Cohen's kappa and Krippendorff's alpha.
+
+    Both compare, for each step, whether a label covers it. Kappa needs exactly two coders.
+    """
+    found = list(agreement([read_annotations(file) for file in files]))
+    if json_output:
+        typer.echo(json.dumps([asdict(each) for each in found]))
+        return
+    table = list(agreement_rows(found))
+    widths = {key: max(len(key), *(len(row[key]) for row in table)) for key in table[0]}
+    for row in ({key: key for key in widths}, *table):
+        cells = (row[key].rjust(width) for key, width in widths.items() if key != "label")
+        tell(printable(f"{row['label'].ljust(widths['label'])}  {'  '.join(cells)}"))

@@ -7,6 +7,7 @@ them are the times, activities and events that this module reads from the record
 from __future__ import annotations
 
 import base64
+import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from robotouille.episode import TEAM_TOPIC, RejectionKind
 from robotouille.errors import RobotouilleError
 from robotouille.installation import VERSION
 from robotouille.protocol.states import StateReader, why_row
+from robotouille.replay.annotations import Codebook
 from robotouille.replay.controllers import Seating, seatings
 from robotouille.replay.distances import StateSource, estimates
 from robotouille.replay.measures import rejection_kind
@@ -74,6 +76,7 @@ def replay_page(
     rendering: str = "",
     anonymous: bool = False,
     to_go: Sequence[Sequence[Row | None]] = (),
+    codebook: Codebook | None = None,
 ) -> str:
     """Return the page of one recording, or of two recordings of the same task.
 
@@ -82,11 +85,14 @@ def replay_page(
         rendering: Name of a rendering. Default: the domain's own.
         anonymous: True to leave out names and texts of participants.
         to_go: The value of `steps_to_go` for each recording; empty if they are unknown.
+        codebook: Labels that the reader can give to steps of a single recording.
 
     Raises:
         RobotouilleError: The recordings cannot be shown together, or have no usable look.
     """
-    data = page_data(recordings, rendering=rendering, anonymous=anonymous, to_go=to_go)
+    data = page_data(
+        recordings, rendering=rendering, anonymous=anonymous, to_go=to_go, codebook=codebook
+    )
     page = (STATIC / "replay/index.html").read_text(encoding="utf-8")
     return single_file("replay/main.js", page, ["page.css", "replay/replay.css"], data)
 
@@ -109,9 +115,12 @@ def page_data(
     rendering: str = "",
     anonymous: bool = False,
     to_go: Sequence[Sequence[Row | None]] = (),
+    codebook: Codebook | None = None,
 ) -> dict[str, Any]:
     """Return the data of a page; see `replay_page`."""
     _check(recordings)
+    if codebook is not None and len(recordings) > 1:
+        raise RobotouilleError("a page with a codebook shows one recording")
     names = Names(anonymous)
     task = recordings[0][1].task
     rows = []
@@ -127,6 +136,7 @@ def page_data(
         "task": task.json,
         "look": _look(task, rendering_of(task, rendering), _kinds(task, rows)),
         "recordings": rows,
+        **({"codebook": codebook.model_dump(mode="json")} if codebook is not None else {}),
     }
 
 
@@ -217,6 +227,7 @@ class _Reading:
         times = list(history.times[: length + 1])
         rules, outcome = recording.header["rules"], recording.outcome
         return {
+            "digest": hashlib.sha256(recording.stream).hexdigest(),
             "steps": length,
             "max_steps": history.max_steps,
             "rate": history.rate,

@@ -5,6 +5,7 @@ import { outcomeWords } from "../play/covers.js";
 import { byId, element, setText } from "../play/dom.js";
 import { text } from "../play/texts.js";
 import { readTask } from "../rules/task.js";
+import { Coding } from "./coding.js";
 import { fillHelp } from "./help.js";
 import { Panel } from "./panel.js";
 import { Player, SPEEDS } from "./player.js";
@@ -66,6 +67,7 @@ class Page {
     this.spoken = 0;
     /** @type {number | undefined} Milliseconds until the first picture. */
     this.readyAt = undefined;
+    this.coding = data.codebook ? this.code(data.codebook.labels) : null;
     this.place();
     fillHelp();
     this.listen();
@@ -115,6 +117,20 @@ class Page {
     this.turn(0);
     if (this.data.anonymous) byId("talk").append(
       element("p", { class: "faint" }, text("anonymous")));
+  }
+
+  /** Let the reader give labels to steps. @param {import("./coding.js").Label[]} labels */
+  code(labels) {
+    const coding = new Coding(labels, this.words[0], {
+      step: () => this.player.stepOf(this.reels[0]),
+      go: (step) => this.goTo(this.reels[0], step, 0),
+      changed: () => {
+        this.timeline.spans = coding.spans;
+        this.timeline.draw();
+      },
+    });
+    byId("panel").prepend(coding.root);
+    return coding;
   }
 
   /** @param {number} number */
@@ -195,10 +211,10 @@ class Page {
       const target = /** @type {HTMLElement} */ (event.target);
       const does = keys.get(event.key);
       // Space presses the focused button, and arrows choose the speed.
-      const taken = target.closest(event.key === " " ? "button, select, dialog" : "select, dialog");
-      if (!does || taken || event.ctrlKey || event.metaKey || event.altKey) return;
-      event.preventDefault();
-      does(event);
+      const taking = event.key === " " ? "button, select, dialog, input" : "select, dialog, input";
+      if (target.closest(taking) || event.ctrlKey || event.metaKey || event.altKey) return;
+      if (does) does(event);
+      if (does || this.coding?.press(event.key, event.shiftKey)) event.preventDefault();
     });
   }
 

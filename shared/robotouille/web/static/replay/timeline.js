@@ -47,6 +47,8 @@ export class Timeline {
       .map((_, seat) => element("span", {}, seatMark(seat), element("span", {})))));
     root.replaceChildren(element("div", { class: "gutter" }, ...this.names), this.track);
     this.width = 0;
+    /** @type {{first: number, last: number, row: number, colour: string}[]} Labels of a coder. */
+    this.spans = [];
     new ResizeObserver(() => this.draw()).observe(this.track);
     this.listen();
   }
@@ -140,6 +142,11 @@ export class Timeline {
     context.scale(canvas.width / Math.max(1, this.width), devicePixelRatio);
     for (let seat = 0; seat < seats; seat += 1) this.lane(context, run, seat);
     if (reel.raw.to_go) this.curve(context, run, HEAD + seats * LANE);
+    for (const { first, last, row, colour } of this.spans) {
+      const [left, right] = [this.x(first), this.x(last)];
+      context.fillStyle = colour;
+      context.fillRect(left - 1.5, 1 + (row % 4) * 3, right - left + 3, 2.5);
+    }
     this.marks(context, run);
   }
 

@@ -28,4 +28,9 @@ export default {
   thoughtSign: "Überlegung", endSign: "Ende", keySpace: "abspielen oder anhalten",
   keyArrows: "ein Schritt; mit Umschalt zehn", keyEvents: "voriges, nächstes Ereignis",
   keySpeed: "langsamer, schneller", keyEnds: "Anfang, Ende", points: "{points} Punkte",
+  labels: "Kategorien", coder: "Kodiert von", save: "Kategorien speichern", remove: "Entfernen",
+  labelKeys: "Eine Taste kodiert diesen Schritt. Mit Umschalt beginnt sie eine Spanne, und der " +
+    "nächste Druck beendet sie.",
+  spanOpen: "Gehen Sie zum letzten Schritt der Spanne und drücken Sie die Taste noch einmal.",
+  coderMissing: "Geben Sie zuerst ein, wer kodiert.",
 };

@@ -27,4 +27,8 @@ export default {
   keySpace: "play or pause", keyArrows: "one step; with Shift ten",
   keyEvents: "previous, next event",
   keySpeed: "slower, faster", keyEnds: "beginning, end", points: "{points} points",
+  labels: "Labels", coder: "Coder", save: "Save the labels", remove: "Remove",
+  labelKeys: "A key labels this step. With Shift, it begins a span, and the next press ends it.",
+  spanOpen: "Go to the last step of the span, then press the key again.",
+  coderMissing: "Enter the coder's name or number first.",
 };
