@@ -14,7 +14,9 @@ import pytest_asyncio
 
 from robotouille.replay.annotations import Codebook, read_annotations
 from robotouille.replay.recording import Recording
-from robotouille_client.window.replay.web_page import replay_page
+from robotouille.web.single_file import single_file
+from robotouille.web.site import STATIC
+from robotouille_client.window.replay.web_page import page_data, replay_page
 from tests.support.games import recorded_game
 from tests.support.random_play import talkative_stream
 
@@ -132,7 +134,8 @@ async def test_keys_play_step_and_jump(browser: Any, game: Recording, tmp_path: 
 
 async def test_play_ends_at_the_last_step(browser: Any, tmp_path: Path) -> None:
     game = Recording(recorded_game("synchronous/01", steps=12))
-    async with opened(browser, replay_page([("game", game)]), tmp_path) as page:
+    content = replay_page([("game", game)])
+    async with opened(browser, content, tmp_path, reduced_motion="reduce") as page:
         await page.get_by_label("Speed").select_option("8")
         await page.get_by_role("button", name="Play").click()
         await expect(page.locator("#position")).to_contain_text(f"Step {game.length} of")
@@ -224,6 +227,21 @@ async def test_phone_shows_everything_without_scrolling_sideways(
         for name in ("Beginning", "One step on", "End"):
             box = await page.get_by_role("button", name=name, exact=True).bounding_box()
             assert min(box["width"], box["height"]) >= 42
+
+
+async def test_states_that_contradict_the_task_give_a_message(
+    browser: Any, game: Recording, tmp_path: Path
+) -> None:
+    data = page_data([("game", game)])
+    data["recordings"][0]["deltas"][100] = {"add": [10**6]}
+    html = (STATIC / "replay/index.html").read_text(encoding="utf-8")
+    file = tmp_path / "page.html"
+    file.write_text(single_file("replay/main.js", html, ["page.css", "replay/replay.css"], data))
+    page = await browser.new_page()
+    await page.goto(file.as_uri())
+    await expect(page.locator("#message")).to_contain_text("cannot be shown")
+    await expect(page.locator("#replay")).to_be_hidden()
+    await page.close()
 
 
 async def test_old_browsers_show_why_they_cannot(

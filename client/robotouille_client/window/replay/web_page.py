@@ -1,7 +1,7 @@
 """Recordings as a page in a single file, which browsers show without a server.
 
-The page gets the messages that a player's page would have received: a snapshot and deltas. Beside
-them are the times, activities and events that this module reads from the recordings.
+The data contain the messages that a player's page would have received: a snapshot and deltas. This
+module adds the times, activities and events from the recordings.
 """
 
 from __future__ import annotations
@@ -314,7 +314,7 @@ class _Reading:
         return self._actions.setdefault(tuple(action), len(self._actions))
 
     def _place(self, player: str) -> int:
-        """Return the number of a seat, or -1 for somebody without a seat."""
+        """Return the number of a seat, or -1 for a spectator."""
         return self._places.get(player, -1)
 
     def _reasons(

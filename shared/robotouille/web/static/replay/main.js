@@ -273,7 +273,13 @@ export async function start(data) {
   Object.assign(globalThis, { robotouille: page });
   await Promise.all(page.runs.map((run) => run.kitchen.ready));
   const frame = (/** @type {number} */ ms) => {
-    page.frame(ms / 1000);
+    try {
+      page.frame(ms / 1000);
+    } catch (error) {
+      byId("message").hidden = false;
+      setText(byId("message"), String(error));
+      throw error;
+    }
     page.readyAt ??= performance.now();
     requestAnimationFrame(frame);
   };
