@@ -115,8 +115,8 @@ class Page {
     const sides = reels.map((_, number) => text("recording", { number: number + 1 }));
     this.choices(byId("sides"), text("sync"), sides, (chosen) => this.turn(chosen));
     this.turn(0);
-    if (this.data.anonymous) byId("talk").append(
-      element("p", { class: "faint" }, text("anonymous")));
+    if (!this.data.anonymous) return;
+    byId("panel").append(element("p", { class: "faint" }, text("anonymous")));
   }
 
   /** Let the reader give labels to steps. @param {import("./coding.js").Label[]} labels */
