@@ -348,6 +348,12 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("Requests per token subject; all callers without a token share one limit",
               f"{load.REQUESTS_A_SECOND:g} a second, bursts of {load.REQUESTS_BURST:g}",
               "HTTP status 429, `operator/rate`, with `Retry-After`."),
+        Limit("Rows of the overview that count as one more request", f"{load.ROWS_A_TURN}",
+              "See requests."),
+        Limit("Turns of the event loop for all operators; a request takes one, and one more for "
+              f"each {load.ROWS_A_TURN} rows and {load.ROOMS_A_TURN} episodes of the overview",
+              f"{load.TURNS_A_SECOND:g} a second, bursts of {load.TURNS_BURST:g}",
+              "Answers and event streams become slower."),
         Limit("Requests that read recordings at the same time",
               f"{load.HEAVY_JOBS}, and {load.MAX_WAITING_JOBS} that wait",
               "HTTP status 503, `operator/busy`, with `Retry-After`."),

@@ -58,8 +58,13 @@ BLOB = 256 * 1024
 HURRY = 0.04
 READY = "ready\n"
 """Line that the flooding process prints when it begins."""
+OVERVIEW = "/api/overview?limit=200&search=" + "+".join("multi_agent")
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
 """Header of a proxy, so that the server treats the connection as a remote one."""
+
+
+def _get(page: str) -> bytes:
+    return f"GET {page} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
 
 
 def _message(message: Mapping[str, object]) -> bytes:
@@ -92,14 +97,14 @@ class Flood:
 
     With `silent`, the flood only opens and keeps this many connections. With `vanishes`, each
     connection is reset as soon as its first messages are answered, and opened again. With
-    `hurries`, it is closed after 40 ms, answered or not. With `watched`, the flood
-    plays in rooms with 200 spectators each, given by their tasks and views; with `resyncs`, these
-    spectators ask for snapshots. With `elsewhere`, its connections are remote; new clients are then
-    remote too and have a token. `rooms` is the number of other episodes on the server. With `page`,
-    each connection requests this page again and again. With `records`, the server uses TLS with an
-    RSA key, and the connections send records of this kind. With `broker`, the flood comes from an
-    MQTT broker of this kind, during the whole measurement. `max_growth` is the limit for the
-    server's memory.
+    `hurries`, it is closed after 40 ms, answered or not. With `watched`, the flood plays in rooms
+    with 200 spectators each, given by their tasks and views; with `resyncs`, these spectators ask
+    for snapshots. With `elsewhere`, its connections are remote; new clients are then remote too and
+    have a token. `rooms` is the number of other episodes on the server. With `page`, each
+    connection requests this page again and again; with `operator`, from the operator port. With
+    `records`, the server uses TLS with an RSA key, and the connections send records of this kind.
+    With `broker`, the flood comes from an MQTT broker of this kind, during the whole measurement.
+    `max_growth` is the limit for the server's memory.
     """
 
     what: str
@@ -113,6 +118,7 @@ class Flood:
     chats: bool = False
     resyncs: bool = False
     page: str = ""
+    operator: bool = False
     records: Kind | None = None
     broker: BrokerFlood | None = None
     elsewhere: bool = False
@@ -177,6 +183,14 @@ FLOODS = {
         connections=250,
     ),
     "metrics": Flood("reads of the metrics, from 60 connections", page="/metrics", connections=60),
+    "operator": Flood(
+        "searches of the operator page, from 60 connections",
+        lambda code: _get(OVERVIEW),
+        page=OVERVIEW,
+        operator=True,
+        rooms=300,
+        connections=60,
+    ),
     "records": Flood(
         "TLS records of one byte, from 30 connections",
         records="bytes",
@@ -233,7 +247,7 @@ class Attacker:
         preludes = {"hello": _message(HELLO), "join": _message(join)}
         self._opening += b"".join(preludes[name] for name in flood.first)
         if flood.page:
-            self._opening = f"GET {flood.page} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+            self._opening = _get(flood.page)
         self._blob = _many(flood.piece(code))
         self._socket: socket.socket | None = None
         self._unsent = memoryview(b"")
@@ -389,13 +403,16 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
         flags, tls = _tls(Path(folder)) if FLOODS[name].records else ((), None)
         if kind := FLOODS[name].broker:
             flags = _broker(kind, Path(folder), stack)
+        operator = _free_port()
+        flags += ("--operator-port", str(operator))
         with server_process(Path(folder), *FLAGS, *flags) as server:
             process = psutil.Process(server.process.pid)
             game = HonestGame(server, FLOODS[name].rooms, tls)
             game.longest_gap(1.0)
+            port = operator if FLOODS[name].operator else server.port
             before, gaps, most, admitted = process.memory_info().rss, [], 0, True
             for _ in range(runs):
-                with _flooding(name, server.port, game.code):
+                with _flooding(name, port, game.code):
                     time.sleep(0.3)
                     gaps.append(game.longest_gap(seconds))
                     most = max(most, process.memory_info().rss)
@@ -403,6 +420,11 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
             game.close()
             size = server.log.stat().st_size
             return Result(name, tuple(gaps), most - before, size, admitted)
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
 
 
 def _limit_descriptors(soft: int) -> None:

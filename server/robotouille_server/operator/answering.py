@@ -23,6 +23,7 @@ from robotouille_server.operator.forwarding import (
     granted,
     too_large,
 )
+from robotouille_server.operator.load import Turns
 from robotouille_server.operator.models import Problem
 from robotouille_server.operator.other_nodes import cluster_node
 from robotouille_server.operator.principal import Principal, RequestRefusedError
@@ -37,13 +38,14 @@ MAX_ANSWERING = 64
 
 @asynccontextmanager
 async def answering(
-    app: ASGIApp, server: Server, url: str, *, tokens_only: bool
+    app: ASGIApp, server: Server, turns: Turns, url: str, *, tokens_only: bool
 ) -> AsyncIterator[None]:
     """Answer the other nodes, if there is a cluster, for the time of an `async with` block.
 
     Args:
         app: The operator API, without the guard that checks tokens.
         server: The server.
+        turns: The turns of the server's operators.
         url: The address of its operator page.
         tokens_only: True if operators of this node always need a token.
     """
@@ -51,7 +53,7 @@ async def answering(
     if node is None:
         yield
         return
-    answers = Answering(app, server, node, tokens_only=tokens_only)
+    answers = Answering(app, server, node, turns, tokens_only=tokens_only)
     async with answers.open(url):
         yield
 
@@ -60,11 +62,18 @@ class Answering:
     """Runs requests of other nodes' operators through this node's operator API."""
 
     def __init__(
-        self, app: ASGIApp, server: Server, node: ClusterNode, *, tokens_only: bool
+        self,
+        app: ASGIApp,
+        server: Server,
+        node: ClusterNode,
+        turns: Turns,
+        *,
+        tokens_only: bool,
     ) -> None:
         self._app = app
         self._server = server
         self._node = node
+        self._turns = turns
         self._tokens_only = tokens_only
         self._answering = 0
         self._open = True
@@ -158,6 +167,7 @@ class Answering:
         if header.path.endswith("/events"):
             message = "event streams are not forwarded"
             raise RequestRefusedError(HTTPStatus.BAD_REQUEST, "request/invalid", message)
+        await self._turns.next()
         collected = _Answer(body)
         try:
             await self._app(_scope(header, body, principal), collected.receive, collected.send)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from robotouille.errors import ProtocolError
 from robotouille_server.auth import PROXY_HEADERS, RoleGrant
-from robotouille_server.operator.load import RequestRates
+from robotouille_server.operator.load import RequestRates, Turns
 from robotouille_server.operator.principal import Principal, RequestRefusedError
 from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.runtime.logs import AuditLog, Details
@@ -259,12 +259,18 @@ class Guard:
     """
 
     def __init__(
-        self, app: ASGIApp, access: Access, logins: LoginAudit, rates: RequestRates
+        self,
+        app: ASGIApp,
+        access: Access,
+        logins: LoginAudit,
+        rates: RequestRates,
+        turns: Turns,
     ) -> None:
         self._app = app
         self._access = access
         self._logins = logins
         self._rates = rates
+        self._turns = turns
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -288,6 +294,9 @@ class Guard:
         except RequestRefusedError as error:
             await _refuse(send_guarded, error)
         else:
+            # Files of the page cost little, and their number is unlimited.
+            if scope["path"] not in self._access.public:
+                await self._turns.next()
             await self._app(scope, receive_watched, send_guarded)
         finally:
             slot.request_finished()

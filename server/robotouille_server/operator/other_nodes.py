@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
 from urllib.parse import quote, urlencode
@@ -73,7 +73,7 @@ class OverviewQuery:
         return urlencode({**fields, "limit": self.limit, "offset": self.offset})
 
 
-Overviews = Callable[[OverviewQuery], NodeOverview]
+Overviews = Callable[[OverviewQuery], Awaitable[NodeOverview]]
 """Returns a node's part of an overview."""
 
 
@@ -194,7 +194,7 @@ class OtherNodes:
         problems: dict[str, str] = {}
         # Only the numbers of episodes tell which rows are on the page.
         nothing = query.part(0, 0)
-        counts = own(nothing)
+        counts = await own(nothing)
         found = await self._parts(principal, dict.fromkeys(others, nothing), problems)
         ranks = [counts.ranks, *(part.ranks for part in found.values())]
         first, *places = parts_of_page(ranks, query.offset, query.limit)
@@ -202,8 +202,9 @@ class OtherNodes:
             node: query.part(*place) for node, place in zip(found, places, strict=True) if place[1]
         }
         pages = await self._parts(principal, wanted, problems)
+        ours = await own(query.part(*first))
         rows = [
-            *own(query.part(*first)).episodes,
+            *ours.episodes,
             *(row for page in pages.values() for row in page.episodes),
         ]
         return merged(counts, list(found.values()), rows, self._rows(problems))

@@ -15,7 +15,7 @@ from robotouille.installation import VERSION
 from robotouille.replay.file_names import CLOSED
 from robotouille_server.app import Server
 from robotouille_server.operator.forwarding import MAX_ANSWER_BYTES, too_large
-from robotouille_server.operator.load import HeavyJobs
+from robotouille_server.operator.load import ROOMS_A_TURN, ROWS_A_TURN, HeavyJobs, Turns
 from robotouille_server.operator.merging import PHASES, rank
 from robotouille_server.operator.models import (
     RANKS,
@@ -23,6 +23,7 @@ from robotouille_server.operator.models import (
     Done,
     EpisodeCounts,
     EpisodeDetail,
+    EpisodeRow,
     NodeOverview,
     Overview,
     RecordingFault,
@@ -80,6 +81,7 @@ class OperatorService:
         self._opened = now()
         node = cluster_node(server)
         self.others = OtherNodes(node) if node is not None else None
+        self.turns = Turns(server.admission.loop_budget, now)
         self._rows = RoomRows(server, self._node)
         self._history = MetricsHistory(server.metrics)
         storage: ReadableStorage = server.storage or NoRecordings()
@@ -109,34 +111,37 @@ class OperatorService:
         """Return totals and the episodes that are in a phase and contain all words of a search."""
         if self.others is not None:
             return await self.others.overview(self.part, self._principal, query)
-        return Overview(**dict(self.part(query)))
+        return Overview(**dict(await self.part(query)))
 
-    def part(self, query: OverviewQuery) -> NodeOverview:
+    async def part(self, query: OverviewQuery) -> NodeOverview:
         """Return this server's part of the overview."""
-        phase, words = query.phase, query.search.lower().split()
-        census = [(room, phase_of(room)) for room in self._rooms()]
-        found = [
-            (rank(its, room.problem), room)
-            for room, its in census
-            if phase in ("", its) and (not words or _matches(room, words))
-        ]
+        rooms = self._rooms()
+        phases: Counter[str] = Counter()
+        found: list[tuple[int, Room]] = []
+        async for some in self.turns.parts(rooms, ROOMS_A_TURN):
+            census = [(room, phase_of(room)) for room in some]
+            phases.update(its for _, its in census)
+            found += _found(census, query)
         found.sort(key=itemgetter(0))
         ranks = Counter(map(itemgetter(0), found))
-        now = self._now()
         shown = found[query.offset : query.offset + query.limit]
+        rows: list[EpisodeRow] = []
+        async for page in self.turns.parts(shown, ROWS_A_TURN):
+            now = self._now()
+            rows += [self._rows.row(room, now) for _, room in page]
         return NodeOverview(
             server=ServerInfo(
                 version=VERSION,
                 url=self._server.public_url,
-                uptime=round(now - self._opened, 1),
+                uptime=round(self._now() - self._opened, 1),
                 draining=self._server.lobby.draining,
                 only=self._principal.only_episode,
             ),
-            totals=self._totals(Counter(its for _, its in census)),
+            totals=self._totals(phases),
             alerts=self._alerts(),
-            faults=self._faults(room for room, _ in census),
+            faults=self._faults(rooms),
             found=len(found),
-            episodes=[self._rows.row(room, now) for _, room in shown],
+            episodes=rows,
             ranks=[ranks[number] for number in range(RANKS)],
         )
 
@@ -366,7 +371,7 @@ class OperatorService:
     def watch(self, name: str) -> EpisodeWatch:
         """Return a view of one episode that can be read repeatedly."""
         room = self.room(name)
-        return EpisodeWatch(room, self._transcripts.of(room), self._rows, self._now)
+        return EpisodeWatch(room, self._transcripts.of(room), self._rows, self.turns, self._now)
 
     def watch_anywhere(self, name: str) -> tuple[Callable[[], Awaitable[EpisodeDetail]], float]:
         """Return a function that reads an episode of any node, and the seconds between reads."""
@@ -391,16 +396,23 @@ class EpisodeWatch:
     """Live view of one episode: its state, and recent events from its recording."""
 
     def __init__(
-        self, room: Room, transcript: RoomTranscript, rows: RoomRows, now: Callable[[], float]
+        self,
+        room: Room,
+        transcript: RoomTranscript,
+        rows: RoomRows,
+        turns: Turns,
+        now: Callable[[], float],
     ) -> None:
         self._room = room
         self._transcript = transcript
         self._rows = rows
+        self._turns = turns
         self._now = now
 
     async def detail(self) -> EpisodeDetail:
         """Return the episode as it is now."""
         await self._transcript.catch_up()
+        await self._turns.next()
         return self._rows.detail(self._room, self._now(), self._transcript.lines)
 
 
@@ -408,6 +420,16 @@ def _moving(message: str) -> RequestRefusedError:
     return RequestRefusedError(
         HTTPStatus.SERVICE_UNAVAILABLE, "episode/handover", message, RETRY_SECONDS
     )
+
+
+def _found(census: Iterable[tuple[Room, str]], query: OverviewQuery) -> list[tuple[int, Room]]:
+    """Return the rooms that an overview contains, each with its rank."""
+    words = query.search.lower().split()
+    return [
+        (rank(phase, room.problem), room)
+        for room, phase in census
+        if query.phase in ("", phase) and (not words or _matches(room, words))
+    ]
 
 
 def _matches(room: Room, words: list[str]) -> bool:

@@ -151,8 +151,9 @@ async def _served(
     logins = LoginAudit(server.audit, now, addresses=server.settings.record_addresses)
     slots = ConnectionSlots(now)
     connections = ConnectionFactory(slots, tls, server.admission.loop_budget)
-    app = application(service, streams)
-    guard = Guard(app, access, logins, RequestRates(now))
+    rates = RequestRates(now)
+    app = application(service, streams, rates)
+    guard = Guard(app, access, logins, rates, service.turns)
     http = _http_server(guard, connections)
     ticks = (service.tick, logins.tick, slots.check)
     tasks = [
@@ -160,7 +161,7 @@ async def _served(
         asyncio.create_task(http.serve(sockets=[listening]), name="operator port: HTTP"),
     ]
     try:
-        async with answering(app, server, where.url, tokens_only=access.always):
+        async with answering(app, server, service.turns, where.url, tokens_only=access.always):
             yield
     finally:
         streams.stop()
