@@ -10,7 +10,7 @@ import signal
 import socket
 import tomllib
 from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -218,6 +218,12 @@ async def _cluster(settings: ServerSettings) -> AsyncIterator[Cluster | None]:
         raise MissingExtraError("--cluster", "cluster") from None
     from robotouille_server.cluster.joining import joined
 
+    if settings.operator:
+        # These imports take seconds, in which a member of the cluster would answer no other.
+        with suppress(ImportError):
+            import uvicorn  # noqa: F401
+
+            import robotouille_server.operator.api  # noqa: F401
     async with joined(settings) as cluster:
         yield cluster
 
@@ -226,10 +232,16 @@ async def _first_of_cluster(service: ClusterService) -> Room | None:
     """Open the server's own episode, if the cluster has no episode."""
     from robotouille.protocol import messages
     from robotouille_server.requests import Opening
+    from robotouille_server.runtime.logs import get_logger
 
     if len(service.node.directory):
         return None
-    created = await service.create(Opening(request=messages.Create(), owner=SERVER))
+    try:
+        created = await service.create(Opening(request=messages.Create(), owner=SERVER))
+    except ProtocolError as error:
+        # This is no reason to stop: clients open episodes when the cluster answers again.
+        get_logger().error("first episode not opened", reason=error.message)
+        return None
     return service.services.lobby.rooms.get(created.episode)
 
 

@@ -13,8 +13,10 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Client, Game, connect
 from robotouille_server.auth.roles import Role
+from robotouille_server.cli import _first_of_cluster
 from robotouille_server.cluster.bus import Bucket, Entry, Stored, UnavailableError
-from tests.support.buses import SimulatedBus, SimulatedNats
+from robotouille_server.cluster.service import ClusterService
+from tests.support.buses import Handler, SimulatedBus, SimulatedNats
 from tests.support.clusters import Nodes, cluster_of, cluster_on
 from tests.support.virtual_time import virtual
 
@@ -56,8 +58,56 @@ class TestStart:
             async with cluster_on(nats, tmp_path, 1):
                 pass
 
+    @virtual
+    async def test_a_node_answers_the_others_from_its_first_report_on(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        answer = SimulatedBus.answer
+
+        async def late(bus: SimulatedBus, subject: str, handler: Handler) -> None:
+            await asyncio.sleep(1.0)
+            await answer(bus, subject, handler)
+
+        monkeypatch.setattr(SimulatedBus, "answer", late)
+        nats, asked = SimulatedNats(random.Random(1)), dict[str, asyncio.Task[bytes]]()
+        bus = nats.bus("observer")
+
+        def reported(name: str, entry: Entry | None) -> None:
+            if entry is not None and name not in asked:
+                asked[name] = asyncio.create_task(bus.request(f"node.{name}.list", b"", 5.0))
+
+        await bus.watch(Bucket.NODES, reported)
+        async with cluster_on(nats, tmp_path, 2):
+            await asyncio.sleep(5)
+            answers = [await task for task in asked.values()]
+            assert len(answers) == 2
+            assert all(b"cannot read this request" in answer for answer in answers)
+
+    @virtual
+    async def test_a_server_starts_although_another_node_does_not_answer(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path, 2) as nodes:
+            await asyncio.sleep(2)
+            silent, starting = sorted(nodes, key=lambda node: str(node.cluster.node.name))
+            silent.bus.cut()
+            service = starting.server.services.cluster
+            assert isinstance(service, ClusterService)
+            assert await _first_of_cluster(service) is None
+
 
 class TestAnyNode:
+    @virtual
+    async def test_episodes_open_although_the_other_nodes_have_just_died(
+        self, tmp_path: Path
+    ) -> None:
+        async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:
+            for node in nodes.others(nodes[0]):
+                node.bus.close()
+                await node.kill()
+            opened = {(await ada.create(TASK)).episode for _ in range(4)}
+            assert opened <= nodes[0].rooms
+
     @virtual
     async def test_new_episodes_are_divided_among_the_nodes(self, tmp_path: Path) -> None:
         async with cluster_of(tmp_path) as nodes, connect(nodes[0].url, name="ada") as ada:

@@ -19,12 +19,13 @@ from robotouille_server.cluster.bus import (
     Bucket,
     BusError,
     Entry,
+    NoAnswererError,
     Stored,
     UnavailableError,
 )
 from tests.support.simulated_storage import SimulatedStorage
 
-__all__ = ["Quality", "SimulatedBus", "SimulatedNats"]
+__all__ = ["Handler", "Quality", "SimulatedBus", "SimulatedNats"]
 
 T = TypeVar("T")
 Changed = Callable[[str, Entry | None], None]
@@ -306,7 +307,7 @@ class SimulatedNats:
         asker = _Request(bus, lambda: None, reply)
         target, handler = self._handlers.get(prefix, (bus, None))
         if handler is None or target.closed:
-            self._answer(asker, UnavailableError("no node answers"))
+            self._answer(asker, NoAnswererError("no node answers"))
         elif target.hears:
             self.loop.create_task(
                 self._handle(target, handler(word, data), asker), context=target.context.copy()

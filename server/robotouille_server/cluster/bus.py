@@ -39,6 +39,10 @@ class UnavailableError(BusError):
     """The service cannot be reached, has no quorum, or is full. The request may have been done."""
 
 
+class NoAnswererError(UnavailableError):
+    """No node answers the requests of this subject, so nothing was done."""
+
+
 class ConflictError(BusError):
     """Another writer was first."""
 
@@ -137,7 +141,7 @@ class Bus(Protocol):
         """Store a file, in place of an earlier one with its name."""
 
     async def request(self, subject: str, data: bytes, seconds: float) -> bytes:
-        """Return the answer to a request."""
+        """Return the answer to a request; raise NoAnswererError if no node can receive it."""
 
     async def answer(self, subject: str, handler: Callable[[str, bytes], Awaitable[bytes]]) -> None:
         """Answer all requests to `subject.WORD` with `handler(WORD, data)`."""

@@ -49,8 +49,9 @@ class Cluster:
         server.metrics.cluster = self.metrics
         server.settle, server.ready = self.node.settled, lambda: self.node.ready
         try:
-            await self.node.serve(server.lobby, _url(server))
+            # The others ask this node as soon as they have its first report.
             await service.start()
+            await self.node.serve(server.lobby, _url(server))
         except BusError as error:
             raise RobotouilleError(f"--cluster: {error}") from None
         server.services.cluster = service

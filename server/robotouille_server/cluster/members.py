@@ -183,9 +183,13 @@ class Members:
 
     # Decisions
 
-    def place(self, seats: int) -> NodeReport:
-        """Return the node for a new episode: the one with the least load."""
-        chosen = min(self._candidates(), key=self._rank)
+    def place(self, seats: int, silent: Container[str] = ()) -> NodeReport:
+        """Return the node for a new episode: the one with the least load.
+
+        If all candidates are `silent`, this is the own node.
+        """
+        others = [report for report in self._candidates() if report.name not in silent]
+        chosen = min(others, key=self._rank, default=self.own)
         # Until the next report, this node counts what it has placed itself.
         self._placed[chosen.name] = self._placed.get(chosen.name, 0) + seats
         return chosen

@@ -46,6 +46,7 @@ from robotouille_server.cluster.bus import (
     BusError,
     ConflictError,
     Entry,
+    NoAnswererError,
     Stored,
     UnavailableError,
 )
@@ -538,7 +539,7 @@ async def _errors() -> AsyncIterator[None]:
     except KeyWrongLastSequenceError as error:
         raise ConflictError(str(error)) from None
     except NoRespondersError:
-        raise UnavailableError("NATS has no JetStream, or no node answers") from None
+        raise NoAnswererError("NATS has no JetStream, or no node answers") from None
     except (NatsError, OSError, TimeoutError) as error:
         text = str(error) or type(error).__name__
         raise UnavailableError(f"NATS: {text}") from None

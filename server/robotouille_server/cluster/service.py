@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.cluster.bus import Bus, BusError
+from robotouille_server.cluster.bus import Bus, BusError, NoAnswererError
 from robotouille_server.cluster.mirrors import Mirrors
 from robotouille_server.cluster.node import ClusterNode, other_nodes
 from robotouille_server.cluster.packets import Line, Watch, Watched
@@ -119,14 +119,28 @@ class ClusterService:
     # Opening
 
     async def create(self, opening: Opening) -> messages.Created:
-        """Open an episode on the node with the least load."""
+        """Open an episode on the node with the least load that answers."""
+        silent: set[str] = set()
         # Only this node knows the game of a rematch.
-        own = self.node.members.own
-        place = own if opening.request.rematch is not None else self.node.members.place(1)
-        if place.name == self.node.name:
-            return await self._create_here(opening)
+        while opening.request.rematch is None:
+            place = self.node.members.place(1, silent)
+            if place.name == self.node.name:
+                break
+            try:
+                return await self._create_on(place.name, opening)
+            except NoAnswererError:
+                # It has just died. After other errors, it may have opened the episode.
+                silent.add(place.name)
+        return await self._create_here(opening)
+
+    async def _create_on(self, node: str, opening: Opening) -> messages.Created:
         data = opening.model_dump_json().encode()
-        answer = await self._ask(place.name, "create", data, ANSWER_SECONDS)
+        try:
+            answer = await self._answer_of(node, "create", data, ANSWER_SECONDS)
+        except NoAnswererError:
+            raise
+        except BusError as error:
+            raise _unavailable(error) from None
         if answer.created is None:
             raise ProtocolError("server/internal", "another node failed to open the episode")
         return answer.created
@@ -206,10 +220,14 @@ class ClusterService:
 
     async def _ask(self, node: str, what: str, data: bytes, seconds: float) -> _Answer:
         try:
-            answer = await self._bus.request(f"node.{node}.{what}", data, seconds)
-            found = _Answer.model_validate_json(answer)
+            return await self._answer_of(node, what, data, seconds)
         except BusError as error:
             raise _unavailable(error) from None
+
+    async def _answer_of(self, node: str, what: str, data: bytes, seconds: float) -> _Answer:
+        answer = await self._bus.request(f"node.{node}.{what}", data, seconds)
+        try:
+            found = _Answer.model_validate_json(answer)
         except ValidationError:
             message = "another node has sent an answer that this one cannot read"
             raise ProtocolError("server/internal", message) from None
