@@ -13,7 +13,11 @@ from hypothesis import strategies as st
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.frames import Frame, Opcode
 
+from robotouille.protocol.codec import MAX_SERVER_BYTES
 from robotouille_client.loadtest.light_connection import (
+    MAX_FRAGMENTS,
+    MAX_HEAD_BYTES,
+    MAX_UNSENT_BYTES,
     HandshakeRefusedError,
     LightConnection,
     Traffic,
@@ -66,6 +70,71 @@ def test_messages_arrive_from_any_split_of_the_stream(
         return received
 
     assert asyncio.run(read()) == messages
+
+
+class Unread(asyncio.Transport):
+    """Transport to a server that reads nothing. `unsent` is all that was written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.unsent = 0
+        self.aborted = False
+
+    def write(self, data: Any) -> None:
+        self.unsent += len(data)
+
+    def get_write_buffer_size(self) -> int:
+        return self.unsent
+
+    def is_closing(self) -> bool:
+        return self.aborted
+
+    def abort(self) -> None:
+        self.aborted = True
+
+
+async def opened() -> tuple[LightConnection, Unread]:
+    connection, transport = LightConnection(server_uri(URL), Traffic()), Unread()
+    connection.connection_made(transport)
+    connection.opened.set_result(None)
+    transport.unsent = 0
+    return connection, transport
+
+
+@pytest.mark.parametrize("size", [0, 1, 60_000])
+async def test_endless_message_cuts_the_connection(size: int) -> None:
+    connection, transport = await opened()
+    messages: list[bytes] = []
+    connection.receive = messages.append
+    limit = min(MAX_FRAGMENTS, MAX_SERVER_BYTES // max(size, 1))
+    part = Frame(Opcode.CONT, b"x" * size, fin=False).serialize(mask=False)
+    connection.data_received(Frame(Opcode.BINARY, b"", fin=False).serialize(mask=False))
+    for _ in range(limit - 1):
+        connection.data_received(part)
+    assert not transport.aborted
+    for _ in range(2):
+        connection.data_received(part)
+    assert transport.aborted
+    assert messages == []
+
+
+async def test_unread_pongs_cut_the_connection() -> None:
+    connection, transport = await opened()
+    pings = Frame(Opcode.PING, b"x" * 125).serialize(mask=False) * 500
+    for _ in range(100):
+        connection.data_received(pings)
+    assert transport.aborted
+    assert transport.unsent < MAX_UNSENT_BYTES + 1000
+
+
+async def test_endless_head_is_refused() -> None:
+    connection, transport = LightConnection(server_uri(URL), Traffic()), Unread()
+    connection.connection_made(transport)
+    for _ in range(MAX_HEAD_BYTES // 4096 + 1):
+        connection.data_received(b"x" * 4096)
+    assert transport.aborted
+    with pytest.raises(HandshakeRefusedError, match="sends more than 65,536 bytes"):
+        await connection.opened
 
 
 @asynccontextmanager

@@ -21,7 +21,7 @@ from websockets.typing import Subprotocol
 from websockets.uri import WebSocketURI
 
 from robotouille.errors import RobotouilleError
-from robotouille.protocol.codec import MSGPACK
+from robotouille.protocol.codec import MAX_SERVER_BYTES, MSGPACK
 from robotouille.protocol.frames import (
     BINARY,
     CLOSE,
@@ -38,8 +38,12 @@ from robotouille.protocol.frames import (
 READ_SIZE = 64 * 1024
 """Number of bytes to read at a time. The event loop's default of 256 KiB is allocated from the
 system and released for each message, which takes longer than reading the message."""
-MAX_SIZE = 64 * 1024 * 1024
-"""Maximum size of a message in bytes, above all that a server sends."""
+MAX_FRAGMENTS = 1024
+"""Maximum number of fragments of a message."""
+MAX_HEAD_BYTES = 64 * 1024
+"""Maximum size of the head of a server's answer to the handshake."""
+MAX_UNSENT_BYTES = 1024 * 1024
+"""Bytes that wait for the server to read them, after which the connection is cut."""
 
 
 class UnreachableError(RobotouilleError):
@@ -73,8 +77,9 @@ class LightConnection(asyncio.Protocol):
         self._traffic = traffic
         self._transport: asyncio.Transport | None = None
         self._head = b""
-        self._reader = FrameReader(masked=False, max_size=MAX_SIZE)
+        self._reader = FrameReader(masked=False, max_size=MAX_SERVER_BYTES)
         self._parts: list[bytes] = []
+        self._parts_size = 0
 
     # Callbacks of the event loop
 
@@ -90,6 +95,9 @@ class LightConnection(asyncio.Protocol):
         self._traffic.bytes_in += len(data)
         if not self.opened.done():
             head, separator, data = (self._head + data).partition(b"\r\n\r\n")
+            if len(head) > MAX_HEAD_BYTES:
+                self._refuse(f"it sends more than {MAX_HEAD_BYTES:,} bytes of headers")
+                return
             if not separator:
                 self._head = head
                 return
@@ -136,6 +144,7 @@ class LightConnection(asyncio.Protocol):
             while self._reader.next_frame():
                 self._take_frame(self._reader.first, self._reader.content)
         except FrameError:
+            self._parts.clear()
             self.abort()
 
     def _take_frame(self, first: int, payload: bytes) -> None:
@@ -151,14 +160,23 @@ class LightConnection(asyncio.Protocol):
             self._write(FIN | CLOSE, payload[:2])
             self.close()
         elif code in (CONTINUATION, BINARY, TEXT):
-            self._parts.append(payload)
-            if first & FIN:
-                whole, self._parts = b"".join(self._parts), []
-                self._traffic.messages_in += 1
-                self.receive(whole)
+            self._take_part(payload, last=bool(first & FIN))
+
+    def _take_part(self, payload: bytes, *, last: bool) -> None:
+        self._parts.append(payload)
+        self._parts_size += len(payload)
+        if self._parts_size > MAX_SERVER_BYTES or len(self._parts) > MAX_FRAGMENTS:
+            raise FrameError("a message with too many bytes or fragments")
+        if last:
+            whole, self._parts, self._parts_size = b"".join(self._parts), [], 0
+            self._traffic.messages_in += 1
+            self.receive(whole)
 
     def _write(self, first: int, payload: bytes) -> None:
-        if self._transport is None:
+        if self._transport is None or self._transport.is_closing():
+            return
+        if self._transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self.abort()
             return
         frame = pack_frame(first, payload, getrandbits(32).to_bytes(4))
         self._traffic.bytes_out += len(frame)
