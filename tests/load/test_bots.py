@@ -10,6 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
+from tools.message_examples import EXAMPLES
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
@@ -19,6 +20,7 @@ from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.load_worker import LoadWorker
 from robotouille_client.loadtest.workload import LoadPlan
 from robotouille_server import Server
+from tests.load.test_hostile_server import WELCOME
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual
 
@@ -181,13 +183,13 @@ class Stalling:
         messages: list[dict[str, Any]] = []
         match message["type"]:
             case "hello":
-                messages = [{"type": "welcome", "resume": "token"}]
+                messages = [WELCOME]
             case "create":
-                messages = [{"type": "created", "code": "CODE"}]
+                messages = [EXAMPLES["created"]]
             case "join":
                 self._members.append(socket)
                 seat = f"robot{len(self._members)}"
-                messages = [{"type": "joined", "episode": "e", "seat": seat}]
+                messages = [{**EXAMPLES["joined"], "seat": seat, "step": 0, "seq": 0}]
                 if len(self._members) == 2:
                     seats = [{"player": f"robot{n}", "present": True} for n in (1, 2)]
                     messages.append({"type": "roster", "phase": "running", "seats": seats})

@@ -15,6 +15,8 @@ SMALLEST = 1e-6
 GROWTH = 0.01
 """Relative width of a bucket."""
 BUCKETS_PER_E = 1 / GROWTH
+MAX_COUNTERS = 200
+"""Names of counts. The counts of further names are added up."""
 
 
 class Histogram:
@@ -114,6 +116,8 @@ class Measurements:
         histogram.add(seconds)
 
     def count(self, name: str, amount: float = 1) -> None:
+        if name not in self.counts and len(self.counts) >= MAX_COUNTERS:
+            name = "others"  # Some names contain what the server sends.
         self.counts[name] = self.counts.get(name, 0) + amount
 
     def merge(self, other: Measurements) -> None:

@@ -27,6 +27,15 @@ MAX_MOVES = 4
 """Number of redirects in a row after which an attempt has failed."""
 
 RawMessage = dict[str, Any]
+CHECKED: dict[str, type[messages.Message]] = {
+    "welcome": messages.Welcome,
+    "created": messages.Created,
+    "joined": messages.Joined,
+    "moved": messages.Moved,
+    "snapshot": messages.Snapshot,
+    "roster": messages.Roster,
+}
+"""Messages that are checked completely. The others are too frequent for that."""
 
 
 class LostError(RobotouilleError):
@@ -241,8 +250,22 @@ class Participant:
         return future
 
     def _receive(self, payload: bytes) -> None:
+        try:
+            self._take(payload)
+        except Exception as error:
+            # The server can send anything, which fails in as many ways.
+            self.environment.measured.count("invalid messages")
+            reason = str(error).partition("\n")[0]
+            self._fail(LostError(f"the server sent an invalid message: {reason}"))
+            if self.connection is not None:
+                self.connection.receive = _ignore
+                self.connection.abort()
+
+    def _take(self, payload: bytes) -> None:
         message: RawMessage = msgpack.unpackb(payload)
         kind = message["type"]
+        if kind in CHECKED:
+            CHECKED[kind].model_validate(message)
         if kind == "joined":
             self.seat = message.get("seat")
             self._resume = message.get("resume") or self._resume
