@@ -7,6 +7,8 @@ import gc
 import os
 import ssl
 import sys
+import threading
+import tracemalloc
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -22,6 +24,7 @@ from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.cli import _greeting, first_room
 from robotouille_server.transport.connection import Connection
 from robotouille_server.transport.tls import (
+    MAX_PEM_BYTES,
     POLL_SECONDS,
     ServerTLS,
     TLSFileError,
@@ -130,7 +133,7 @@ async def test_half_renewed_certificate_is_not_served(pair: Pair) -> None:
         assert await serial_now(url, pair) != before
 
 
-@pytest.mark.parametrize("fault", ["garbage", "empty", "gone", "another's key"])
+@pytest.mark.parametrize("fault", ["garbage", "empty", "gone", "another's key", "pipe"])
 @virtual
 async def test_invalid_renewal_keeps_the_old_certificate(pair: Pair, fault: str) -> None:
     tls = ServerTLS(pair.cert, pair.key)
@@ -138,6 +141,9 @@ async def test_invalid_renewal_keeps_the_old_certificate(pair: Pair, fault: str)
         before = await serial_now(url, pair)
         if fault == "gone":
             pair.cert.unlink()
+        elif fault == "pipe":
+            pair.cert.unlink()
+            os.mkfifo(pair.cert)
         elif fault == "another's key":
             pair.renew(cert=False)
         else:
@@ -147,6 +153,24 @@ async def test_invalid_renewal_keeps_the_old_certificate(pair: Pair, fault: str)
         pair.renew()
         assert tls.reload()
         assert await serial_now(url, pair) != before
+
+
+@virtual
+async def test_files_are_read_outside_the_event_loop(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tls, threads = ServerTLS(pair.cert, pair.key), set[threading.Thread]()
+    reload = tls.reload
+
+    def observed() -> bool:
+        threads.add(threading.current_thread())
+        return reload()
+
+    monkeypatch.setattr(tls, "reload", observed)
+    async with secure_server(tls):
+        await asyncio.sleep(3 * POLL_SECONDS)
+    assert threads
+    assert threading.main_thread() not in threads
 
 
 def test_old_tls_versions_are_refused(pair: Pair) -> None:
@@ -222,6 +246,26 @@ def test_missing_files_are_reported(pair: Pair, tmp_path: Path) -> None:
         ServerTLS(pair.cert, gone)
     with pytest.raises(TLSFileError, match=r"--tls-cert .*: Is a directory"):
         ServerTLS(tmp_path, pair.key)
+
+
+def test_files_of_other_kinds_are_refused(pair: Pair, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero")):
+        with pytest.raises(TLSFileError, match=rf"--tls-cert {path}: .*regular file"):
+            ServerTLS(path, pair.key)
+        with pytest.raises(TLSFileError, match=rf"--tls-key {path}: .*regular file"):
+            ServerTLS(pair.cert, path)
+
+
+def test_huge_file_is_refused(pair: Pair) -> None:
+    with pair.key.open("ab") as file:
+        file.truncate(64 * MAX_PEM_BYTES)
+    tracemalloc.start()
+    with pytest.raises(TLSFileError, match=r"--tls-key .*key\.pem: larger than 1048576 bytes"):
+        ServerTLS(pair.cert, pair.key)
+    assert tracemalloc.get_traced_memory()[1] < 8 * MAX_PEM_BYTES
+    tracemalloc.stop()
 
 
 def test_both_settings_are_required(pair: Pair) -> None:

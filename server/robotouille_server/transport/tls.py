@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from robotouille.domain.files import open_regular
 from robotouille.errors import RobotouilleError
 from robotouille_server.runtime.logs import get_logger
 
@@ -71,6 +72,7 @@ def _element(data: bytes) -> tuple[int, bytes, bytes]:
 
 
 POLL_SECONDS = 10.0
+MAX_PEM_BYTES = 1024 * 1024
 
 
 class TLSFileError(RobotouilleError):
@@ -132,7 +134,8 @@ class ServerTLS:
         """Reload changed files regularly, until cancelled."""
         while True:
             await asyncio.sleep(seconds)
-            self.reload()
+            # A slow file system must not stop the games.
+            await asyncio.to_thread(self.reload)
 
     def _use_current(
         self, connection: ssl.SSLSocket | ssl.SSLObject, name: str | None, context: ssl.SSLContext
@@ -191,7 +194,7 @@ def _load(cert: Path, key: Path) -> ssl.SSLContext:
 
 def _name(cert: Path) -> str:
     try:
-        dns, addresses = certificate_names(cert.read_bytes())
+        dns, addresses = certificate_names(_read(cert))
     except OSError:  # Gone since it was loaded.
         return ""
     return next((name for name in [*dns, *addresses] if "*" not in name), "")
@@ -206,11 +209,20 @@ def _refuse_passphrase() -> str:
     raise _NeedsPassphraseError
 
 
+def _read(path: Path) -> bytes:
+    """Return the content of a file, or slightly more than its limit; raise OSError."""
+    with open_regular(path) as file:
+        return file.read(MAX_PEM_BYTES + 1)
+
+
 def _check_pem(path: Path, mark: bytes, what: str, flag: str) -> None:
     try:
-        content = path.read_bytes()
+        content = _read(path)
     except OSError as error:
         raise TLSFileError(f"{flag} {path}: {error.strerror}") from None
+    if len(content) > MAX_PEM_BYTES:
+        fault = f"larger than {MAX_PEM_BYTES} bytes; it may be the wrong file"
+        raise TLSFileError(f"{flag} {path}: {fault}")
     # OpenSSL's own message for a wrong file names neither the file nor the fault.
     if mark not in content:
         raise TLSFileError(f"{flag} {path}: the file has no {what} in PEM format")
