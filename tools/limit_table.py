@@ -68,7 +68,7 @@ from robotouille_server.runtime.budgets import (
 )
 from robotouille_server.runtime.logs import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.process_limits import RESERVED
-from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.settings import MAX_CONFIG_BYTES, ServerSettings
 from robotouille_server.runtime.task_folder import MAX_FILES
 from robotouille_server.transport import admission, connection, loop_budget, peer, tls_records
 
@@ -303,6 +303,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "The oldest are forgotten.", "episode/unknown"),
         Limit("Codes remembered of episodes that closed unused", f"{MAX_CODES:,}",
               "The oldest are forgotten.", "episode/unknown"),
+        Limit("File of settings, certificate and key for TLS, each", _size(MAX_CONFIG_BYTES),
+              NO_START),
         Limit("Files in the `tasks` folder", f"{MAX_FILES:,}", NO_START),
         Limit("Picture in the `tasks` folder", f"{_size(MAX_PICTURE_BYTES)}, {MAX_SIDE:,} pixels "
               f"per side, {MAX_SHAPES:,} SVG elements, {_size(MAX_OUTLINES)} of outlines",

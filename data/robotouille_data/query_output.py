@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_BARS, MAX_POINTS, MAX_SERIES = 60, 100_000, 6
+HUGE = 1e300
+"""Matplotlib fails on larger numbers, because their differences are infinite."""
 MAX_MARKED = 60
 """Points of a line up to which each point has a marker."""
 
@@ -53,6 +55,8 @@ def save_plot(answer: QueryAnswer, path: Path) -> int:
     series = _series(answer.columns, rows, by)
     places = [row[by] for row in rows]
     words = any(isinstance(place, str) for place in places)
+    if not words and not all(place is None or _is_number(place) for place in places):
+        raise CatalogueError(f"the column `{answer.columns[by]}` has values that are no numbers")
     if len(rows) > (MAX_BARS if words else MAX_POINTS):
         most = f"{MAX_BARS} bars" if words else f"{MAX_POINTS:,} points"
         raise CatalogueError(f"a plot has room for {most}: group the rows or add a LIMIT")
@@ -82,6 +86,10 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float)
 
 
+def _drawable(value: Any) -> bool:
+    return value is not None and isfinite(value) and abs(value) < HUGE
+
+
 def _axis_column(columns: Sequence[str], rows: Sequence[tuple[Any, ...]]) -> int:
     """Return the index of the first column with text, or 0."""
     if not rows:
@@ -91,14 +99,14 @@ def _axis_column(columns: Sequence[str], rows: Sequence[tuple[Any, ...]]) -> int
 
 
 def _series(columns: Sequence[str], rows: Sequence[tuple[Any, ...]], by: int) -> Series:
-    """Return the columns of numbers except `by`. Null and infinite values are gaps."""
+    """Return the columns of numbers except `by`. Null, infinite and huge values are gaps."""
     found: Series = []
     for place, name in enumerate(columns):
         values = [row[place] for row in rows]
         known = [value for value in values if value is not None]
         if place != by and known and all(map(_is_number, known)):
-            numbers = (nan if value is None else float(value) for value in values)
-            found.append((name, [n if isfinite(n) else nan for n in numbers]))
+            drawn = [float(value) if _drawable(value) else nan for value in values]
+            found.append((name, drawn))
     if not found:
         raise CatalogueError(f"the answer has no column of numbers except `{columns[by]}`")
     if len(found) > MAX_SERIES:
@@ -122,7 +130,7 @@ def _lines(axes: Axes, places: Sequence[Any], series: Series) -> None:
     """Draw a line for each column, with points in the order of `places`."""
     from matplotlib.ticker import MaxNLocator
 
-    order = sorted((place, row) for row, place in enumerate(places) if place is not None)
+    order = sorted((place, row) for row, place in enumerate(places) if _drawable(place))
     at = [float(place) for place, _ in order]
     if all(place.is_integer() for place in at):
         axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True))

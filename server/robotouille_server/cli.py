@@ -86,6 +86,8 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
         for fault in error.errors():
             name = ".".join(str(part) for part in fault["loc"])
             tell(f"{PROGRAM}: {_complaint(model, name, fault, values)}", err=True)
+    except RecursionError:
+        tell(f"{PROGRAM}: {_config(values)}: values are nested too deeply", err=True)
     except tomllib.TOMLDecodeError as error:
         tell(f"{PROGRAM}: {_config(values)}: {error}", err=True)
     except (OSError, ValueError) as error:

@@ -38,6 +38,12 @@ def test_number_column_gives_lines(tmp_path: Path) -> None:
     assert "steps" in texts
 
 
+def test_huge_numbers_are_gaps(tmp_path: Path) -> None:
+    rows = [(1e308, 1e308), (-1e308, -1e308), (1, 2), (2, 1e308), (3, -1e308), (4, 5)]
+    assert "steps" in plot(tmp_path / "a.svg", "round steps", *rows)
+    assert "steps" in plot(tmp_path / "b.svg", "round steps", (1e299, 1e299), (-1e299, -1e299))
+
+
 @pytest.mark.slow
 def test_equal_answers_give_equal_bytes(tmp_path: Path) -> None:
     rows = [(HOSTILE, 1, True), ("日本語", 2, False)]
@@ -62,6 +68,7 @@ def test_answers_that_cannot_be_drawn_are_refused(tmp_path: Path) -> None:
         ("a.svg", ("x",), [(1,)], "no column of numbers"),
         ("a.svg", ("x", *"abcdefg"), [("a", *range(7))], "room for 6"),
         ("a.svg", ("x", "y"), many, "room for 60 bars"),
+        ("a.svg", ("x", "y"), [(b"\0", 1)], "`x` has values that are no numbers"),
     ):
         with pytest.raises(CatalogueError, match=re.escape(received)):
             save_plot(QueryAnswer(columns, iter(rows)), tmp_path / name)

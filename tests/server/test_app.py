@@ -18,6 +18,7 @@ from robotouille_server import ServerSettings, serve
 from robotouille_server.app import CannotListenError
 from robotouille_server.cli import main
 from robotouille_server.runtime.logs import LINE_SECONDS, LoopErrors
+from robotouille_server.runtime.settings import MAX_CONFIG_BYTES
 from tests.support.processes import COMMAND, process
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import virtual
@@ -136,6 +137,12 @@ def test_settings_come_from_flag_then_environment_then_file(tmp_path: Path) -> N
         (["--seed", "1.5"], "robotouille-server: --seed: '1.5' is not a whole number"),
         (["--port", "70000"], "--port: Input should be less than or equal to 65535"),
         (["--config", "no-such.toml"], "no-such.toml"),
+        (["--host", ""], "--host: not a host name or an address, such as 127.0.0.1, found ''"),
+        (["--host", ".a"], "--host: not a host name"),
+        (["--operator-host", "a" * 300], "--operator-host: not a host name"),
+        (["--state", "a\0b"], "--state: a setting must not contain a null character"),
+        (["--keys", "."], "--keys: the path must end with a name"),
+        (["--recordings", "/"], "--recordings: the path must end with a name"),
         (["--frobnicate"], "No such option"),
     ],
 )
@@ -189,6 +196,32 @@ def test_invalid_setting_is_reported_as_written(
     assert "ROBOTOUILLE_PORT: 'eight' is not a whole number" in said
     assert any(line.startswith("--step-rate: Input should be greater than") for line in said)
     assert len(said) == 4
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (f"a = {'[' * 20_000}", "values are nested too deeply"),
+        (f"#{'a' * MAX_CONFIG_BYTES}", "is larger than 1 MiB; it may be the wrong file"),
+        ('host = "a\\u0000b"', "host: a setting must not contain a null character"),
+    ],
+)
+def test_strange_config_is_reported_in_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    content: str,
+    words: str,
+) -> None:
+    config = tmp_path / "server.toml"
+    config.write_text(content)
+    monkeypatch.setattr(sys, "argv", ["robotouille-server", "--config", str(config)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(config) in line
+    assert words in line
 
 
 class Counts:

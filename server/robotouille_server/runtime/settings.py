@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import (
     BaseSettings,
     PydanticBaseSettingsSource,
@@ -26,6 +26,8 @@ from robotouille.episode.rules import (
     Substitute,
     Thinking,
 )
+
+MAX_CONFIG_BYTES = 1024 * 1024
 
 
 class ServerSettings(BaseSettings):
@@ -290,8 +292,36 @@ class ServerSettings(BaseSettings):
             if not Path(file).is_file():
                 found = "is a folder" if Path(file).is_dir() else "does not exist"
                 raise FileNotFoundError(f"{file} {found}; config must name a TOML file")
+            if Path(file).stat().st_size > MAX_CONFIG_BYTES:
+                raise ValueError(f"{file} is larger than 1 MiB; it may be the wrong file")
             sources.append(TomlConfigSettingsSource(settings_cls, Path(file)))
         return tuple(sources)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _has_no_null(cls, value: object) -> object:
+        if isinstance(value, str) and "\0" in value:
+            raise ValueError("a setting must not contain a null character")
+        return value
+
+    @field_validator("host", "operator_host")
+    @classmethod
+    def _is_host(cls, value: str) -> str:
+        # asyncio would listen on all interfaces for an empty name.
+        try:
+            if value and value.encode("idna"):
+                return value
+        except UnicodeError:
+            pass
+        raise ValueError("not a host name or an address, such as 127.0.0.1")
+
+    @field_validator("recordings", "keys")
+    @classmethod
+    def _has_name(cls, value: Path | None) -> Path | None:
+        # Names of other files are derived from these.
+        if value is not None and value.name in ("", ".."):
+            raise ValueError("the path must end with a name")
+        return value
 
     def rules(self) -> Rules:
         """Return the default rules of an episode.
