@@ -18,6 +18,7 @@ from robotouille_server import Server
 from robotouille_server.auth import revocation as used_tokens
 from robotouille_server.auth.private_files import write_private
 from robotouille_server.auth.revocation import (
+    FAILED_JOINS_A_MINUTE,
     KEPT_SECONDS,
     Revocations,
     RevokedFileError,
@@ -218,6 +219,29 @@ async def test_use_is_forgotten_after_expiry(tmp_path: Path) -> None:
     assert len(files) == 1 + 1, "those of the hours 30 and 50"
     assert all(json.loads(file.read_text())["session"] for file in files)
     assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
+
+
+@virtual
+async def test_failed_joins_write_few_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[int] = []
+    async with serving(tmp_path) as server:
+        room = server.lobby.create(TWO_COOKS, owner="")
+        join = {"type": "join", "episode": room.code}
+        bad = {**join, "seat": "robot9"}
+        token, other = (mint_token(server, Role.PLAYER, once=True) for _ in range(2))
+        async with opened(server) as one, opened(server) as two, opened(server) as three:
+            for connection, own in ((one, token), (two, token), (three, other)):
+                await hello(connection, token=own)
+            monkeypatch.setattr(os, "fsync", synced.append)
+            answers = [(await one.ask(bad))["code"] for _ in range(FAILED_JOINS_A_MINUTE + 5)]
+            assert set(answers) == {"seat/unknown", "rate/limited"}
+            assert (await two.ask(join))["code"] == "rate/limited"
+            assert len(synced) == FAILED_JOINS_A_MINUTE
+            assert (await three.ask(bad))["code"] == "seat/unknown"
+            await asyncio.sleep(60 / FAILED_JOINS_A_MINUTE)
+            assert (await two.ask(join, "joined"))["type"] == "joined"
 
 
 @virtual

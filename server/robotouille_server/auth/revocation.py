@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import math
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,6 +25,7 @@ from robotouille_server.auth.private_files import (
     read_private,
     write_private,
 )
+from robotouille_server.runtime.budgets import TokenBucket
 from robotouille_server.runtime.logs import get_logger
 
 REVOKED_FILE = "revoked.json"
@@ -226,6 +228,34 @@ def not_recorded(error: Exception) -> ProtocolError:
     return ProtocolError("server/recording", text, "token")
 
 
+FAILED_JOINS_A_MINUTE = 20
+"""Failed joins with one token, for which a file is written and removed again."""
+MAX_FAILED_TOKENS = 1000
+
+
+class FailedJoins:
+    """Rate limit of failed joins, for each token. Those that failed last are remembered."""
+
+    def __init__(self) -> None:
+        self._budgets: OrderedDict[str, TokenBucket] = OrderedDict()
+
+    def check(self, token_id: str, now: float) -> None:
+        """Raise ProtocolError `rate/limited` if too many joins have failed."""
+        budget = self._budgets.get(token_id)
+        if budget is not None and budget.left(now) < 1:
+            text = "too many joins with this token have failed; try again in a few seconds"
+            raise ProtocolError("rate/limited", text, "token")
+
+    def failed(self, token_id: str, now: float) -> None:
+        """Count a failed join."""
+        most = FAILED_JOINS_A_MINUTE
+        budget = self._budgets.pop(token_id, None) or TokenBucket(most / 60, now, most)
+        budget.take(now)
+        self._budgets[token_id] = budget
+        if len(self._budgets) > MAX_FAILED_TOKENS:
+            self._budgets.popitem(last=False)
+
+
 class UsedTokens:
     """Tokens for one session that have been used. Their sessions created one file each, atomically.
 
@@ -236,6 +266,7 @@ class UsedTokens:
         self._folder = folder
         self._wall = wall
         self._next_tidy = wall()
+        self._failed = FailedJoins()
 
     def check(self, token_id: str, session: str = "") -> None:
         """Raise ProtocolError `auth/used` if another session has used a token."""
@@ -249,8 +280,10 @@ class UsedTokens:
 
         Raises:
             ProtocolError: `auth/used` if another session has used the token, `server/recording` if
-                its use cannot be written.
+                its use cannot be written, `rate/limited` if too many joins with it have failed.
         """
+        now = asyncio.get_running_loop().time()
+        self._failed.check(token_id, now)
         # Joins trigger the tidying, so an idle server does no work.
         self.forget_expired()
         path = self._path(token_id)
@@ -260,6 +293,7 @@ class UsedTokens:
         except BaseException:
             if new:
                 # The join failed, so the token is still unused.
+                self._failed.failed(token_id, now)
                 path.unlink(missing_ok=True)
             raise
 
