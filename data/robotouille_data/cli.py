@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robotouille.domain.files import read_text
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.terminal import options_from, printable, tell
 from robotouille_client.console import explain, fail, name_and_value
@@ -386,7 +387,7 @@ def export(
             texts=not options.no_text,
             split=_shares(options.split),
             split_by=options.split_by,
-            system=system.read_text(encoding="utf-8", errors="replace").strip() if system else "",
+            system=read_text(system, errors="replace").strip() if system else "",
             per_decision=options.per_decision,
             about=About(options.title, options.description, options.license, options.contact),
         )

@@ -37,6 +37,14 @@ def test_index_of_only_damaged_recordings_fails(tmp_path: Path) -> None:
     assert "broken.rbt: not a recording" in result.stderr
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no devices")
+def test_system_text_must_be_a_regular_file(folder: Path, tmp_path: Path) -> None:
+    flags = ["--system", "/dev/zero", "--format", "chat", "--folder", folder]
+    result = run("export", tmp_path / "out", *flags)
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1].endswith("/dev/zero: not a regular file")
+
+
 def test_index_reports_faults_and_sql_reads_rows(folder: Path) -> None:
     (folder / "broken.rbt").write_bytes(b"\x1b[2J no recording")
     (folder / "open.rbt.part").write_bytes(b"")

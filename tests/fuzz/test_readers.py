@@ -18,9 +18,11 @@ from robotouille import RecordingError, RobotouilleError
 from robotouille.domain.files import read_json
 from robotouille.replay.container import MAGIC, read_frames, unwrap
 from robotouille.replay.recording import Recording, read_recording
+from robotouille_evaluation.metrics.statistics import read_labels
 from robotouille_server.auth.keys import FileKeyring
 from robotouille_server.auth.private_files import read_private
 from robotouille_server.auth.revocation import load_revoked
+from robotouille_server.transport import ServerTLS
 from tests.support.fuzzing.adversary import Adversary
 from tests.support.fuzzing.forgery import framed
 from tests.support.fuzzing.hostile_inputs import HOSTILE_INPUTS
@@ -124,6 +126,8 @@ FILE_READERS: dict[str, Callable[[Path], object]] = {
     "private": lambda path: read_private(path, 100),
     "keys": FileKeyring,
     "revoked": load_revoked,
+    "labels": read_labels,
+    "certificate": lambda path: ServerTLS(path, path),
 }
 
 

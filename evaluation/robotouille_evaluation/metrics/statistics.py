@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
+from robotouille.domain.files import read_text
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.html_report.intervals import Interval
 from robotouille_evaluation.metrics.rows import Category, ResultRow
@@ -163,7 +164,7 @@ def read_labels(path: Path) -> tuple[Label, ...]:
         FileError: The file cannot be read or is invalid.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
         rows = (
             list(csv.DictReader(text.splitlines())) if path.suffix == ".csv" else json.loads(text)
         )

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, NoReturn
 
 from pydantic import BaseModel, Field, ValidationError
 
-from robotouille.domain.files import MAX_FILE_BYTES
+from robotouille.domain import files
 from robotouille.errors import Fault, FileError, MissingExtraError
 from robotouille_evaluation.packs.pack import ExampleEpisode, Examples, ExampleStep, Experiment
 
@@ -31,9 +31,7 @@ def read_text(path: Path, root: Path) -> str:
     """
     require_inside(path, root)
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise FileError(str(path), [Fault("", f"is larger than {MAX_FILE_BYTES:,} bytes")])
-        return path.read_text(encoding="utf-8-sig")
+        return files.read_text(path)
     except OSError as error:
         fault = Fault("", f"cannot be read: {error.strerror or error}")
         raise FileError(str(path), [fault]) from None

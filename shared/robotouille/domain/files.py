@@ -83,6 +83,26 @@ def open_regular(path: Path) -> IO[bytes]:
     return file
 
 
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        OSError: The path leads to a pipe, a device or a folder, or the file cannot be read.
+        FileError: The file is too large.
+    """
+    with open_regular(path) as file:
+        content = file.read(MAX_FILE_BYTES + 1)
+    if len(content) > MAX_FILE_BYTES:
+        _fail(path, f"the file is longer than {MAX_FILE_BYTES:,} bytes")
+    return content
+
+
+def read_text(path: Path, errors: str = "strict") -> str:
+    """Return the text of a file in UTF-8, with line feeds as line ends; see `read_bytes`."""
+    text = read_bytes(path).decode("utf-8-sig", errors)
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
 def read_json(path: Path) -> Any:
     """Return the JSON value in a file.
 
@@ -93,11 +113,8 @@ def read_json(path: Path) -> Any:
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             _fail(path, f"the file has {size:,} bytes; at most {MAX_FILE_BYTES:,} are read")
-        with open_regular(path) as file:
-            # The file may have grown since its size was checked.
-            content = file.read(MAX_FILE_BYTES + 1)
-        if len(content) > MAX_FILE_BYTES:
-            _fail(path, f"the file is longer than {MAX_FILE_BYTES:,} bytes")
+        # The file may have grown since its size was checked.
+        content = read_bytes(path)
         text = content.decode("utf-8-sig")
     except IsADirectoryError:
         _fail(path, "is a folder; expected a JSON file")
