@@ -19,7 +19,7 @@ from tests.support.window_play import (
     way,
 )
 
-from robotouille import GroundAction, Timing, World, load_task, task_names
+from robotouille import GroundAction, State, Timing, World, load_task, task_names
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import rendering_of
@@ -28,7 +28,7 @@ from robotouille.world.presentation.signals import Intent, Signal
 from robotouille.world.scene import scene
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
 from robotouille_client.window.input.controls import possible, towards
-from robotouille_client.window.input.input_controller import GUARD_SECONDS
+from robotouille_client.window.input.input_controller import GUARD_SECONDS, UNREACHED
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
 from robotouille_client.window.view import Bubble, LobbyView
@@ -525,7 +525,68 @@ def test_actions_queued_after_a_walk_are_dropped_with_it(blocked: Table) -> None
         blocked.window.frame(blocked.source)
     assert len(blocked.source.acted) == 1
     assert blocked.overlay().queued == ()
-    assert blocked.overlay().prompt == "", "the walk was explained, once"
+    assert blocked.overlay().prompt == UNREACHED
+    blocked.press(pygame.K_e)
+    assert len(blocked.source.acted) == 1, "a late press does nothing where the player stands"
+    blocked.timer.now += GUARD_SECONDS + 0.1
+    blocked.press(pygame.K_e)
+    assert len(blocked.source.acted) == 2
+
+
+def test_an_action_after_a_walk_that_lost_a_race_waits_for_it() -> None:
+    world = World("multi_agent/01")
+    me, other = world.players
+    table = Table(Script(world, me, slow=True))
+    station = contested(world.initial, me, other)
+    table.click(station)
+    walk = next(a for a in world.initial.actions(other) if goes_to(a) == station)
+    table.source.states.append(world.initial.step(walk).state)
+    table.window.frame(table.source)
+    table.press(pygame.K_e)
+    assert [goes_to(action) for action in table.source.acted] == [station]
+    assert table.overlay().queued[1:] == ("E",)
+    while table.source.state.busy_steps(other):
+        table.step()
+    make_way(table)
+    table.window.frame(table.source)
+    table.step()
+    assert table.here() == station
+
+
+def test_an_action_waits_for_a_queued_walk_to_an_occupied_station() -> None:
+    world = World("multi_agent/01")
+    me, other = world.players
+    table = Table(Script(world, me, slow=True))
+    taken = scene(world.initial)[other].at or ""
+    table.click(contested(world.initial, me, other))
+    table.click(taken)
+    table.press(pygame.K_e)
+    table.step()
+    while table.source.state.busy_steps(me):
+        table.step()
+    assert goes_to(table.source.acted[-1]) == taken
+    reject(table)
+    assert table.overlay().queued[1:] == ("E",), "E is meant for the occupied station"
+
+
+def test_a_walk_is_retried_if_the_station_became_free_in_the_meantime(blocked: Table) -> None:
+    blocked.press(pygame.K_ESCAPE)
+    taken = goes_to(blocked.source.acted[0]) or ""
+    blocked.click(taken)
+    blocked.press(pygame.K_e)
+    left = next(a for a in blocked.source.state.actions(blocked.source.world.players[1]))
+    assert goes_to(left)
+    blocked.source.states.append(blocked.source.state.step(left).state)
+    reject(blocked)
+    blocked.window.frame(blocked.source)
+    blocked.step()
+    assert blocked.here() == taken
+
+
+def contested(state: State, me: str, other: str) -> str:
+    """Return a free station to which both players can walk."""
+    reached = [{goes_to(a) for a in state.actions(player)} for player in (me, other)]
+    return min(name for name in reached[0] & reached[1] if name)
 
 
 @pytest.mark.parametrize("by", ["arrow", "click"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -11,6 +11,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.places import capitalised
 from robotouille.world.presentation.work import Occupancy
 from robotouille.world.scene import scene
+from robotouille.world.unmet import Unmet
 from robotouille.world.world import State
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap, key_words
 from robotouille_client.window.input.controls import (
@@ -238,6 +239,8 @@ GUARD_SECONDS = 1.0
 GUARDED = "done; to move it again, wait a second or click"
 PATIENCE_SECONDS = 2.0
 """Time for which a walk to an occupied station is retried."""
+UNREACHED = "You didn't get there, so nothing was done"
+"""Notice for an action that was meant for the end of a walk that failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,6 +289,8 @@ class ActionQueue:
         self._sent: Sent | None = None
         self._label = ""
         self._retry: _Retry | None = None
+        self._failed_at: float | None = None
+        self._untold = ""
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -324,8 +329,8 @@ class ActionQueue:
     def ask(self, intent: Intent, source: GameSource, view: View) -> str:
         """Send an input's action now or queue it; return a notice for the player, or "".
 
-        An input that follows a walk waits until the walk has succeeded. Any other input replaces a
-        walk that is being retried.
+        An input that follows a walk waits until the walk has succeeded. It does nothing if the walk
+        failed a moment ago. Any other input replaces a walk that is being retried.
         """
         if view.frozen or view.me is None:
             return ""
@@ -336,6 +341,9 @@ class ActionQueue:
         walks = asked is not None and asked.action.destination is not None
         if intent.follows and (walks or self._retry is not None):
             return self._wait(intent)
+        if intent.follows and self._just_failed:
+            return UNREACHED
+        self._failed_at = None
         # The player has changed their mind about the occupied station.
         if self._retry is not None:
             self._forget()
@@ -351,18 +359,23 @@ class ActionQueue:
         self._settle(view)
         if view.over:
             self.clear()
+        notice = self._send_next(source, view) if self._may_send(view) else ""
+        untold, self._untold = self._untold, ""
+        return notice or untold
+
+    def _may_send(self, view: View) -> bool:
+        """Return whether the player can act now and awaits no result."""
         if view.frozen or view.me is None or view.starts_in is not None:
-            return ""
+            return False
         if self._sent is not None and self._sent.fate == "asked":
-            return ""
-        if view.state.busy_steps(view.me):
-            return ""
+            return False
+        return not view.state.busy_steps(view.me)
+
+    def _send_next(self, source: GameSource, view: View) -> str:
         if self._retry is not None:
             self._try_again(self._retry, source, view)
             return ""
-        if not self._waiting:
-            return ""
-        return self._do(self._waiting.pop(0), source, view)
+        return self._do(self._waiting.pop(0), source, view) if self._waiting else ""
 
     def _wait(self, intent: Intent) -> str:
         # Directions that wait become one walk, which does not stop at the stations on the way.
@@ -380,12 +393,24 @@ class ActionQueue:
     def _forget(self) -> None:
         self._waiting, self._retry = [], None
 
+    @property
+    def _just_failed(self) -> bool:
+        """True for a moment after a walk has failed."""
+        return self._failed_at is not None and self._clock() - self._failed_at < GUARD_SECONDS
+
+    def _fail(self, action: GroundAction) -> None:
+        """Drop what was meant to follow an action that was rejected for good."""
+        if action.destination is not None:
+            self._failed_at = self._clock()
+            if any(intent.follows for intent in self._waiting):
+                self._untold = UNREACHED
+        self._forget()
+
     def _do(self, intent: Intent, source: GameSource, view: View) -> str:
         resolved = intent.resolve(view)
-        # The waiting inputs were meant to follow this action.
-        if not resolved.valid:
-            self._waiting = []
         if resolved.action is None:
+            # The waiting inputs were meant to follow this action.
+            self._waiting = []
             return capitalised(resolved.hint)
         self._label = intent.label
         self._send(resolved.action, source, view)
@@ -398,22 +423,22 @@ class ActionQueue:
     def _try_again(self, retry: _Retry, source: GameSource, view: View) -> None:
         """Retry the walk if the station is free; give up when the time has passed."""
         if self._clock() > retry.until:
-            self._forget()
+            self._fail(retry.action)
         elif view.me is not None and retry.action in view.state.actions(view.me):
             self._send(retry.action, source, view)
 
-    def _wanted(self, action: GroundAction, view: View) -> _Retry | None:
+    def _wanted(self, sent: Sent, view: View) -> _Retry | None:
         """Return the retry of a rejected walk if only another player was in the way."""
-        if action.destination is None:
+        if sent.action.destination is None:
             return None
-        occupancy = Occupancy(view.world)
-        unmet = view.world.unmet(view.state, action)
-        # Other players move away after a while, but other conditions stay unmet.
-        if not unmet or any(occupancy.needed_free(each) is None for each in unmet):
+        unmet = view.world.unmet(view.state, sent.action)
+        # The other player may have left since then. If nothing has changed, the reason is another.
+        gone = not unmet and view.step > sent.step and self._retry is None
+        if not (gone or _is_in_the_way(unmet, view)):
             return None
-        if self._retry is not None and self._retry.action == action:
+        if self._retry is not None and self._retry.action == sent.action:
             return self._retry
-        return _Retry(self._label, action, self._clock() + PATIENCE_SECONDS)
+        return _Retry(self._label, sent.action, self._clock() + PATIENCE_SECONDS)
 
     def _settle(self, view: View) -> None:
         """Record the result of the action that was sent."""
@@ -424,13 +449,39 @@ class ActionQueue:
         fate: Literal["asked", "done", "rejected"] = "asked"
         # A rejection shows as a new bubble. The old bubble is about an earlier action.
         if bubble is not None and bubble is not sent.bubble:
-            fate, self._retry = "rejected", self._wanted(sent.action, view)
-            if self._retry is None:
-                self._forget()
+            fate = "rejected"
         elif view.step > sent.step:
-            fate, self._retry = "done", None
+            fate = "done" if _has_arrived(sent.action, view) else self._fate_of_walk(sent, view)
+        if fate == "done":
+            self._retry = None
+        elif fate == "rejected":
+            self._retry = self._wanted(sent, view)
+            if self._retry is None:
+                self._fail(sent.action)
         if fate != "asked":
             self._sent = Sent(sent.action, now, sent.step, bubble, fate)
+
+    def _fate_of_walk(self, sent: Sent, view: View) -> Literal["asked", "rejected"]:
+        """Return the fate of a walk that has not begun although a step has passed."""
+        # Another player may have taken the station in the same step, which is not reported. On a
+        # server, a later step may apply the walk.
+        taken = _is_in_the_way(view.world.unmet(view.state, sent.action), view)
+        late = self._clock() - sent.time > PATIENCE_SECONDS
+        return "rejected" if taken or late else "asked"
+
+
+def _has_arrived(action: GroundAction, view: View) -> bool:
+    """Return whether an action that was sent is no walk, or the walk has begun or ended."""
+    me = view.me or ""
+    if action.destination is None or view.state.busy_steps(me):
+        return True
+    return scene(view.state)[me].at == action.destination
+
+
+def _is_in_the_way(unmet: Sequence[Unmet], view: View) -> bool:
+    """Return whether only other players, who move away after a while, prevent an action."""
+    occupancy = Occupancy(view.world)
+    return bool(unmet) and all(occupancy.needed_free(each) is not None for each in unmet)
 
 
 def _bubble(view: View) -> Bubble | None:
