@@ -56,7 +56,7 @@ class LabelSurroundings:
 
     Attributes:
         hovered: Area of the object under the mouse.
-        listed: Things in or on that object.
+        listed: Things in or on that object, or layers of a dish.
         blocked: Areas that no label may cover.
         avoided: Areas that labels cover only if no listed place is free.
         spared: Areas that labels cover only if no other place is within reach.
@@ -255,7 +255,7 @@ class Labels:
             return
         if hovered is None:
             if overlay.tips:
-                yield self._tips.at(layout, "tip", overlay.tips, overlay.pointer, _TIP)
+                yield self._tips.at(layout, "tip", overlay.tips, overlay.pointer, _TIP, listed)
             return
         if overlay.tips or listed:
             key = ("tip", view.hover)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 
 import pygame
 
@@ -10,9 +11,10 @@ from robotouille.planning.shift import DishPlanner, rules_of
 from robotouille.world.shift import OpenOrder, Orders
 from robotouille.world.world import State
 from robotouille_client.window.drawing.pops import Pop
+from robotouille_client.window.drawing.tips import Listing
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
-from robotouille_client.window.pictures.dishes import dishes
+from robotouille_client.window.pictures.dishes import Layer, dishes
 from robotouille_client.window.pictures.shapes import bar, box
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -31,6 +33,18 @@ from robotouille_client.window.view import View
 BAR_STEPS = 60
 """Lengths of a patience bar. A slip is drawn again only when its bar changes."""
 AMBER: Colour = (214, 150, 44)
+# Heights in letters: of a layer's row on a slip, the best first; of the line with a dish's name.
+_ROWS, _NAME = (1.7, 1.4, 1.2), 1.6
+# Lines of chat for which slips with layers leave room.
+_CHAT_LINES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """Height of a slip, and of a row for each layer; 0 for a small slip without such rows."""
+
+    height: int
+    row: int = 0
 
 
 class OrderSlips:
@@ -42,8 +56,8 @@ class OrderSlips:
         self._rules = rules_of(view.world)
         self._sprites = sprites
         self._text = text
-        self._pictures = {
-            name: _pictures(DishPlanner(view.world, name), resolver) for name in self._rules.menu
+        self._layers = {
+            name: _layers(DishPlanner(view.world, name), resolver) for name in self._rules.menu
         }
         self._prose = view.world.task.goal_description
         self._rows: list[tuple[pygame.Rect, str]] = []
@@ -53,15 +67,24 @@ class OrderSlips:
 
     def tooltip(self, point: tuple[int, int]) -> tuple[str, ...]:
         """Return what a dish is worth, or the purpose of the shift."""
-        for row, name in self._rows:
-            if row.collidepoint(point):
-                dish = self._rules.menu[name]
-                tip = f", up to {dish.tip} more if it is early" if dish.tip else ""
-                lines = [f"{name.capitalize()}: {dish.points} points{tip}."]
-                if dish.penalty:
-                    lines.append(f"If the guest leaves: {dish.penalty} points less.")
-                return (*lines, self._prose)
-        return (self._prose,)
+        name = self._dish_at(point)
+        if not name:
+            return (self._prose,)
+        dish = self._rules.menu[name]
+        tip = f", up to {dish.tip} more if it is early" if dish.tip else ""
+        lines = [f"{name.capitalize()}: {dish.points} points{tip}."]
+        if dish.penalty:
+            lines.append(f"If the guest leaves: {dish.penalty} points less.")
+        return (*lines, self._prose)
+
+    def listing(self, point: tuple[int, int]) -> Listing:
+        """Return the layers of the dish at a point, from the top down."""
+        layers = self._layers.get(self._dish_at(point), ())
+        return tuple((layer.appearance, layer.words) for layer in layers)
+
+    def _dish_at(self, point: tuple[int, int]) -> str:
+        """Return the dish of the slip at a point, or an empty string."""
+        return next((name for row, name in self._rows if row.collidepoint(point)), "")
 
     def redraw_key(self, state: State) -> object:
         """Return the part of a state that the slips show."""
@@ -88,14 +111,16 @@ class OrderSlips:
         if orders is None:
             return 0
         y = area.y + self._score(surface, area, layout, orders)
-        gap, high = layout.text // 2, self._slip_height(layout)
-        room = max(high, max(free, area.height * 2 // 5) - (y - area.y))
-        most = max(1, (room + gap) // (high + gap))
+        gap, shape = layout.text // 2, self._shape(layout, free - (y - area.y))
+        room = max(shape.height, max(free, area.height * 2 // 5) - (y - area.y))
+        most = max(1, (room + gap) // (shape.height + gap))
         for order in orders.open[:most]:
-            slip = pygame.Rect(area.x, y, area.width, high)
-            self._slip(surface, slip, layout, order, orders)
+            slip = pygame.Rect(area.x, y, area.width, shape.height)
+            if shape.row:
+                slip.height -= self._spared(order, shape)
+            self._slip(surface, slip, layout, order, orders, shape)
             self._rows.append((slip, self._rules.dish_name(order.number)))
-            y += high + gap
+            y += slip.height + gap
         small = max(10, layout.text - 3)
         if len(orders.open) > most:
             more = self._text.line(f"{len(orders.open) - most} more", small, FAINT)
@@ -127,8 +152,25 @@ class OrderSlips:
         )
         return points.get_height() + layout.text // 2
 
-    def _slip_height(self, layout: Layout) -> int:
-        return round(layout.text * (2.6 if layout.compact else 3.6))
+    def _shape(self, layout: Layout, free: int) -> _Shape:
+        """Return the shape of the slips: with rows of layers if all orders fit at any time.
+
+        A shape that depended on the open orders would change with each of them.
+        """
+        letter, gap = layout.text, layout.text // 2
+        small = _Shape(round(letter * (2.6 if layout.compact else 3.6)))
+        free -= round(_CHAT_LINES * 1.2 * letter)
+        most = max(len(layers) for layers in self._layers.values())
+        for row in (round(letter * each) for each in _ROWS):
+            height = round(letter * _NAME) + most * row + _thickness(letter) + gap
+            if not layout.compact and self._rules.most_open * (height + gap) <= free:
+                return _Shape(height, row)
+        return small
+
+    def _spared(self, order: OpenOrder, shape: _Shape) -> int:
+        """Return the height that a dish with few layers does not need."""
+        most = max(len(layers) for layers in self._layers.values())
+        return (most - len(self._layers[self._rules.dish_name(order.number)])) * shape.row
 
     def _slip(
         self,
@@ -137,6 +179,7 @@ class OrderSlips:
         layout: Layout,
         order: OpenOrder,
         orders: Orders,
+        shape: _Shape,
     ) -> None:
         """Draw one order: its dish in words and pictures, its worth now, and its patience."""
         name, pad = self._rules.dish_name(order.number), layout.text // 2
@@ -144,21 +187,57 @@ class OrderSlips:
         colour = _patience_colour(share)
         surface.blit(box(slip.size, PAPER, layout.text // 3), slip)
         surface.fill(colour, (slip.x, slip.y + 4, 4, slip.height - 8))
-        thick = max(4, layout.text // 3)
+        thick = _thickness(layout.text)
         line = pygame.Rect(
             slip.x + pad, slip.bottom - thick - pad // 2, slip.width - 2 * pad, thick
         )
         bar(surface, line, share, colour, mixed(PAPER, INK, 0.18))
         inner = pygame.Rect(line.x, slip.y + 2, line.width, line.y - slip.y - 4)
+        if shape.row:
+            rows = inner.copy()
+            inner.height = round(layout.text * _NAME) - 2
+            rows.top, rows.height = inner.bottom, rows.height - inner.height
+            self._draw_layers(surface, rows, layout, self._layers[name], shape.row)
         worth = self._text.line(f"{self._rules.worth(order, orders.time)}", layout.text, INK)
         surface.blit(worth, worth.get_rect(midright=(inner.right, inner.centery)))
         inner.width -= worth.get_width() + pad
-        left = self._draw_pictures(surface, inner, self._pictures[name])
-        words = self._text.fit(
-            name.capitalize(), max(10, layout.text - 1), inner.right - left - pad
-        )
+        left = inner.x
+        if not shape.row:
+            looks = _pictures(self._layers[name])
+            left = self._draw_pictures(surface, inner, looks) + pad
+            if not layout.compact and len(looks) > 1:
+                row = pygame.Rect(left, inner.centery, inner.right - left, inner.height // 2)
+                self._draw_row(surface, row, looks)
+                inner.height //= 2
+        words = self._text.fit(name.capitalize(), max(10, layout.text - 1), inner.right - left)
         shown = self._text.line(words, max(10, layout.text - 1), INK)
-        surface.blit(shown, shown.get_rect(midleft=(left + pad, inner.centery)))
+        surface.blit(shown, shown.get_rect(midleft=(left, inner.centery)))
+
+    def _draw_layers(
+        self,
+        surface: pygame.Surface,
+        area: pygame.Rect,
+        layout: Layout,
+        layers: Sequence[Layer],
+        row: int,
+    ) -> None:
+        """Draw the layers of a dish below each other, each with its words."""
+        small = max(10, round(layout.text * 0.85))
+        for number, layer in enumerate(layers):
+            middle = area.top + number * row + row // 2
+            picture = self._sprites.of(layer.appearance, row)
+            surface.blit(picture, picture.get_rect(midleft=(area.x, middle)))
+            words = self._text.fit(layer.words, small, area.width - row - 6)
+            shown = self._text.line(words, small, INK)
+            surface.blit(shown, shown.get_rect(midleft=(area.x + row + 6, middle)))
+
+    def _draw_row(
+        self, surface: pygame.Surface, row: pygame.Rect, pictures: Sequence[Appearance]
+    ) -> None:
+        """Draw the things of a dish next to each other."""
+        side = min(row.height, row.width // len(pictures))
+        for number, appearance in enumerate(pictures):
+            surface.blit(self._sprites.of(appearance, side), (row.x + number * side, row.y))
 
     def _draw_pictures(
         self, surface: pygame.Surface, inner: pygame.Rect, pictures: Sequence[Appearance]
@@ -174,13 +253,21 @@ class OrderSlips:
         return inner.x + size
 
 
-def _pictures(planner: DishPlanner, resolver: AppearanceResolver) -> tuple[Appearance, ...]:
-    """Return the things of a dish as they look when it is ready, the lowest first."""
+def _thickness(letter: int) -> int:
+    """Return the height of a patience bar."""
+    return max(4, letter // 3)
+
+
+def _layers(planner: DishPlanner, resolver: AppearanceResolver) -> tuple[Layer, ...]:
+    """Return the things of a dish as they look when it is ready, from the top down."""
     found = dishes(planner.world, resolver) or ()
     layers = [layer for dish in found for layer in dish.layers]
-    return tuple(
-        layer.appearance for layer in reversed(layers) if layer.appearance.role != "station"
-    )
+    return tuple(layer for layer in layers if layer.appearance.role != "station")
+
+
+def _pictures(layers: Sequence[Layer]) -> tuple[Appearance, ...]:
+    """Return the looks of layers, the lowest first."""
+    return tuple(layer.appearance for layer in reversed(layers))
 
 
 def _patience_colour(share: float) -> Colour:

@@ -117,11 +117,13 @@ class Painter:
             self._key_strip.mark(surface, place, stage, mark)
         cards = self._interruptions.draw(surface, place, view, ground)
         choices = self._key_strip.list_area(place, ui_overlay, self._panel.free, own)
+        listed = self._listed(view, stage)
         if not ui_overlay.tips:
             ui_overlay = replace(ui_overlay, tips=self.tooltip(ui_overlay.pointer))
+            listed = listed or self._panel.listing(ui_overlay.pointer)
         around = LabelSurroundings(
             hovered=extent(place, stage, view.hover, poses) if view.hover else None,
-            listed=self._listed(view, stage),
+            listed=listed,
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,
                 *ways(stage, frame.spots, frame.earlier, frame.animation.travels),

@@ -13,6 +13,7 @@ from robotouille_client.window.drawing.order_slips import OrderSlips
 from robotouille_client.window.drawing.pops import Pop, Pops
 from robotouille_client.window.drawing.seat_cards import SeatCards
 from robotouille_client.window.drawing.ticket import Ticket
+from robotouille_client.window.drawing.tips import Listing
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.shapes import bar, pill, seat_ink
@@ -195,6 +196,14 @@ class Panel:
             return ()
         left, top = self._ticket_area.topleft
         return self._ticket.tooltip((pointer[0] - left, pointer[1] - top))
+
+    def listing(self, pointer: tuple[int, int] | None) -> Listing:
+        """Return the layers of the dish whose order is under the mouse."""
+        on_it = pointer is not None and self._ticket_area.collidepoint(pointer)
+        if pointer is None or not on_it or not isinstance(self._ticket, OrderSlips):
+            return ()
+        left, top = self._ticket_area.topleft
+        return self._ticket.listing((pointer[0] - left, pointer[1] - top))
 
     def _goal(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View

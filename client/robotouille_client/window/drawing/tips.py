@@ -67,10 +67,16 @@ class Tips:
         return Tip(label, listed, shapes)
 
     def at(
-        self, layout: Layout, key: object, tips: Sequence[str], point: tuple[int, int], rank: int
+        self,
+        layout: Layout,
+        key: object,
+        tips: Sequence[str],
+        point: tuple[int, int],
+        rank: int,
+        listed: Listing = (),
     ) -> Tip:
-        """Return a tip at a point."""
-        shapes = self._shapes(layout, tips, ())
+        """Return a tip at a point, with words and a list of objects."""
+        shapes = self._shapes(layout, tips, listed)
         (width, height), gap = next(iter(shapes)), layout.text
         x, y = point
         choices = (
@@ -79,7 +85,7 @@ class Tips:
             (x + gap, y - height - gap // 2),
             (x - gap - width, y - height - gap // 2),
         )
-        return Tip(PlacedLabel(key, (width, height), choices, rank), (), shapes)
+        return Tip(PlacedLabel(key, (width, height), choices, rank), listed, shapes)
 
     def _shapes(
         self, layout: Layout, tips: Sequence[str], listed: Listing
