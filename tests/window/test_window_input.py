@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pygame
 import pytest
+from tests.support.scripted import BOILING
 from tests.support.window_play import (
     ARROWS,
     SIZE,
@@ -25,9 +26,10 @@ from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.presentation.signals import Intent, Signal
+from robotouille.world.presentation.work import work_in_progress
 from robotouille.world.scene import scene
 from robotouille_client.window.input.commands import DIRECTIONS, Command, KeyMap
-from robotouille_client.window.input.controls import possible, towards
+from robotouille_client.window.input.controls import Controls, possible, towards
 from robotouille_client.window.input.input_controller import GUARD_SECONDS, UNREACHED
 from robotouille_client.window.pictures.appearance import KitchenLook
 from robotouille_client.window.preferences import Preferences
@@ -606,3 +608,25 @@ def test_another_walk_replaces_a_retried_one(blocked: Table, by: str) -> None:
 
 def test_actions_here_do_not_wait_for_a_retried_walk(blocked: Table) -> None:
     assert blocked.press(pygame.K_SPACE)[-1] == "wait"
+
+
+def test_a_click_where_the_player_stands_adds_to_a_boiling_pot() -> None:
+    world = World(load_task("asynchronous/09", timing=Timing.PEOPLE))
+    state, me = world.initial, world.players[0]
+    for line in (*BOILING, "move table9", "pick-up-item tomato1", "move stove1"):
+        while line != "-" and (state.busy_steps(me) or _is_filling(state)):
+            state = state.step([]).state
+        word, *arguments = line.split()
+        actions = [a for a in state.actions(me) if a.name == word]
+        state = state.step([a for a in actions if {*arguments} <= {*a.arguments}][:1]).state
+    while state.busy_steps(me):
+        state = state.step([]).state
+    assert work_in_progress(state)
+    resolved = Controls(state.world).click(state, me, scene(state)[me].at or "")
+    assert resolved.valid
+    assert resolved.action is not None
+    assert resolved.action.name == "add-to"
+
+
+def _is_filling(state: State) -> bool:
+    return any(row.action == "fill-pot" for row in work_in_progress(state))

@@ -107,9 +107,9 @@ class Controls:
         own = self._clicks.get(button, [])
         # Players who click where they stand do not want to walk there.
         others = self._keys_at_a_place() if own and target == situation.at else []
-        return self._resolve(
-            situation, own, others, [target, *things_upon(target, situation.placed)]
-        )
+        there = [target, *things_upon(target, situation.placed)]
+        # A key that is pressed once too often must do nothing else. A click has other actions.
+        return self._resolve(situation, own, others, there, only_own_at_work=False)
 
     def key(self, state: State, me: str, key: str) -> ResolvedInput:
         """Resolve a key at the player's station."""
@@ -155,7 +155,14 @@ class Controls:
         own: list[InputBinding],
         others: list[InputBinding],
         candidates: list[str],
+        *,
+        only_own_at_work: bool = True,
     ) -> ResolvedInput:
+        """Resolve an input to its own bindings, or else to others.
+
+        Args:
+            only_own_at_work: True if work that goes on here rules out the others.
+        """
         if not own:
             return ResolvedInput(None, "")
         state, me = situation.state, situation.me
@@ -164,7 +171,7 @@ class Controls:
             return ResolvedInput(None, f"you are busy for {busy} more step{'s' * (busy > 1)}")
         action = _useful(situation, own, candidates)
         at_work = action is None and _is_at_work(situation, own, candidates)
-        if action is None and not at_work:
+        if action is None and not (at_work and only_own_at_work):
             action = _useful(situation, others, candidates)
         if action is not None:
             return ResolvedInput(action, capitalised(self.wording(me).action(action, state)), True)
@@ -186,10 +193,7 @@ def _useful(
 
 
 def _is_at_work(situation: Situation, bindings: list[InputBinding], candidates: list[str]) -> bool:
-    """Return whether the bindings' work is going on or done here.
-
-    A key that is pressed once too often must then not stand for something else.
-    """
+    """Return whether the bindings' work is going on or done here."""
     if any(row.subject in candidates for row in work_in_progress(situation.state)):
         return True
     valid = situation.state.actions(situation.me)
