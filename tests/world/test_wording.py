@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from robotouille import State, World, task_names
+from robotouille import State, World, load_task, task_names
 from robotouille.domain.rendering import Language, language_of
 from robotouille.world.presentation.wording import Wording
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
@@ -202,3 +202,17 @@ def test_place_words_are_replaced_one_by_one() -> None:
     assert wording.place("table5", world.initial) == "the right table at the bottom"
     assert wording.thing("bottombun1", world.initial) == "the bottom bun"
     assert wording.language.other == "another {noun}"
+
+
+def test_an_object_is_taken_from_the_station_with_others_like_it() -> None:
+    world = World(load_task("shifts/01_sandwich_bar", seats=1))
+    words, state = Wording(world, language_of(world.task)), world.initial
+    (take,) = (each for each in state.actions(world.players[0]) if each.name == "unstack")
+    assert words.action(take, state) == "take the cheese from the crate"
+
+
+def test_the_language_tells_what_the_stations_of_a_kitchen_are_for() -> None:
+    world = World(load_task("shifts/01_sandwich_bar", seats=1))
+    told = Wording(world, language_of(world.task)).purposes()
+    assert [kind for kind, _ in told] == ["hatch", "crate", "bin", "board", "table"]
+    assert Wording(world, Language()).purposes() == ()

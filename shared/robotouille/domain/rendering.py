@@ -116,11 +116,15 @@ class DishName(Schema):
 class ActionWords(Schema):
     """Words for an action, and advice (`how`) for when several of its conditions are unmet.
 
-    Both templates may name the action's parameters in braces.
+    All templates may name the action's parameters in braces.
+
+    Attributes:
+        alike: Words for an action with two objects of one kind, such as one cheese on another.
     """
 
     do: Words
     how: Words = ""
+    alike: Words = ""
 
 
 class PredicateWords(Schema):
@@ -188,6 +192,7 @@ class Language(Schema):
 
     Attributes:
         states: Words before the name of an object for which a predicate holds, by predicate.
+        purposes: What stations are for, by kind.
     """
 
     kinds: dict[
@@ -201,6 +206,7 @@ class Language(Schema):
     )
     predicates: dict[str, PredicateWords] = Field(default={}, max_length=500)
     states: dict[str, Words] = Field(default={}, max_length=200)
+    purposes: dict[str, Words] = Field(default={}, max_length=200)
     dishes: tuple[DishName, ...] = Field(default=(), max_length=100)
     places: PlaceWords = PlaceWords()
     work: WorkWords = WorkWords()
@@ -217,6 +223,7 @@ class Language(Schema):
             actions={**self.actions, **own.actions},
             predicates={**self.predicates, **own.predicates},
             states={**self.states, **own.states},
+            purposes={**self.purposes, **own.purposes},
             dishes=own.dishes or self.dishes,
             places=places,
             work=work,
@@ -342,7 +349,9 @@ _fields = each(
     player=each(),
     progress=each(),
     icons=each(),
-    language=each(kinds=each(), actions=each(), predicates=each(), places=each()),
+    language=each(
+        kinds=each(), actions=each(), predicates=each(), places=each(), purposes=each()
+    ),
     effects=each(),
     during=each(),
     moments=each(),

@@ -156,13 +156,28 @@ class Wording:
             [*(word for fact, word in self.language.states.items() if fact in facts), noun]
         )
 
+    def purposes(self) -> tuple[tuple[str, str], ...]:
+        """Return the name of each kind of station, and what it is for, as far as that is told."""
+        kinds = dict.fromkeys(self.world.thing(name).kind for name in self.world.floor.stations)
+        # The words of an extending file come last, and are about what is special in its kitchens.
+        told = reversed(self.language.purposes.items())
+        return tuple((self.kind(kind), words) for kind, words in told if kind in kinds)
+
     # Actions
 
     def action(self, action: GroundAction, state: State) -> str:
         """Return an action in words, such as `cut the lettuce`."""
         words = self.language.actions.get(action.name)
-        told = self._filled(words.do, action, state) if words else ""
+        template = words.do if words else ""
+        if words and words.alike and self._is_about_alike(action):
+            template = words.alike
+        told = self._filled(template, action, state)
         return told or _lower(self._filled(_without_player(action), action, state))
+
+    def _is_about_alike(self, action: GroundAction) -> bool:
+        """Return whether two objects of an action are of one kind."""
+        kinds = [self.world.thing(name).kind for name in action.arguments]
+        return len({*kinds}) < len(kinds)
 
     def in_general(self, schema: ActionSchema) -> str:
         """Return an action without its objects, such as `cut something`."""
