@@ -48,6 +48,7 @@ class WindowSession:
         self.others: list[asyncio.Future[None]] = []
         self.form: Form | None = None
         self.window: Window | None = None
+        self.source: Any = None
 
     def watch(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Record each form and each game window that opens, and make videos small."""
@@ -65,7 +66,7 @@ class WindowSession:
                 self.titles.append(self.form.title)
 
         async def started(window: Window, source: object, **options: object) -> None:
-            self.window = window
+            self.window, self.source = window, source
             await start(window, source, **options)  # type: ignore[arg-type]
 
         monkeypatch.setattr(Screen, "ask", asked)

@@ -470,3 +470,28 @@ async def test_the_app_continues_if_settings_cannot_be_saved(session: WindowSess
     session.app.ui.file = SettingsFile(path, session.app.settings)
     await asyncio.wait_for(session.go(lambda: wait(2)), 30)
     assert "Could not save" in session.app.ui.message
+
+
+async def test_a_card_explains_a_shift_before_its_clock_starts(session: WindowSession) -> None:
+    setup = GameSetup("shifts/01_sandwich_bar", seats=1, countdown=0.0)
+
+    def script() -> Iterator[None]:
+        yield from wait(60)
+        assert session.titles == ["Sandwich bar"]
+        words = [row.label for row in session.form.rows]
+        assert "Hatch: serve finished dishes." in words
+        assert words[-2:] == [
+            "One star takes 87 points, two take 175, three take 264.", "Start",
+        ]  # fmt: skip
+        assert session.source.view().step == 0
+        yield from session.choose("Start")
+        yield from wait(60)
+        assert session.source.view().step > 0
+        post(pygame.K_h)
+        yield from wait(2)
+        rows = session.window.overlay(session.source.view()).help
+        assert rows[0] == ("", "The game is paused where it is.")
+        assert "Orders" in [key for key, _ in rows]
+
+    await asyncio.wait_for(session.go(script, setup), 60)
+    assert session.user.ended

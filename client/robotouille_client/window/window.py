@@ -134,6 +134,8 @@ class Window:
         """Handle the events since the last frame, then draw."""
         view = source.view()
         self._open(view)
+        if self.frames == 0:
+            self._cards.start(view)
         for event in pygame.event.get():
             # An event may change anything, e.g. uncover a part of the window.
             self._drawn_last = None
@@ -190,6 +192,9 @@ class Window:
         if card is not None or self._strip is not None:
             # The card or the strip shows the outcome, so the kitchen stays visible.
             shown = dataclasses.replace(shown, outcome="")
+        if self._cards.starting:
+            # The card says what the kitchen is for, so it is seen as it is.
+            shown = dataclasses.replace(shown, pause=None, starts_in=None)
         self.frames += 1
         below = None if self._strip is None else self._strip.redraw_key()
         drawing = (

@@ -1,4 +1,4 @@
-"""Cards of a game: the result, and the question whether to leave."""
+"""Cards of a game: what a shift is about, the result, and the question whether to leave."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from typing import Any
 import pygame
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.certification.stars import score_limits, star_limits
+from robotouille.certification.stars import ScoreLimits, score_limits, star_limits
 from robotouille.certification.step_limit import retimed_length
 from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import RobotouilleError
+from robotouille.world.presentation.wording import Wording
 from robotouille_client.window.forms.form import Form, FormLayout
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.forms.widgets import Button, DrawContext, Row, Words
 from robotouille_client.window.pictures.shapes import box, star_points
 from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, TEXT, TRACK, Colour
-from robotouille_client.window.sources.texts import outcome_words, points_of, won
+from robotouille_client.window.sources.texts import dish_title, outcome_words, points_of, won
 from robotouille_client.window.view import View
 
 _KINDS: tuple[tuple[str, str, Colour], ...] = (
@@ -228,6 +229,24 @@ def best_words(task: Task) -> str:
     return f"Best known: {length} steps."
 
 
+def shift_card(view: View, wording: Wording) -> Form:
+    """Return the card before a shift: what its stations are for, and the points for stars."""
+    task = view.world.task
+    rows: list[Row] = [Words(task.goal_description)] if task.goal_description else []
+    rows += [Words(f"{kind.capitalize()}: {use}.") for kind, use in wording.purposes()]
+    limits = score_limits(task.problem, len(view.seats))
+    if limits is not None:
+        rows.append(Words(star_words(limits)))
+    rows.append(Button("Start", MenuChoice.STAY))
+    title = dish_title(task.name, task.goal_description)
+    return Form(title, rows, cancel=MenuChoice.STAY, layout=FormLayout(shrinks=True))
+
+
+def star_words(limits: ScoreLimits) -> str:
+    """Return the points of a shift for one, two and three stars in words."""
+    return f"One star takes {limits.one} points, two take {limits.two}, three take {limits.three}."
+
+
 REVIEW_BUTTONS = (("Watch the replay", MenuChoice.WATCH), ("Save a video", MenuChoice.VIDEO))
 """Buttons for a game whose recording was kept."""
 LEAVE_BUTTONS = (("Menu", MenuChoice.MENU), ("Quit", MenuChoice.QUIT))
@@ -243,6 +262,7 @@ class GameCards:
         menu: True if there is a menu. Without it, leaving the game closes the window.
         message: Function that returns a new message for the card, or "".
         ended: Function called when the game has ended, before its card is shown.
+        start: Function that returns the card before the game; None to show none.
     """
 
     def __init__(
@@ -254,16 +274,25 @@ class GameCards:
         menu: bool = True,
         message: Callable[[], str] = lambda: "",
         ended: Callable[[], None] = lambda: None,
+        start: Callable[[View], Form] | None = None,
     ) -> None:
         self._outcome = outcome
         self._buttons = buttons
         self._menu = menu
         self._new_message = message
         self._ended = ended
+        self._start = start
         self._pause = pause
         self._message = ""
         self._chosen: object = None
         self._card: Form | None = None
+
+    def start_card(self, view: View) -> Form | None:
+        start, self._start = self._start, None
+        if start is None or view.over:
+            return None
+        self._pause(True)
+        return start(view)
 
     def end_card(self, view: View) -> Form:
         self._ended()

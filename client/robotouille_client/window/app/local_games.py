@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,12 +26,14 @@ from robotouille_client.window.app.game_cards import (
     REVIEW_BUTTONS,
     GameCards,
     rate_game,
+    shift_card,
 )
 from robotouille_client.window.app.level_map import ALL_TASKS, LevelMap
 from robotouille_client.window.app.local_game import GameSetup, LocalGame
 from robotouille_client.window.app.play_menu import PlayMenu
 from robotouille_client.window.app.replays import Replays
 from robotouille_client.window.app.user_interface import UserInterface
+from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.rows import MenuChoice
 from robotouille_client.window.input.commands import Command, KeyMap
 from robotouille_client.window.sources.texts import points_of, task_title, won
@@ -197,6 +199,7 @@ class LocalGames:
         self._replays = replays
         self._recordings = recordings
         self._make_partners = make_partners
+        self._introduced: set[str] = set()
 
     async def choose(self) -> object:
         """Let the player choose a game, and play it."""
@@ -296,6 +299,7 @@ class LocalGames:
             buttons,
             source.pause,
             ended=partial(self._note_best, game),
+            start=self._introduction(game),
         )
         show = partial(self._ui.show, source, cards, caption=task_title(setup.task))
         try:
@@ -311,6 +315,15 @@ class LocalGames:
             return answer
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
         return await self._replays.review(answer, cards, watch, save, show)
+
+    def _introduction(self, game: LocalGame) -> Callable[[View], Form] | None:
+        """Return what makes the card before a shift; None if the player has seen it."""
+        task = game.world.task
+        if game.world.shift is None or task.name in self._introduced:
+            return None
+        self._introduced.add(task.name)
+        wording = Wording(game.world, language_of(task).with_words(self._ui.words))
+        return lambda view: shift_card(view, wording)
 
     def _overtaxed(self, setup: GameSetup, outcome: Mapping[str, Any] | None) -> bool:
         """Return whether a player who has never won a game has lost one that could be slower."""

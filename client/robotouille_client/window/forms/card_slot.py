@@ -1,4 +1,4 @@
-"""Cards next to the kitchen: the question whether to leave, and the result of a game."""
+"""Cards next to the kitchen: what a game is about, whether to leave it, and its result."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from robotouille_client.window.view import View
 
 class Cards(Protocol):
     """Cards of one kind of game. Every answer but `stay` closes the game."""
+
+    def start_card(self, view: View) -> Form | None:
+        """Return the card before a game, which waits for it; None to show none."""
 
     def end_card(self, view: View) -> Form | None:
         """Return the card for the end of the game; None to show none."""
@@ -131,7 +134,8 @@ class ShownCard:
 class CardSlot:
     """Place for the cards of a game; stays empty if there are none.
 
-    `answer` is the player's choice on a card that closed the game; None until then.
+    `answer` is the player's choice on a card that closed the game; None until then. `starting` is
+    true while the card before a game is shown.
 
     Args:
         opened: Function called when a card opens.
@@ -149,6 +153,7 @@ class CardSlot:
     ) -> None:
         self._still = still
         self.answer: object = None
+        self.starting = False
         self._cards = cards
         self._keys = keys
         self._clock = clock
@@ -170,6 +175,13 @@ class CardSlot:
         return ("", False, 0.0) if form is None else (form.message, form.listens, form.age)
 
     # Cards
+
+    def start(self, view: View) -> None:
+        """Show the card before a game, if there is one."""
+        card = None if self._cards is None else self._cards.start_card(view)
+        if card is not None:
+            self._show(card, at_once=True)
+            self.starting = True
 
     def leave(self, view: View, *, at_once: bool = False) -> None:
         """Ask whether to leave the game."""
@@ -236,7 +248,7 @@ class CardSlot:
             return None
         command = card.handle(event, pressed, self._keys)
         if card.form.result == MenuChoice.STAY:
-            self._card = None
+            self._card, self.starting = None, False
             if self._cards is not None:
                 self._cards.stay()
         else:

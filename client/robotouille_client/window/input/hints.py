@@ -29,6 +29,12 @@ SIGNAL_WORDS = {
 }
 
 
+SHIFT_ROWS = (
+    ("Orders", "on the right, with the layers of each dish: serve it before its bar runs out"),
+    ("Points", "more for an early dish, fewer if a guest leaves"),
+)
+
+
 class PlayHints:
     """Texts about what the player can do now. Slow ones are cached for the current state.
 
@@ -132,7 +138,17 @@ class PlayHints:
         )
         if not view.me:
             return window
-        return (*own, *(companion if view.companion else ()), *controls.help(), *team, *window)
+        paused = (("", "The game is paused where it is."),) if view.pause is not None else ()
+        shift = SHIFT_ROWS if view.world.shift is not None else ()
+        return (
+            *paused,
+            *shift,
+            *own,
+            *(companion if view.companion else ()),
+            *controls.help(),
+            *team,
+            *window,
+        )
 
     def _escape_words(self, view: View) -> str:
         does = ["close this"]

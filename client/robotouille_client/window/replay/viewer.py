@@ -306,6 +306,9 @@ def watch(
 class ReplayCards:
     """Cards of a replay: only the question before leaving. The last step stays on the screen."""
 
+    def start_card(self, view: View) -> None:
+        """Show no card at the start."""
+
     def end_card(self, view: View) -> None:
         """Show no card at the end."""
 
