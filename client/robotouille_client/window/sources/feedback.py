@@ -195,23 +195,29 @@ class ChatLog:
     ) -> None:
         """Add a chat message, or a signal with its sentence.
 
+        An announcement of a player's next actions shows over the player only: bots make so many
+        that requests would be lost among them.
+
         Args:
             things: Objects whose pictures tell what an announcement of actions is about.
         """
-        self._lines.append((name, text))
+        announced = next_intention(text) if player else ""
+        if not announced:
+            self._lines.append((name, text))
         if not player:
             return
         if signal is not None:
             words, shown = signal_words(signal.intent), (signal.target,) if signal.target else ()
             self._add(Bubble(player, words, "chat", shown, signal.target), SIGNAL_SECONDS)
         else:
-            # The chat has the whole announcement. Over a player, pictures say what is next.
-            words = "" if things else next_intention(text) or text
+            # Pictures say what is next.
+            words = "" if things else announced or text
             self._add(Bubble(player, words, "chat", things))
 
     def repeated(self, name: str, text: str) -> None:
         """Add a chat message from before the local player returned."""
-        self._lines.append((name, text))
+        if not next_intention(text):
+            self._lines.append((name, text))
 
     def happened(self, text: str) -> None:
         """Add a game event, such as a participant who joins."""
