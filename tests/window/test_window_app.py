@@ -258,7 +258,9 @@ async def test_the_tutorial_ends_with_the_whole_task(session: WindowSession) -> 
         assert session.titles[-1] == "Well done!"
         assert session.remembered.learned
         yield from wait(60)
-        yield from session.choose("Menu")
+        yield from session.choose("Play a game")
+        assert session.titles[-1] == "Levels"
+        yield from session.choose("Back")
         yield from session.choose("Quit")
 
     session.app.settings.learned = False

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
 
 import pygame
 import pytest
 from tests.support.window_play import post
 from tests.support.window_session import WindowSession, wait
 
+from robotouille import Task
+from robotouille_client.window.app import thumbnails
 from robotouille_client.window.app.level_map import ALL_TASKS, LevelMap, levels
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.input.commands import Command
@@ -71,6 +74,30 @@ def test_newcomers_begin_with_the_tutorial() -> None:
     assert focused is not None
     assert focused.answer == "tutorial"
     assert [row.answer for row in LevelMap(Settings()).rows[-2:]] == [ALL_TASKS, "back"]
+
+
+def test_the_map_knows_the_best_points_and_steps() -> None:
+    shift = "shifts/01_sandwich_bar"
+    best = {f"{shift}@1": 286, f"{shift}@2": 229, f"{FIRST}@1": 12}
+    assert levels("shifts", {}, best)[0].best == 286
+    assert levels("synchronous", {}, best)[0].best == 12
+    assert levels("synchronous", {}, best)[1].best is None
+
+
+def test_pictures_of_open_levels_are_drawn_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str] = []
+
+    def draw(load: Callable[[], Task], *_: object) -> None:
+        drawn.append(load().name)
+
+    monkeypatch.setattr(thumbnails, "_kitchens", OrderedDict())
+    monkeypatch.setattr(thumbnails, "_drawn", draw)
+    shown, surface = level_map(first=2), pygame.Surface((1120, 630))
+    shown.draw(surface, surface.get_rect(), Typesetter(), 12)
+    for _ in range(len(shown.chapters) + 1):
+        assert shown.idle()
+    opened = [level.task for each in shown.chapters for level in each.levels if level.is_open]
+    assert sorted(drawn) == sorted(opened)
 
 
 async def test_a_level_leads_to_its_game_and_back(session: WindowSession) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import pygame
 
 from robotouille.domain.loading import load_task, task_names
+from robotouille_client.window.app.play_menu import best_of
 from robotouille_client.window.app.settings import Settings
 from robotouille_client.window.app.thumbnails import Thumbnails
 from robotouille_client.window.forms.form import Form, FormLayout
@@ -28,11 +30,14 @@ from robotouille_client.window.pictures.theme import (
 )
 from robotouille_client.window.sources.texts import dish_title
 
+SHIFTS = "shifts"
+"""Family of the tasks that have points."""
+
 CHAPTERS = (
     ("Alone", "synchronous"),
     ("Alone, while work takes time", "asynchronous"),
     ("Together", "multi_agent"),
-    ("Shifts: orders keep coming", "shifts"),
+    ("Shifts: orders keep coming", SHIFTS),
 )
 """Titles of the chapters, and the families of tasks in them."""
 
@@ -49,22 +54,36 @@ _TILE = 2.5
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One level. `before` is the level that opens it with a star; empty for the first."""
+    """One level.
+
+    Attributes:
+        before: The level that opens it with a star; empty for the first.
+        best: The player's most points in a shift, or fewest steps; None if there are none yet.
+    """
 
     task: str
     stars: int
     before: str = ""
     is_open: bool = True
+    best: int | None = None
+
+    @property
+    def is_shift(self) -> bool:
+        return self.task.startswith(f"{SHIFTS}/")
 
 
-def levels(family: str, stars: Mapping[str, int]) -> list[Level]:
+def levels(
+    family: str, stars: Mapping[str, int], best: Mapping[str, int] = MappingProxyType({})
+) -> list[Level]:
     """Return the levels of a chapter. Each is open once the one before has a star."""
     found: list[Level] = []
     for name in (n for n in task_names() if n.startswith(f"{family}/")):
         last = found[-1] if found else None
         earned = earned_in(name, stars)
         is_open = last is None or bool(earned) or (last.is_open and last.stars > 0)
-        found.append(Level(name, earned, "" if last is None else last.task, is_open))
+        before = "" if last is None else last.task
+        most = best_of(best, name, most=family == SHIFTS)
+        found.append(Level(name, earned, before, is_open, most))
     return found
 
 
@@ -154,7 +173,8 @@ class ChapterRow(Row):
         self, target: pygame.Surface, place: pygame.Rect, level: Level, context: DrawContext
     ) -> None:
         target.blit(box(place.size, CARD, context.size // 3), place)
-        picture = self._pictures.at(level.task, (place.width - 4, place.height - 4))
+        room = (place.width - 4, place.height - 4)
+        picture = self._pictures.at(level.task, room, urgent=level.is_open)
         if picture is not None:
             target.blit(picture, picture.get_rect(center=place.center))
         if not level.is_open:
@@ -167,6 +187,10 @@ class ChapterRow(Row):
             middle = place.centerx + (number - 1) * radius * 9 // 4, place.bottom + radius * 3 // 2
             colour = ACCENT if number < level.stars else TRACK
             pygame.draw.polygon(target, colour, star_points(middle, radius))
+        if level.is_shift and level.best is not None:
+            points = context.text.line(str(level.best), context.size * 3 // 4, TEXT)
+            left = place.centerx + radius * 4, place.bottom + radius * 3 // 2
+            target.blit(points, points.get_rect(midleft=left))
 
 
 def _padlock(target: pygame.Surface, middle: tuple[int, int], size: int) -> None:
@@ -196,7 +220,12 @@ class LevelMap(Form):
             Button("Back", "back"),
         ]
         self.chapters = [
-            ChapterRow(title, levels(family, settings.stars), self._thumbnails, self._refuse)
+            ChapterRow(
+                title,
+                levels(family, settings.stars, settings.best),
+                self._thumbnails,
+                self._refuse,
+            )
             for title, family in CHAPTERS
         ]
         super().__init__(
@@ -239,7 +268,8 @@ class LevelMap(Form):
         if not isinstance(row, ChapterRow):
             return width
         level, x, y = row.level, area.right - width, area.y
-        picture = self._thumbnails.at(level.task, (width, min(width, area.height * 3 // 5)))
+        room = (width, min(width, area.height * 3 // 5))
+        picture = self._thumbnails.at(level.task, room, urgent=True)
         if picture is not None:
             target.blit(picture, picture.get_rect(midtop=(x + width // 2, y)))
             y += picture.get_height() + size // 2
@@ -256,4 +286,6 @@ class LevelMap(Form):
         if not level.is_open:
             return (goal, f"Opens with a star in {self._title(level.before)!r}.")
         stars = {0: "No star yet.", 1: "One star."}.get(level.stars, f"{level.stars} stars.")
+        if level.best is not None:
+            stars += f" Best: {level.best} {'points' if level.is_shift else 'steps'}."
         return (goal, stars)

@@ -257,7 +257,7 @@ class LocalGames:
         cards = GameCards(
             lambda: game.source.outcome,
             lambda: [
-                ("Play a game", MenuChoice.PLAY),
+                ("Play a game", MenuChoice.LEVELS),
                 ("Repeat the tutorial", MenuChoice.TUTORIAL),
                 ("Menu", MenuChoice.MENU),
             ],

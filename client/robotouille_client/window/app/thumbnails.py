@@ -25,12 +25,14 @@ _kitchens: OrderedDict[_Key, pygame.Surface | None] = OrderedDict()
 class Thumbnails:
     """Pictures of initial states in one rendering.
 
-    Missing pictures are drawn by `load`, one at a time, the last requested first.
+    Missing pictures are drawn by `load`, one at a time: urgent ones first, and of these the last
+    requested.
     """
 
     def __init__(self, rendering: str = "") -> None:
         self._rendering = rendering
         self._wanted: dict[str, tuple[Callable[[], Task], Callable[[State], str] | None]] = {}
+        self._urgent: set[str] = set()
         self._scaled: dict[tuple[str, tuple[int, int]], pygame.Surface] = {}
 
     def at(
@@ -39,6 +41,8 @@ class Thumbnails:
         room: tuple[int, int],
         task: Callable[[], Task] | None = None,
         you: Callable[[State], str] | None = None,
+        *,
+        urgent: bool = False,
     ) -> pygame.Surface | None:
         """Return a picture of a kitchen that fits a size; None until it is drawn.
 
@@ -46,12 +50,15 @@ class Thumbnails:
             name: Name of a shipped task, or another unique name.
             task: Function that loads the task; None for `load_task`.
             you: Function that returns the player to mark.
+            urgent: True if the player misses the picture most.
         """
         key = (name, self._rendering)
         if key not in _kitchens:
             # Reinserting moves the name to the end, so what is visible now is drawn first.
             self._wanted.pop(name, None)
             self._wanted[name] = (task or (lambda: load_task(name)), you)
+            if urgent:
+                self._urgent.add(name)
             return None
         _kitchens.move_to_end(key)
         kitchen = _kitchens[key]
@@ -70,7 +77,10 @@ class Thumbnails:
         """Draw one requested picture; return whether there was any."""
         if not self._wanted:
             return False
-        name, (task, you) = self._wanted.popitem()
+        latest = list(reversed(self._wanted))
+        name = next((each for each in latest if each in self._urgent), latest[0])
+        task, you = self._wanted.pop(name)
+        self._urgent.discard(name)
         while len(_kitchens) >= MAX_KEPT:
             _kitchens.popitem(last=False)
         _kitchens[name, self._rendering] = _drawn(task, you, self._rendering)
