@@ -18,6 +18,7 @@ from robotouille.domain.schema import GoalTerm
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ticket import (
     LayerProgress,
+    as_at_first,
     fit,
     kept_in_place,
     progress,
@@ -171,6 +172,14 @@ def test_the_circle_fills_with_each_cut() -> None:
     assert seen[2] == 0.0, "a finished term has no share"
 
 
+def layers(state: State) -> list[LayerProgress]:
+    """Return the progress of each layer of a one-dish goal, from the top down."""
+    resolver = AppearanceResolver(state.world.task.domain, rendering_of(state.world.task))
+    plain = dishes(state.world, resolver) or ()
+    now, first = (fit(plain, each) for each in (state, state.world.initial))
+    return list(progress(plain[0], now.holding, as_at_first(state, now, first.holding)))
+
+
 def far(state: State) -> dict[str, LayerProgress]:
     """Return the progress of each layer of a one-dish goal, from the top down."""
     world = state.world
@@ -178,7 +187,8 @@ def far(state: State) -> dict[str, LayerProgress]:
     plain = dishes(world, resolver) or ()
     now, first = (fit(plain, each) for each in (state, world.initial))
     (dish,) = dishes(world, resolver, stack_levels(state, now)) or ()
-    found = progress(dish, now.holding, first.holding, shares(state, now.holding))
+    before = as_at_first(state, now, first.holding)
+    found = progress(dish, now.holding, before, shares(state, now.holding))
     return {layer.words: row for layer, row in zip(dish.layers, found, strict=True)}
 
 
@@ -192,6 +202,16 @@ def test_an_arbitrary_table_is_no_progress() -> None:
     assert all(row.share == 0 for row in before.values())
     assert all(row == LayerProgress(0, False) for name, row in held.items() if "bun" not in name)
     assert held["top bun"].share == 0
+
+
+@pytest.mark.parametrize("bread", ["bread1", "bread2"])
+def test_a_base_that_was_put_on_another_table_is_ticked(bread: str) -> None:
+    task, tables = "training/01", {"bread1": "table1", "bread2": "table2"}
+    held = [f"move {tables[bread]}", f"pick-up-item {bread}", "move table4"]
+    assert not any(row.settled for row in layers(after(task, *held)))
+    top, *_, base, _ = layers(after(task, *held, "place-item"))
+    assert base.settled
+    assert not top.settled
 
 
 CUT = [

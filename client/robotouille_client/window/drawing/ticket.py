@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
 import pygame
 
+from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.goal import Fit, Order
 from robotouille.world.presentation.work import work_towards
 from robotouille.world.scene import scene
@@ -126,6 +128,26 @@ def shares(state: State, holding: Sequence[bool]) -> tuple[float, ...]:
     return tuple(found)
 
 
+def as_at_first(state: State, now: Fit, at_first: Sequence[bool]) -> tuple[bool, ...]:
+    """Return which goal terms held at the start, without those that players have achieved anew.
+
+    Bread that a player has put on another table is progress, even if the table where it lay at
+    first would do as well. Each new fact counts for the first of several equal terms.
+    """
+    table, start = state.world.table, state.world.initial
+    new = Counter(
+        (predicate, *(state.world.thing(name).kind for name in names))
+        for predicate, *names in map(table.atoms.__getitem__, bits_of(state.facts & ~start.facts))
+    )
+    found = []
+    for term, held, before in zip(state.world.goal.terms, now.holding, at_first, strict=True):
+        about = (term.predicate, *term.args)
+        again = held and before and new[about] > 0
+        new[about] -= again
+        found.append(before and not again)
+    return tuple(found)
+
+
 def stack_levels(state: State, fit: Fit) -> dict[Variable, int]:
     """Return how many objects lie below each object that is in its place."""
     placed = scene(state)
@@ -199,7 +221,8 @@ class Ticket:
         self._roots: dict[int, str] = {}
         self._dishes = dishes(view.world, resolver) or ()
         self._fitted: tuple[State, Fit] | None = None
-        self._at_first = self._fit(view.world.initial).holding
+        self._at_start = self._fit(view.world.initial).holding
+        self._at_first = self._at_start
         self._rows: list[tuple[pygame.Rect, Layer, LayerProgress]] = []
         self.pops: dict[Hashable, Pop] = {}
         """Ticks by dish and layer, with their places in the ticket."""
@@ -228,7 +251,8 @@ class Ticket:
         """Return the part of a state that the ticket shows."""
         now = self._fit(state)
         done = tuple(round(share * RING_STEPS) for share in shares(state, now.holding))
-        return now.holding, done, tuple(stack_levels(state, now).items()), self._sprites.revision
+        levels, before = stack_levels(state, now), as_at_first(state, now, self._at_start)
+        return now.holding, done, tuple(levels.items()), before, self._sprites.revision
 
     def _fit(self, state: State) -> Fit:
         """Return the fit of a state, which is computed once for all its frames."""
@@ -254,6 +278,7 @@ class Ticket:
         counts = [len(dish.layers) for dish in self._dishes]
         high = sum(counts) * step + (len(counts) - 1) * pad if below else max(counts) * step
         self._holding = now.holding
+        self._at_first = as_at_first(state, now, self._at_start)
         self._shares = shares(state, now.holding)
         surface.blit(box((area.width, high + 2 * pad), PAPER, layout.text // 2), area.topleft)
         column = pygame.Rect(area.x + pad, area.y + pad, area.width - 2 * pad, high)
