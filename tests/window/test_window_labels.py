@@ -18,7 +18,7 @@ from robotouille_client.window.drawing import lobby_card
 from robotouille_client.window.drawing import painter as painting
 from robotouille_client.window.drawing.labels import LabelSurroundings
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.spots import extent, occupied, player_area
+from robotouille_client.window.drawing.spots import Pose, extent, hands, occupied, player_area
 from robotouille_client.window.drawing.window_layout import ActionMark, UiOverlay
 from robotouille_client.window.pictures import theme
 from robotouille_client.window.pictures.shapes import seat_fill, seat_ink
@@ -289,3 +289,29 @@ def test_a_pause_card_covers_the_mark_of_the_last_action() -> None:
             painter.paint(surface, view, overlay)
             pictures.append(pygame.image.tobytes(surface.subsurface(middle_of_card), "RGB"))
         assert pictures[0] == pictures[1], station
+
+
+def test_held_objects_and_bubbles_stay_inside_the_kitchen(monkeypatch) -> None:
+    world = World(load_task("shifts/01_sandwich_bar", seats=1))
+    me, painter, drawn = world.players[0], Painter(), []
+    walk = next(a for a in world.initial.actions(me) if a.destination == "board1")
+    state = world.initial.step(walk).state
+    draw = painting.Labels.draw
+
+    def watched(self, *arguments) -> None:
+        draw(self, *arguments)
+        drawn.append(self.places())
+
+    monkeypatch.setattr(painting.Labels, "draw", watched)
+    said = Bubble(me, "Can you put the cut tomato on the bread, please?", "chat")
+    surface = pygame.Surface((1280, 720))
+    painter.paint(surface, View(world, state, me=me, bubbles=(said,)))
+    kitchen = painter.layout(surface.get_size(), world).kitchen
+    (bubble,) = [area for key, area in drawn[0].items() if key[0] == me]
+    assert kitchen.left <= bubble.left
+    assert bubble.right <= kitchen.right
+    place = painter.layout(surface.get_size(), world)
+    for column, side in ((0, "left"), (world.task.problem.width - 1, "right")):
+        spot = hands(place, Pose((column, 2), side, walking=True))
+        assert kitchen.left < spot.x - 0.3 * place.tile
+        assert spot.x + 0.3 * place.tile < kitchen.right

@@ -212,6 +212,7 @@ class Labels:
                 (round(x + side), side_top),
                 (round(x - width), side_top),
             )
+            choices = tuple((_inside(layout, left, width), at) for left, at in choices)
             important = _REASON if bubble.kind == "rejected" else _SAID
             key = (bubble.player, bubble.kind, bubble.text, bubble.things, number)
             label = PlacedLabel(key, (width, height + drop), choices, important, 4 * side)
@@ -267,6 +268,12 @@ class Labels:
             words = f"{doing}: {steps} more step{'s' * (steps > 1)}"
             own = player_area(layout, pose)
             yield self._tips.next_to(layout, "busy", (words,), own, _TIP)
+
+
+def _inside(layout: Layout, left: int, width: int) -> int:
+    """Return the left end of a bubble moved into the kitchen, beside which nothing happens."""
+    kitchen = layout.kitchen
+    return max(kitchen.left, min(left, kitchen.right - width))
 
 
 def _pad(layout: Layout) -> int:

@@ -236,8 +236,11 @@ def hands(layout: Layout, pose: Pose) -> Spot:
     """Return the spot of the lowest object that a player holds."""
     dx, dy = _HELD[pose.facing]
     x, y = layout.corner(pose.at)
+    # Nothing sticks out of the kitchen.
+    half = _HELD_SCALE * _SEEN / 2 * layout.tile
+    left, right = layout.kitchen.left + half, layout.kitchen.right - half
     return Spot(
-        x + (0.5 + dx) * layout.tile,
+        min(max(x + (0.5 + dx) * layout.tile, left), right),
         y + (0.5 - RAISED + dy) * layout.tile,
         layout.tile * _HELD_SCALE,
     )
