@@ -11,6 +11,7 @@ from tests.support.scripted import planned
 from robotouille import State, World, load_task
 from robotouille.planning.policies.shift_policy import play_shift
 from robotouille_client.window.app.game_cards import end_card
+from robotouille_client.window.drawing.earnings import served_at
 from robotouille_client.window.drawing.gestures import CHEER_SECONDS
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -130,3 +131,29 @@ def test_stars_are_stamped_one_by_one_and_points_are_counted() -> None:
     moving = [drawn(age) for age in (0.2, 0.6, 1.4, 1.9, 2.4)]
     assert len(set(moving)) == len(moving)
     assert moving[-1] == drawn(float("inf"))
+
+
+def test_points_rise_from_the_station_where_a_dish_was_served(served) -> None:
+    before, now, _ = served
+    painter, surface = Painter(), pygame.Surface(SIZE)
+    me = now.world.players[0]
+    assert served_at(before, now) == "hatch1"
+    painter.paint(surface, View(before.world, before, None, 1, me=me, seconds=1.0))
+    view = View(now.world, now, before, 2, me=me, seconds=1.1)
+    keys = set()
+    for seconds in (1.1, 1.3, 1.6):
+        shown = replace(view, seconds=seconds)
+        painter.paint(surface, shown)
+        keys.add(str(painter.redraw_key(shown)))
+    assert len(keys) == 3
+    place = painter.layout(SIZE, now.world)
+    tile = now.world.thing("hatch1").tile
+    assert tile is not None
+    top = place.cell(tile).move(0, -place.tile // 2)
+    after = picture_of(surface, top)
+    painter.paint(surface, replace(view, seconds=9.0))
+    assert picture_of(surface, top) != after, "the points vanish again"
+
+
+def picture_of(surface: pygame.Surface, area: pygame.Rect) -> bytes:
+    return pygame.image.tobytes(surface.subsurface(area.clip(surface.get_rect())), "RGB")

@@ -11,6 +11,7 @@ import pygame
 from robotouille.domain.rendering import NO_WORDS, Language, RenderingFile, rendering_of
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.animation import Moment, StepAnimation, step_animation
+from robotouille_client.window.drawing.earnings import Earnings
 from robotouille_client.window.drawing.gestures import Gesture, Gestures
 from robotouille_client.window.drawing.interruptions import (
     Interruptions,
@@ -139,6 +140,8 @@ class Painter:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._key_strip.draw(surface, place, ui_overlay, choices)
         self._notices.draw(surface, place, view, ui_overlay)
+        self._earnings.follow(place, view)
+        self._earnings.pops.draw(surface, view.seconds)
 
     def key_at(self, pos: tuple[int, int]) -> str:
         """Return the key that the newest picture shows at a point, or an empty string."""
@@ -182,7 +185,8 @@ class Painter:
             offline=None if offline is None else visible_offline(offline),
             starts_in=None if view.starts_in is None else float(ceil(view.starts_in)),
         )
-        return shown, self._gestures_of(view), self._panel.moving(view.seconds)
+        moving = self._panel.moving(view.seconds), self._earnings.pops.moving(view.seconds)
+        return shown, self._gestures_of(view), moving
 
     def collect_pictures(self) -> int:
         """Take what another thread has drawn; return the number of such pictures so far."""
@@ -309,6 +313,7 @@ class Painter:
         self._gestures = Gestures(still=self._preferences.reduced_motion)
         self._overlays = Overlays(self._art, self._sprites, self._text)
         self._labels = Labels(self._text, self._sprites)
+        self._earnings = Earnings(self._text)
         self._panel = Panel(resolver, self._sprites, self._text)
         self._interruptions = Interruptions(self._text)
         self._key_strip = KeyStrip(self._text)

@@ -1,4 +1,4 @@
-"""Short movements in the panel: a tick that pops up, points that rise from the score."""
+"""Short movements: a tick that pops up, points that rise from the score or from a station."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ class Pop:
     picture: pygame.Surface
     middle: tuple[int, int]
     rises: bool = False
+    seconds: float = _SECONDS
 
 
 class Pops:
-    """Movements of what appears in the panel. What is there at first does not move."""
+    """Movements of what appears. What is there at first does not move."""
 
     def __init__(self) -> None:
         self._seen: set[Hashable] | None = None
@@ -46,15 +47,15 @@ class Pops:
         if seconds is None:
             self._began.clear()
             return ()
-        for key, (_, began) in list(self._began.items()):
-            if not 0 <= seconds - began < _SECONDS:
+        for key, (pop, began) in list(self._began.items()):
+            if not 0 <= seconds - began < pop.seconds:
                 del self._began[key]
         return tuple(seconds - began for _, began in self._began.values())
 
     def draw(self, target: pygame.Surface, seconds: float | None) -> None:
         """Draw all movements at a time."""
         for (pop, _), age in zip(self._began.values(), self.moving(seconds), strict=False):
-            share = age / _SECONDS
+            share = age / pop.seconds
             width, height = pop.picture.get_size()
             if pop.rises:
                 picture = pop.picture.copy()
