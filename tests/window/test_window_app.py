@@ -207,13 +207,16 @@ async def test_choose_a_task_and_continue_with_the_next(session: WindowSession) 
 
 def test_the_best_result_is_saved(session: WindowSession) -> None:
     best = session.app.settings.best
-    for timing, reason, steps in [
-        ("benchmark", "goal", 8), ("people", "step_limit", 9), ("people", "goal", 40),
-        ("people", "goal", 60), ("people", "goal", 30),
+    for timing, reason, steps, acted in [
+        ("benchmark", "goal", 8, 8), ("people", "step_limit", 9, 9), ("people", "goal", 40, 9),
+        ("people", "goal", 60, 9), ("people", "goal", 30, 9), ("people", "goal", 20, 0),
     ]:  # fmt: skip
         world = World(load_task("synchronous/01", timing=timing))
-        source = SimpleNamespace(outcome={"reason": reason, "steps": steps})
-        game = SimpleNamespace(world=world, source=source, step_seconds=0.2)
+        seats = [{"player": "robot1", "acted": acted}]
+        source = SimpleNamespace(outcome={"reason": reason, "steps": steps, "seats": seats})
+        game = SimpleNamespace(
+            world=world, source=source, step_seconds=0.2, people=world.players[:1]
+        )
         session.app.local._note_best(game)
     assert best == {"synchronous/01_cheese_sandwich@1": 30}
     assert session.remembered.best == best

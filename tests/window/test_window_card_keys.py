@@ -346,6 +346,19 @@ def test_stars_of_a_shift_depend_on_points(points: int, stars: int) -> None:
     assert (row.stars, row.label) == (stars, "Three stars take 264 points.")
 
 
+@pytest.mark.parametrize(("acted", "stars"), [(0, 0), (1, 3)])
+def test_a_player_who_did_nothing_earns_no_stars(acted: int, stars: int) -> None:
+    world = World(load_task("multi_agent/07", seats=3, timing="people"))
+    view = View(world, world.initial, me="robot1", won=True, step_seconds=0.2)
+    tallies = [{"player": "robot1", "acted": acted}, {"player": "robot2", "acted": 60}]
+    outcome = {"reason": "goal", "steps": 130, "seconds": 26.0, "seats": tallies}
+    form = end_card(view, outcome, BUTTONS)
+    (row,) = [row for row in form.rows if isinstance(row, StarsRow)]
+    assert row.stars == stars
+    assert row.label.startswith("Three stars" if acted else "You only watched")
+    assert (form.title == "Well done!") is bool(acted)
+
+
 @pytest.mark.parametrize(("steps", "stars"), [(72, 3), (73, 2), (89, 2), (90, 1), (500, 1)])
 def test_stars_follow_from_the_known_plan(steps: int, stars: int) -> None:
     world = World(load_task("synchronous/01", timing="people"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -155,9 +155,10 @@ def end_card(
         buttons: Labels and answers. The first button has the focus.
     """
     rows: list[Row] = []
+    people = [player for player in (view.me, view.companion) if player is not None]
     if outcome is not None:
         rows.append(Words(f"{outcome_words(outcome)}."))
-        rating = rate_game(view.world.task, len(view.seats), view.step_seconds, outcome)
+        rating = rate_game(view.world.task, len(view.seats), view.step_seconds, outcome, people)
         if rating is not None:
             rows.append(StarsRow(rating))
         if words := best_words(view.world.task):
@@ -171,14 +172,27 @@ def end_card(
         rows.append(Words(f"{view.farewell.title}. {view.farewell.text}"))
     rows += [Button(label, answer) for label, answer in buttons]
     title = "Well done!" if view.won else "Game over" if outcome is None else "Not this time"
+    if view.won and outcome is not None and only_watched(outcome, people):
+        title = "The others did it!"
     layout = FormLayout(accent=GOOD if view.won else BAD, shrinks=True)
     return Form(title, rows, cancel=MenuChoice.MENU, layout=layout)
 
 
+IDLE = "You only watched this time. Lend a hand to earn stars!"
+"""Words about a game in which the people at the window did nothing."""
+
+
 def rate_game(
-    task: Task, seats: int, step_seconds: float | None, outcome: Mapping[str, Any]
+    task: Task,
+    seats: int,
+    step_seconds: float | None,
+    outcome: Mapping[str, Any],
+    people: Collection[str] = (),
 ) -> Rating | None:
     """Return the stars of a game that has ended.
+
+    Args:
+        people: Players at this window. If they did nothing, there are no stars.
 
     Returns:
         None if the goal was not reached, and if the task has no limits or no known plan.
@@ -186,6 +200,8 @@ def rate_game(
     scores = score_limits(task.problem, seats)
     if scores is not None:
         points = points_of(outcome) or 0
+        if only_watched(outcome, people):
+            return Rating(0, IDLE, points)
         words = f"Three stars take {scores.three} points."
         return Rating(scores.stars(points), words, points)
     shipped = _shipped(task) if won(outcome) else None
@@ -196,8 +212,16 @@ def rate_game(
     )
     if limits is None:
         return None
+    if only_watched(outcome, people):
+        return Rating(0, IDLE)
     words = f"Three stars take at most {limits.three} steps."
     return Rating(limits.stars(int(outcome.get("steps", 0))), words)
+
+
+def only_watched(outcome: Mapping[str, Any], people: Collection[str]) -> bool:
+    """Return whether some players did nothing in a game that has ended."""
+    rows = [row for row in outcome.get("seats", ()) if row.get("player") in people]
+    return bool(rows) and not any(row.get("acted") for row in rows)
 
 
 def _shipped(task: Task) -> Task | None:

@@ -75,6 +75,8 @@ def recordings_folder() -> Path:
 class LocalGame:
     """Local episode with its bots, source and recording. Call `finish` at the end.
 
+    `people` are the players at this window.
+
     Args:
         folder: Folder for the recording; None to keep none.
     """
@@ -96,6 +98,7 @@ class LocalGame:
         me = seat_out_of_the_way(self.world.initial)
         others = [player for player in self.world.players if player != me]
         companion = others.pop(0) if setup.people > 1 and others else ""
+        self.people = (me, companion) if companion else (me,)
         companion_name = COMPANION if name.casefold() != COMPANION else f"{COMPANION} 2"
         # Equal names could not be distinguished in the chat.
         names = [n for n in given_names(setup.seed) if n.casefold() != name.casefold()]

@@ -25,6 +25,7 @@ from robotouille_client.window.app.game_cards import (
     LEAVE_BUTTONS,
     REVIEW_BUTTONS,
     GameCards,
+    only_watched,
     rate_game,
     shift_card,
 )
@@ -337,6 +338,9 @@ class LocalGames:
         # The menus show results of shipped tasks in the timing of people only. Other files may
         # share a name.
         if outcome is None or task.timing is not Timing.PEOPLE or task.name not in task_names():
+            return
+        # Bots alone earn the people at the window nothing.
+        if only_watched(outcome, game.people):
             return
         settings, name, points = self._ui.settings, f"{task.name}@{task.seats}", points_of(outcome)
         rating = rate_game(task, task.seats, game.step_seconds, outcome)

@@ -205,14 +205,14 @@ class Labels:
             side, drop = layout.tile, _drop(layout)
             top, middle = round(y + HEAD * side - height - drop), round(x + side / 2)
             side_top = round(y + 0.2 * side)
-            choices = (
+            corners = (
                 (middle - width // 2, top),
                 (middle - width + 3 * pad, top),
                 (middle - 3 * pad, top),
                 (round(x + side), side_top),
                 (round(x - width), side_top),
             )
-            choices = tuple((_inside(layout, left, width), at) for left, at in choices)
+            choices = tuple((_inside(layout, left, width), at) for left, at in corners)
             important = _REASON if bubble.kind == "rejected" else _SAID
             key = (bubble.player, bubble.kind, bubble.text, bubble.things, number)
             label = PlacedLabel(key, (width, height + drop), choices, important, 4 * side)
