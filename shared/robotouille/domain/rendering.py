@@ -349,9 +349,7 @@ _fields = each(
     player=each(),
     progress=each(),
     icons=each(),
-    language=each(
-        kinds=each(), actions=each(), predicates=each(), places=each(), purposes=each()
-    ),
+    language=each(kinds=each(), actions=each(), predicates=each(), places=each(), purposes=each()),
     effects=each(),
     during=each(),
     moments=each(),
