@@ -93,7 +93,9 @@ export class Controls {
     // Players who click where they stand do not want to walk there.
     const keys = own.length && target === situation.at ? [...this._keys.values()].flat() : [];
     const others = keys.filter(({ parameter }) => parameter);
-    return this._resolve(situation, own, others, [target, ...thingsUpon(target, situation.placed)]);
+    const there = [target, ...thingsUpon(target, situation.placed)];
+    // A key that is pressed once too often must do nothing else. A click has other actions.
+    return this._resolve(situation, own, others, there, false);
   }
 
   /**
@@ -228,9 +230,11 @@ export class Controls {
 
   /**
    * @param {Situation} situation @param {Binding[]} own @param {Binding[]} others
-   * @param {string[]} candidates @returns {Resolved}
+   * @param {string[]} candidates
+   * @param {boolean} onlyOwnAtWork True if work that goes on here rules out the others.
+   * @returns {Resolved}
    */
-  _resolve(situation, own, others, candidates) {
+  _resolve(situation, own, others, candidates, onlyOwnAtWork = true) {
     if (!own.length) return nothing("");
     const { state, me } = situation;
     const busy = state.busySteps(me);
@@ -238,7 +242,7 @@ export class Controls {
     const wording = this.wording(me);
     let action = useful(situation, own, candidates);
     const atWork = !action && isAtWork(situation, own, candidates);
-    if (!action && !atWork) action = useful(situation, others, candidates);
+    if (!action && !(atWork && onlyOwnAtWork)) action = useful(situation, others, candidates);
     if (action) {
       const hint = capitalised(wording.action(action, state));
       return { action, hint, valid: true, advice: false };
@@ -301,8 +305,7 @@ function useful({ state, me }, bindings, candidates) {
 }
 
 /**
- * Return whether the bindings' work is going on or done here. A key that is pressed once too often
- * must then not stand for something else.
+ * Return whether the bindings' work is going on or done here.
  * @param {Situation} situation @param {Binding[]} bindings @param {string[]} candidates
  */
 function isAtWork({ state, me }, bindings, candidates) {

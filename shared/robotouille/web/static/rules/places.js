@@ -9,8 +9,7 @@
  * @typedef {import("./language.js").PlaceWords} PlaceWords
  * @typedef {"top" | "bottom" | "left" | "right" | "middle"} Side
  */
-import { PLACES } from "./language.js";
-import { filled } from "./templates.js";
+import { filled, PLACES } from "./language.js";
 
 /** Distance in tiles from an edge within which a station belongs to that side. */
 const MAX_ASIDE = 1;

@@ -18,8 +18,9 @@
  * }} Intent Input that is resolved to an action when its turn comes. It `follows` if it is meant
  *   for the station that the walk before it leads to.
  * @typedef {"asked" | "done" | "rejected"} Fate
- * @typedef {{action: Action, time: number, fate: Fate}} Sent The last action that was sent, with
- *   the time in seconds when it was sent, or when its result was known.
+ * @typedef {{action: Action, time: number, fate: Fate, state: State | null}} Sent The last action
+ *   that was sent, with the time in seconds when it was sent, or when its result was known, and the
+ *   state in which it was sent.
  * @typedef {{label: string, action: Action, until: number}} Retry Walk to an occupied station that
  *   is repeated until a time.
  */
@@ -42,6 +43,8 @@ const GUARD_SECONDS = 1.0;
 const GUARDED = "done; to move it again, wait a second or click";
 /** Time for which a walk to an occupied station is retried. */
 const PATIENCE_SECONDS = 2.0;
+/** Notice for an action that was meant for the end of a walk that failed. */
+const UNREACHED = "You didn't get there, so nothing was done";
 
 export class ActionQueue {
   /** @param {{now: () => number, act: (action: Action) => void}} game */
@@ -54,6 +57,9 @@ export class ActionQueue {
     this._label = "";
     /** @type {Retry | null} */
     this._retry = null;
+    /** @type {number | null} When a walk failed. */
+    this._failedAt = null;
+    this._untold = "";
     /** @type {{key: string, since: number, intent: Intent} | null} The direction that is held. */
     this._held = null;
   }
@@ -162,8 +168,8 @@ export class ActionQueue {
   /**
    * Send an input's action now or queue it; return a notice for the player, or "".
    *
-   * An input that follows a walk waits until the walk has succeeded. Any other input replaces a
-   * walk that is being retried.
+   * An input that follows a walk waits until the walk has succeeded. It does nothing if the walk
+   * failed a moment ago. Any other input replaces a walk that is being retried.
    * @param {Intent} intent @param {View} view
    */
   ask(intent, view) {
@@ -172,6 +178,8 @@ export class ActionQueue {
     const asked = this._sent?.fate === "asked" ? this._sent : null;
     const walks = asked !== null && asked.action.destination !== null;
     if (intent.follows && (walks || this._retry)) return this._wait(intent);
+    if (intent.follows && this._justFailed) return UNREACHED;
+    this._failedAt = null;
     // The player has changed their mind about the occupied station.
     if (this._retry) this._forget();
     // A quick second press is meant for afterwards. A later one replaces the first action.
@@ -190,10 +198,10 @@ export class ActionQueue {
     const sent = this._sent;
     if (sent?.fate !== "asked") return;
     this._sent = {
-      action: sent.action, time: this._game.now(), fate: applied ? "done" : "rejected",
+      ...sent, time: this._game.now(), fate: applied ? "done" : "rejected",
     };
-    this._retry = applied || !state || !me ? null : this._wanted(sent.action, state);
-    if (!applied && !this._retry) this._forget();
+    this._retry = applied || !state || !me ? null : this._wanted(sent, state);
+    if (!applied && !this._retry) this._fail(sent.action);
   }
 
   /**
@@ -202,7 +210,8 @@ export class ActionQueue {
    * @param {View} view
    */
   tick(view) {
-    const notice = this._next(view);
+    const notice = this._next(view) || this._untold;
+    this._untold = "";
     const held = this._held;
     // A held key never fills the queue, so the player stops where they let go.
     const free = view.state !== null && view.me !== null && !view.state.busySteps(view.me);
@@ -221,8 +230,8 @@ export class ActionQueue {
     }
     const retry = this._retry;
     if (retry) {
-      if (this._game.now() > retry.until) this._forget();
-      else if (isValid(state, me, retry.action)) this._send(retry.action);
+      if (this._game.now() > retry.until) this._fail(retry.action);
+      else if (isValid(state, me, retry.action)) this._send(retry.action, state);
       return "";
     }
     const intent = this._waiting.shift();
@@ -251,33 +260,53 @@ export class ActionQueue {
     this._retry = null;
   }
 
+  /** True for a moment after a walk has failed. */
+  get _justFailed() {
+    return this._failedAt !== null && this._game.now() - this._failedAt < GUARD_SECONDS;
+  }
+
+  /** Drop what was meant to follow an action that was rejected for good. @param {Action} action */
+  _fail(action) {
+    if (action.destination !== null) {
+      this._failedAt = this._game.now();
+      if (this._waiting.some(({ follows }) => follows)) this._untold = UNREACHED;
+    }
+    this._forget();
+  }
+
   /** @param {Intent} intent @param {State} state @param {string} me @param {View} view */
   _do(intent, state, me, view) {
     const resolved = intent.resolve(state, me, view);
-    // The waiting inputs were meant to follow this action.
-    if (!resolved.valid) this._waiting = [];
-    if (!resolved.action) return capitalised(resolved.hint);
+    if (!resolved.action) {
+      // The waiting inputs were meant to follow this action.
+      this._waiting = [];
+      return capitalised(resolved.hint);
+    }
     this._label = intent.label;
-    this._send(resolved.action);
+    this._send(resolved.action, state);
     return "";
   }
 
-  /** @param {Action} action */
-  _send(action) {
-    this._sent = { action, time: this._game.now(), fate: "asked" };
+  /** @param {Action} action @param {State} state */
+  _send(action, state) {
+    this._sent = { action, time: this._game.now(), fate: "asked", state };
     this._game.act(action);
   }
 
   /**
    * Return the retry of a rejected walk if only another player was in the way.
-   * @param {Action} action @param {State} state
+   * @param {Sent} sent @param {State} state
    */
-  _wanted(action, state) {
+  _wanted(sent, state) {
+    const { action } = sent;
     if (action.destination === null) return null;
     const { occupancy } = preparationOf(state.task);
     const reasons = unmet(state, action);
+    // The other player may have left since then. If nothing has changed, the reason is another.
+    const gone = !reasons.length && state !== sent.state && !this._retry;
     // Other players move away after a while, but other conditions stay unmet.
-    if (!reasons.length || reasons.some((each) => occupancy.neededFree(each) === null)) return null;
+    const taken = reasons.length > 0 && reasons.every((r) => occupancy.neededFree(r) !== null);
+    if (!gone && !taken) return null;
     if (this._retry?.action.key === action.key) return this._retry;
     return { label: this._label, action, until: this._game.now() + PATIENCE_SECONDS };
   }

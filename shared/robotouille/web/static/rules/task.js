@@ -29,7 +29,7 @@
  * @typedef {{predicate: string, args: string[], ids: (string | number)[]}} Term
  */
 import { Floor } from "./floor.js";
-import { fields } from "./templates.js";
+import { fields } from "./language.js";
 
 /** @type {Map<string, Profile>} */
 const PROFILES = new Map([

@@ -13,11 +13,10 @@
  * @typedef {import("./language.js").Language} Language
  */
 import { bindingOf } from "./actions.js";
-import { readLanguage } from "./language.js";
+import { fields, filled, readLanguage } from "./language.js";
 import { placeNames } from "./places.js";
 import { scene } from "./scene.js";
 import { byText } from "./task.js";
-import { fields, filled } from "./templates.js";
 import { preparationOf } from "./work.js";
 
 /** Most kinds that a reason lists. */
@@ -205,8 +204,15 @@ export class Wording {
    */
   action(action, state) {
     const words = this.language.actions.get(action.name);
-    const told = words ? this._filled(words.do, action, state) : "";
+    const template = (words?.alike && this._isAboutAlike(action) && words.alike) || words?.do;
+    const told = template ? this._filled(template, action, state) : "";
     return told || lower(this._filled(withoutPlayer(action), action, state));
+  }
+
+  /** Return whether two objects of an action are of one kind. @param {Action} action */
+  _isAboutAlike(action) {
+    const kinds = action.args.map((name) => this.task.things.get(name)?.kind);
+    return new Set(kinds).size < kinds.length;
   }
 
   /** Return an action without its objects, such as `cut something`. @param {Schema} schema */
