@@ -214,6 +214,9 @@ async def playing(
         )
         for page in (ada, ben):
             await get_ready(page)
+            if page is ada:
+                await expect(ben.locator("#cover li", has_text="Ada")).to_contain_text("ready")
+                await expect(ada.locator("#status")).to_have_text("Waiting for Ben")
         for page in (ada, ben):
             await expect(page.locator("#status")).to_have_text("")
         yield ada, ben
@@ -241,8 +244,34 @@ async def test_two_people_chat_signal_and_see_each_other(browser: Any, tmp_path:
             await ben.get_by_role("button", name="Thanks").click()
             await expect(ada.locator(".bubble", has_text="Thank you")).to_be_visible()
             await expect(ada.locator("#seats")).to_contain_text("Ben")
+            ben.on("dialog", lambda dialog: dialog.accept())
             await ben.get_by_role("button", name="Leave").click()
             await expect(ada.locator("#lines")).to_contain_text("Ben left")
+
+
+async def test_lost_network_is_shown_and_play_goes_on(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server)
+        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+            await ada.context.set_offline(True)
+            await expect(ada.locator("#cover")).to_contain_text("Connection lost")
+            await expect(ben.locator("#lines")).to_contain_text("Ada is away")
+            await ada.context.set_offline(False)
+            await expect(ada.locator("#cover")).to_be_hidden()
+            await expect(ben.locator("#lines")).to_contain_text("Ada is back")
+
+
+async def test_rejection_says_what_is_missing(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server, step_rate=1)
+        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+            # Both choose the only place at the stove in the same step; the second seat is too late.
+            pages = dict(zip(("Ada", "Ben"), (ada, ben), strict=True))
+            first, second = names(room)
+            for name in (first, second):
+                await by_buttons(pages[name], "Go to the stove")
+            bubble = pages[second].locator(".bubble.rejected")
+            await expect(bubble).to_have_text(f"{first} stands at the stove")
 
 
 async def test_reload_returns_to_the_seat_and_a_second_window_takes_it(

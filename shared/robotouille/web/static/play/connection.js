@@ -20,6 +20,8 @@ const TICK_SECONDS = 2;
 // Browsers run the timers of hidden pages once a minute.
 const ASLEEP_SECONDS = 100;
 const MAX_MOVES = 4;
+// Silence of a game in real time after which its connection counts as lost.
+const SILENT_SECONDS = 10;
 // Redirects count as one round until the conversation has lasted this long.
 const SETTLED_SECONDS = 1;
 
@@ -53,12 +55,15 @@ export class Connection {
     this.failures = 0;
     this.moves = 0;
     this.openedAt = 0;
+    this.heardAt = 0;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
     this.timer = undefined;
     this.tickedAt = Date.now();
     this.ticker = setInterval(() => this.tick(), TICK_SECONDS * 1000);
     this.onOnline = () => this.connectNow();
+    this.onOffline = () => this.lost();
     addEventListener("online", this.onOnline);
+    addEventListener("offline", this.onOffline);
     this.connect();
   }
 
@@ -79,6 +84,7 @@ export class Connection {
     clearTimeout(this.timer);
     clearInterval(this.ticker);
     removeEventListener("online", this.onOnline);
+    removeEventListener("offline", this.onOffline);
     this.drop();
     this.listener.status("closed");
   }
@@ -128,6 +134,7 @@ export class Connection {
 
   /** @param {unknown} data */
   take(data) {
+    this.heardAt = Date.now();
     /** @type {Message} */
     let message;
     try {
@@ -238,6 +245,15 @@ export class Connection {
     if (this.failures % 3 === 0) this.url = this.home;
     const delay = Math.min(LONGEST_DELAY, FIRST_DELAY * 2 ** (this.failures - 1));
     this.timer = setTimeout(() => this.connect(), delay * (0.5 + Math.random() / 2) * 1000);
+  }
+
+  /**
+   * Give the connection up if a game that sends every step has sent nothing for a while.
+   * @param {number} atLeast
+   */
+  expectNews(atLeast) {
+    const seconds = Math.max(SILENT_SECONDS, atLeast);
+    if (this.online && Date.now() - this.heardAt > seconds * 1000) this.lost();
   }
 
   tick() {

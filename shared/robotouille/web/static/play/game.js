@@ -23,6 +23,10 @@ const REPEAT_SECONDS = 5;
 // Dropped deltas after which a snapshot is requested again; a request may fall to a rate limit.
 const RESYNC_EVERY = 20;
 
+// Messages leave out fields with their default values.
+const SEAT = { name: "", kind: "", present: false, controller: "", ready: true };
+const WHY = { kind: "other", predicate: "", objects: [], expected: true };
+
 /** @returns {number} The time in seconds, on a clock that never goes back. */
 export const now = () => performance.now() / 1000;
 
@@ -231,7 +235,8 @@ export class Game {
   /** @param {Sent} sent @param {boolean} applied @param {any[]} why @param {string[]} reasons */
   answer(sent, applied, why, reasons) {
     if (this.sent === sent) this.sent = null;
-    this.emit({ type: "answer", sent, applied, why, reasons });
+    const whole = why.map((each) => ({ ...WHY, ...each }));
+    this.emit({ type: "answer", sent, applied, why: whole, reasons });
   }
 
   resync() {
@@ -258,7 +263,7 @@ export class Game {
   roster(message) {
     this.phase = message.phase;
     this.turn = message.turn ?? null;
-    this.seats = message.seats ?? [];
+    this.seats = (message.seats ?? []).map((/** @type {any} */ seat) => ({ ...SEAT, ...seat }));
     const pause = message.pause ?? null;
     if (pause) this.pausedAt = now();
     this.pause = pause;

@@ -54,9 +54,9 @@ export class Chat {
   /** @param {HTMLElement} line */
   add(line) {
     const { lines } = this;
-    const below = lines.scrollTop + lines.clientHeight >= lines.scrollHeight - 8;
     lines.append(line);
     while (lines.childElementCount > MAX_LINES) lines.firstElementChild?.remove();
-    if (below) lines.scrollTop = lines.scrollHeight;
+    // The panel's height changes with the orders, so the position alone does not tell a reader.
+    if (!lines.matches(":hover, :focus-within")) lines.scrollTop = lines.scrollHeight;
   }
 }

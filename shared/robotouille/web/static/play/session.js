@@ -94,7 +94,7 @@ export class Session {
     };
     requestAnimationFrame(frame);
     this.timer = setInterval(() => this.tick(), 250);
-    const commands = { ready: () => this.game.ready(true), leave: () => this.leave() };
+    const commands = { ready: () => this.game.ready(true), leave: () => this.leave(true) };
     obeyParent(commands, this.abort.signal);
   }
 
@@ -360,6 +360,8 @@ export class Session {
       setText(byId("notice"), "");
     }
     if (this.connection?.online) this.game.repeat();
+    const { running, stepSeconds, pause } = this.game;
+    if (running && stepSeconds !== null && !pause) this.connection?.expectNews(5 * stepSeconds);
     this.cover.update();
   }
 
@@ -400,7 +402,10 @@ export class Session {
     this.exits.moved(String(answer.code));
   }
 
-  leave() {
+  /** Leave; ask the player of a running game first, unless the parent page has decided it. */
+  leave(decided = false) {
+    const playing = this.game.running && this.game.me !== null;
+    if (playing && !decided && !confirm(text("leaveSure"))) return;
     this.connection?.send({ type: "leave" });
     tellParent("left", { reason: "" });
     keepSeat(this.key, null);
@@ -423,6 +428,7 @@ export class Session {
     const own = seatToken(this.key) === this.connection?.identity.resume;
     if (own && (SEATLESS.has(code) || code.startsWith("auth/"))) keepSeat(this.key, null);
     this.close();
+    if (!this.game.state) clearPanel();
     tellParent("left", { reason: code });
     const [title, detail, retry] = FAREWELLS.get(code) ?? ["sorry", "", "again"];
     const words = detail ? text(detail) : reason;
@@ -447,6 +453,11 @@ export class Session {
     byId("cover").hidden = true;
     setText(byId("notice"), "");
   }
+}
+
+/** Remove what an earlier game has left in the panel. */
+function clearPanel() {
+  for (const part of ["ticket", "seats", "lines", "choices", "hint"]) byId(part).replaceChildren();
 }
 
 /** Codes after which the seat is lost for good. */

@@ -2,7 +2,7 @@
 
 import { outcomeWords } from "../play/covers.js";
 import { text } from "../play/texts.js";
-import { filled } from "../rules/templates.js";
+import { filled } from "../rules/language.js";
 import { Wording } from "../rules/words.js";
 
 /** @typedef {import("./reel.js").Reel} Reel */

@@ -13,6 +13,7 @@ export default {
   missingName: "Gib einen Namen ein. Die anderen sehen ihn.",
   connecting: "Verbinde …",
   help: "Hilfe",
+  leaveSure: "Das Spiel verlassen? Dein Platz wird frei.",
   leave: "Verlassen",
   close: "Schließen",
   steps: "Schritt {step} von {limit}",

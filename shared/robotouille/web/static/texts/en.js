@@ -13,6 +13,7 @@ export default {
   missingName: "Enter a name. The others see it.",
   connecting: "Connecting …",
   help: "Help",
+  leaveSure: "Leave the game? Your seat becomes free.",
   leave: "Leave",
   close: "Close",
   steps: "{step} of {limit} steps",
