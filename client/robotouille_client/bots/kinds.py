@@ -95,7 +95,7 @@ def bot_maker(setup: BotSetup, *, step_seconds: float = 0.0) -> MakePolicy:
     from robotouille.planning.policies.skill import SkilledPolicy, skill_named
 
     skill = skill_named(setup.skill) if setup.skill else None
-    plan = _planner_maker(setup.seed, setup.words)
+    plan = _planner_maker(setup.seed, setup.words, hurried=step_seconds > 0)
 
     def make(state: State, player: str) -> Policy:
         policy, seed = plan(state, player), setup.seed
@@ -125,8 +125,14 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
     return make
 
 
-def _planner_maker(seed: int, words: Language | None = None) -> MakePolicy:
-    """Return a function that makes planners, which share what they learn of a kitchen."""
+def _planner_maker(
+    seed: int, words: Language | None = None, *, hurried: bool = False
+) -> MakePolicy:
+    """Return a function that makes planners, which share what they learn of a kitchen.
+
+    Args:
+        hurried: True if the game does not wait for the bots.
+    """
     from robotouille.domain.rendering import NO_WORDS
     from robotouille.planning.policies.planner_policy import PlannerOptions, PlannerPolicy
     from robotouille.planning.policies.shift_policy import ShiftPolicy
@@ -141,7 +147,12 @@ def _planner_maker(seed: int, words: Language | None = None) -> MakePolicy:
     def make(state: State, player: str) -> Policy:
         world = state.world
         if world.shift is not None:
-            return ShiftPolicy(world, player, options, dishes=dishes, start=state)
+            prepares = hurried and not dishes
+            if prepares:
+                dishes.update((name, DishPlanner(world, name)) for name in world.shift.menu)
+            return ShiftPolicy(
+                world, player, options, dishes=dishes, start=state, prepares=prepares
+            )
         if world not in known:
             known[world] = AnytimePlanner(World(world.task))
         return PlannerPolicy(world, player, options, start=state, anytime=known[world])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
+from threading import Lock, Thread
 
 from robotouille.domain.schema import Condition, DomainFile, GoalTerm
 from robotouille.domain.task import Task
@@ -11,6 +13,9 @@ from robotouille.errors import RobotouilleError
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.shift import ShiftRules
 from robotouille.world.world import World
+
+CHOICES = 6
+"""Choices of objects that plans next to other participants try: they may block the first one."""
 
 _LOCATING = ("shares_tile", "bottom_of_stack")
 """Layout rules of the predicates that say on which station a thing is."""
@@ -30,11 +35,43 @@ class DishPlanner:
         problem = task.problem.model_copy(update={"shift": None, "goal": goal})
         name, domain = f"{task.name}: {dish}", _taking_nothing_back(task)
         self.world = World(replace(task, name=name, domain=domain, problem=problem))
+        self._lock = Lock()
 
-    @cached_property
+    @property
     def anytime(self) -> AnytimePlanner:
         """The planner of the dish, which analyses the kitchen once."""
+        with self._lock:
+            return self._planner
+
+    @cached_property
+    def _planner(self) -> AnytimePlanner:
+        return self.new_planner()
+
+    def new_planner(self) -> AnytimePlanner:
+        """Return a planner that has analysed nothing yet."""
         return AnytimePlanner(self.world)
+
+    def prepare(self) -> None:
+        """Analyse the kitchen. In another thread, `anytime` waits for the end.
+
+        The analysis takes some seconds, which the first plan for the dish would take otherwise.
+        """
+        with self._lock:
+            start, first = self.world.initial, self.world.players[:1]
+            self._planner.is_cut_off(start, first)
+            next(self._planner.search(start, team=first, beam=1, choices=CHOICES, brief=True))
+
+
+def prepare_in_background(dishes: Iterable[DishPlanner]) -> Thread:
+    """Start and return a thread that prepares dishes, one after the other."""
+
+    def prepare() -> None:
+        for dish in dishes:
+            dish.prepare()
+
+    thread = Thread(target=prepare, daemon=True)
+    thread.start()
+    return thread
 
 
 def _taking_nothing_back(task: Task) -> DomainFile:

@@ -11,7 +11,8 @@ from robotouille.planning.policies.planner_policy import (
     PlannerOptions,
     PlannerPolicy,
 )
-from robotouille.planning.shift import DishPlanner, rules_of
+from robotouille.planning.policies.policy import Did
+from robotouille.planning.shift import DishPlanner, prepare_in_background, rules_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
@@ -23,6 +24,7 @@ class ShiftPolicy(PlannerPolicy):
         dishes: Planners of the dishes that several policies share, so that each dish is analysed
             once.
         start: The state from which `observe` follows the game.
+        prepares: True to prepare the dishes in a thread, from the first step of the game.
     """
 
     def __init__(
@@ -33,9 +35,18 @@ class ShiftPolicy(PlannerPolicy):
         *,
         dishes: dict[str, DishPlanner] | None = None,
         start: State | None = None,
+        prepares: bool = False,
     ) -> None:
-        agenda = OpenOrders(world, {} if dishes is None else dishes)
-        super().__init__(world, player, options, agenda=agenda, start=start)
+        dishes = {} if dishes is None else dishes
+        super().__init__(world, player, options, agenda=OpenOrders(world, dishes), start=start)
+        self._unprepared = list(dishes.values()) if prepares else []
+
+    def observe(self, did: Did) -> None:
+        # Before the first step, a bot makes its first plan, which the thread would delay.
+        if self._unprepared:
+            prepare_in_background(self._unprepared)
+            self._unprepared = []
+        super().observe(did)
 
 
 def play_shift(
