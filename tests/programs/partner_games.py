@@ -2,19 +2,21 @@
 
     python -m tests.programs.partner_games --skill partner --person helpful --person idle
 
-Each game is played in real time at five steps a second, without planning time. The bots stand
-still if none of them does anything for ten seconds, no effect runs, and they alone could still
-reach the goal or come nearer to it. Next to a person who does nothing, a game is slow if it takes
-more than twice as long as a careful plan for the bots alone, carried out with the same skill.
+Each game is played in real time at five steps a second. Planning takes no time without `--speed`.
+The bots stand still if none of them does anything for ten seconds, no effect runs, and they alone
+could still reach the goal or come nearer to it. Next to a person who does nothing, a game is slow
+if it takes more than twice as long as a careful plan for the bots alone, carried out with the same
+skill. `idle` is the longest time of each bot without an action, in steps with an open order.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import random
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -24,6 +26,7 @@ from robotouille.domain.rendering import language_of
 from robotouille.domain.task import Task
 from robotouille.episode import Clock
 from robotouille.planning.plan import Plan
+from robotouille.planning.policies.agenda import Agenda, OneGoal, OpenOrders
 from robotouille.planning.policies.aside import after, holds, put_down, with_others_aside
 from robotouille.planning.policies.deferral import after_possible
 from robotouille.planning.policies.policy import Did, Policy, Script, Speech, does_something
@@ -123,7 +126,11 @@ class Cook:
 
     def __init__(self, world: World, player: str) -> None:
         self._player = player
-        self._anytime = AnytimePlanner(World(world.task))
+        if world.shift is None:
+            self._agenda: Agenda = OneGoal(AnytimePlanner(World(world.task)))
+        else:
+            self._agenda = OpenOrders(world, {})
+        self._topic: Hashable = None
         self._script: Script | None = None
         self._hands_full = False
         self._idle = self._planned = 0
@@ -131,7 +138,7 @@ class Cook:
     def observe(self, did: Did) -> None:
         self._idle += 1
         if self._script is not None:
-            self._script.observe(did, self._anytime.model.players)
+            self._script.observe(did, [player for player, _, _ in did])
         if any(p == self._player and ok and does_something(action) for p, action, ok in did):
             self._idle = self._planned = 0
 
@@ -139,6 +146,9 @@ class Cook:
         full = holds(state, self._player)
         done = self._hands_full and not full
         self._hands_full = full
+        if self._agenda.topic(state) != self._topic:
+            self._topic, self._script = self._agenda.topic(state), None
+            self._idle = self._planned = 0
         if self._idle > STANDSTILL:
             self._script = None
             away = [*put_down(state, self._player), *walks_out_of_the_way(state, self._player)]
@@ -156,16 +166,18 @@ class Cook:
         return action is not None and action.destination is None
 
     def _plan(self, state: State, *, alone: bool) -> Script:
-        here = self._anytime.in_model(state)
-        aside = with_others_aside(here, [p for p in here.world.players if p != self._player])
-        plan, start = self._search(aside, (self._player,)), aside
-        # Everybody sees that a dish is nearly ready.
-        if not alone and len(plan) not in range(1, OBVIOUS + 1):
-            plan, start = self._search(here, tuple(here.world.players)), here
-        return Script(self._player, plan, start, direct=True)
+        for anytime in self._agenda.goals(state)[:1]:
+            here = anytime.in_model(state)
+            aside = with_others_aside(here, [p for p in here.world.players if p != self._player])
+            plan, start = self._search(anytime, aside, (self._player,)), aside
+            # Everybody sees that a dish is nearly ready.
+            if not alone and len(plan) not in range(1, OBVIOUS + 1):
+                plan, start = self._search(anytime, here, tuple(here.world.players)), here
+            return Script(self._player, plan, start, direct=True)
+        return Script(self._player, Plan(()), state)
 
-    def _search(self, start: State, team: tuple[str, ...]) -> Plan:
-        search = self._anytime.search(start, HURRIED, team=team, beam=BRIEF, choices=6)
+    def _search(self, anytime: AnytimePlanner, start: State, team: tuple[str, ...]) -> Plan:
+        search = anytime.search(start, HURRIED, team=team, beam=BRIEF, choices=6)
         return next(search).plan or Plan(())
 
 
@@ -248,6 +260,7 @@ class Setting:
     person: str
     skill: str
     seed: int
+    speed: float = math.inf
 
 
 class Standstill(NamedTuple):
@@ -274,6 +287,8 @@ class Report:
     points: int | None = None
     stood: list[Standstill] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
+    thoughts: list[int] = field(default_factory=list)
+    idle: list[int] = field(default_factory=list)
 
     @property
     def fault(self) -> str:
@@ -293,6 +308,8 @@ class Report:
             f"{where.task}@{where.seats} {where.person:10} {where.seed} {self.steps:5} "
             f"{result:10} {self.fault}"
             + (f"  planned {self.planned}" if self.planned else "")
+            + (f"  thought {sum(self.thoughts)} max {max(self.thoughts)}" if self.thoughts else "")
+            + f"  idle {self.idle}"
             + "".join(f"  still {a}+{n} {work or '-'}" for a, n, work in self.stood)
         )
 
@@ -315,6 +332,8 @@ def play(setting: Setting) -> Report:
     report.said = [f"{step} {player}: {text}" for step, player, text in game.said]
     kitchen = Kitchen(world, bots)
     report.stood, last = standstills(kitchen, game)
+    report.thoughts = [thought.steps for thought in game.thoughts]
+    report.idle = idle_steps(world, bots, game)
     if game.outcome.score is not None:
         report.points = game.outcome.score.points
     elif setting.person == "idle":
@@ -334,6 +353,7 @@ def _game(task: Task, others: Mapping[str, Policy], setting: Setting) -> TeamGam
         skill=SKILLS[setting.skill],
         step_rate=RATE,
         seed=setting.seed,
+        speed=setting.speed,
     )
 
 
@@ -397,6 +417,20 @@ def standstills(kitchen: Kitchen, game: TeamGame) -> tuple[list[Standstill], Sta
     return found, state
 
 
+def idle_steps(world: World, bots: Sequence[str], game: TeamGame) -> list[int]:
+    """Return for each bot the longest time in steps without an action while an order is open."""
+    state = world.initial
+    longest, idle = dict.fromkeys(bots, 0), dict.fromkeys(bots, 0)
+    for did in game.steps:
+        acted = {player for player, action, applied in did if applied and does_something(action)}
+        unordered = state.orders is not None and not state.orders.open
+        for bot in bots:
+            idle[bot] = 0 if bot in acted or unordered or state.busy_steps(bot) else idle[bot] + 1
+            longest[bot] = max(longest[bot], idle[bot])
+        state = state.step([a for _, a, applied in did if applied]).state
+    return list(longest.values())
+
+
 def _work(anytime: AnytimePlanner, state: State, bots: tuple[str, ...]) -> str:
     state = anytime.in_model(state)
     if _plan(anytime, state, bots) is not None:
@@ -457,7 +491,7 @@ def settings(options: argparse.Namespace) -> Iterator[Setting]:
         alone = seats == 1 and who != "nobody"
         hatch = who != "at_hatch" or task.startswith("shifts/")
         if seats in (load_task(task).problem.seats or ()) and not alone and hatch:
-            yield Setting(task, seats, who, options.skill, seed)
+            yield Setting(task, seats, who, options.skill, seed, options.speed)
 
 
 def main() -> int:
@@ -468,6 +502,13 @@ def main() -> int:
     parser.add_argument("--person", action="append", choices=["nobody", *PEOPLE])
     parser.add_argument("--skill", default="partner", choices=list(SKILLS))
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=math.inf,
+        metavar="N",
+        help="expansions per step of the processor of all bots; a slow machine has about 800",
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--talk", action="store_true", help="print the chat")
     options = parser.parse_args()
