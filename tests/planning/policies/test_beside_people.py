@@ -10,19 +10,21 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock
-from robotouille.planning.beam.planner import BeamPlanner, Solution
+from robotouille.planning.beam.planner import UNSOLVED_FACTOR, BeamPlanner, Solution
+from robotouille.planning.plan import Plan
 from robotouille.planning.policies import PlannerPolicy
 from robotouille.planning.policies.policy import Did
+from robotouille.planning.policies.skill import SKILLS
 from robotouille.planning.policies.standing import (
     is_out_of_the_way,
     seat_out_of_the_way,
     standing_at,
     walk_to,
+    walks_out_of_the_way,
 )
-from robotouille.planning.policies.team_plan import (
-    MAX_BRIEF,
-)
+from robotouille.planning.policies.team_plan import BRIEF, MAX_BRIEF, PORTION
 from robotouille.planning.policies.team_talk import INSIST
+from tests.programs.partner_games import RATE, person
 from tests.support.samples import quick_sample
 from tests.support.team_games import Idle, RandomWalker, play_team
 
@@ -96,8 +98,90 @@ def test_decision_work_is_bounded_next_to_a_person(
         clock=Clock.REALTIME,
         limit=120,
     )
-    assert max(spent) <= MAX_BRIEF + LAYER
-    assert sum(each > 0 for each in spent) <= 2 + len(game.steps) // 5
+    # A bot acts between two searches, so a step contains one search without a plan at most.
+    assert max(spent) <= PORTION + UNSOLVED_FACTOR * BRIEF + LAYER
+    assert sum(spent) <= (MAX_BRIEF + LAYER) * (2 + len(game.steps) // 5)
+
+
+NO_PLAN = Solution(Plan(()), reached=False, remaining_work=9.0, expansions=PORTION)
+
+
+class Bench:
+    """A bot next to a person in real time, whose searches can be made to fail."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._monkeypatch = monkeypatch
+        self.world = World(load_task("multi_agent/01@2", timing="people"))
+        self.bot = PlannerPolicy(self.world, "robot1", start=self.world.initial)
+        self.bot.meet({"robot1": "bot", "robot2": "human"}, "realtime")
+        self.state = self.world.initial
+
+    def fail(self) -> None:
+        """Let all further searches fail."""
+        self._monkeypatch.setattr(BeamPlanner, "solve", lambda *_, **__: NO_PLAN)
+
+    def decide(self) -> GroundAction | None:
+        """Let the bot decide as soon as it can."""
+        while self.state.busy_steps("robot1"):
+            self.step()
+        return self.bot.act(self.state)
+
+    def step(self, *actions: GroundAction) -> None:
+        """Take a step of the game."""
+        step = self.state.step(list(actions))
+        self.bot.observe([(a.action.player or "", a.action, a.applied) for a in step.attempts])
+        self.state = step.state
+
+
+def test_bot_that_plans_goes_on_with_its_last_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, other = Bench(monkeypatch), Bench(monkeypatch)
+    for each in (bench, other):
+        for _ in range(2):
+            action = each.decide()
+            assert action is not None
+            each.step(action)
+    due = other.decide()
+    assert due is not None
+    bench.fail()
+    # A bot joins the team and leaves it, so a new plan is needed.
+    bench.bot.meet({"robot1": "bot", "robot2": "bot"}, "realtime")
+    bench.bot.meet({"robot1": "bot", "robot2": "human"}, "realtime")
+    assert str(bench.decide()) == str(due)
+
+
+def test_bot_that_plans_makes_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(monkeypatch)
+    bench.fail()
+    action = bench.decide()
+    assert action is not None
+    assert action in walks_out_of_the_way(bench.state, "robot1")
+
+
+SLOW_MACHINE = 800.0
+"""Expansions per step of a busy computer, a fifth of those of an idle one."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("task", "who"),
+    quick_sample(
+        [("shifts/01@2", "at_hatch"), ("shifts/01@2", "keeping"), ("multi_agent/07@3", "hoarding")],
+        nightly=3,
+    ),
+)
+def test_bot_on_a_slow_machine_never_thinks_for_long(task: str, who: str) -> None:
+    started = load_task(task, timing="people")
+    seat = seat_out_of_the_way(World(started).initial)
+    game = play_team(
+        started,
+        {seat: person(who, World(started), seat, 0)},
+        clock=Clock.REALTIME,
+        limit=200,
+        skill=SKILLS["partner"],
+        step_rate=RATE,
+        speed=SLOW_MACHINE,
+    )
+    assert max((thought.steps for thought in game.thoughts), default=0) <= RATE
 
 
 @pytest.mark.slow

@@ -10,11 +10,15 @@ The bots assume that participants outside the team stand still, and plan around 
 such plan, the bots ask the others for help and plan as if the others stepped aside, or as if the
 others were in the team. The bots execute the part of that plan that never has to be undone, and
 make way while they wait (docs/decisions/0038-bots-with-people.md).
+
+In a game that continues during planning, a bot acts between two searches: it goes on with its last
+plan, or makes way (docs/decisions/0050-planning-in-portions.md).
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import random
 from collections import deque
 from collections.abc import Collection, Mapping
@@ -27,6 +31,7 @@ from robotouille.planning.policies.agenda import Agenda, Aim, OneGoal
 from robotouille.planning.policies.aside import holds
 from robotouille.planning.policies.conversation import Conversation
 from robotouille.planning.policies.courtesy import Courtesy
+from robotouille.planning.policies.deliberation import Deliberation
 from robotouille.planning.policies.plan_watch import (
     PastStep,
     PlanBase,
@@ -46,8 +51,10 @@ from robotouille.planning.policies.standing import (
 from robotouille.planning.policies.team_plan import (
     EXPANSIONS,
     NEAR,
+    PORTION,
     Assumption,
-    TeamPlan,
+    Portion,
+    TeamDecision,
     TeamSearch,
     station_in_the_way,
 )
@@ -140,6 +147,7 @@ class PlannerPolicy:
         self.anticipating = False
         self._watch: PlanWatch | None = None
         self._needed: PlanBase | None = None
+        self._deliberation: Deliberation | None = None
         self._steps_left = 0
         self._may_improve = False
         self._in_vain: dict[Situation, int] = {}
@@ -216,6 +224,8 @@ class PlannerPolicy:
         if self._state is not None:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
             self._unprocessed.append(PastStep(self._step, self._state, own))
+            if self._needed is not None:
+                self._observe_outdated(own)
             self._catch_up()
 
     def _catch_up(self) -> None:
@@ -275,14 +285,23 @@ class PlannerPolicy:
 
     def _drop_plan(self, past: PastStep | None = None) -> None:
         """Stop following the plan; the next `act` makes one from the current or a past step."""
-        if past is None:
-            self._unprocessed.clear()
         # All seats of the team notice a deviation in the same step, and plan from that step. So
         # they make the same plan.
+        if self._needed is None:
+            for later in self._unprocessed:
+                self._observe_outdated(later.did)
+        if past is None:
+            self._unprocessed.clear()
+        self._deliberation = None
         step, state = (self._step, self._state) if past is None else (past.step, past.state)
         if state is not None:
             self._needed = PlanBase(step, state, facts_about(self._outsiders, state))
         self._waited = 0
+
+    def _observe_outdated(self, did: Did) -> None:
+        """Let the script of a dropped plan, which the seat follows during planning, go on."""
+        if self._watch is not None:
+            self._watch.script.observe(did, self._world.players)
 
     def _has_other_goals(self, watch: PlanWatch, state: State) -> bool:
         """Return whether a team has to plan again because of its goals."""
@@ -331,12 +350,12 @@ class PlannerPolicy:
         if self._courtesy.at_work(self._step):
             return self._courtesy.act(state, self._step)
         # The steps that passed during planning may already contradict the new plan.
+        portion = Portion(PORTION if self._hurried else math.inf)
         for _ in range(MAX_CATCHING_UP):
-            if self._needed is not None:
-                self._make_plan(self._needed)
+            if self._needed is not None and self._make_plan(self._needed, portion):
                 self._catch_up()
         if self._script is None:
-            return None
+            return self._act_meanwhile(state)
         if self._may_improve and self._pursued is not None:
             if self._only:
                 self._improve(state, self._pursued.search)
@@ -363,6 +382,9 @@ class PlannerPolicy:
         state, script = self._state, self._script
         if state is None or state.goal_reached or state.busy_steps(self.player):
             return False
+        if self._deliberation is not None:
+            # A seat that plans again still waits for what its last plan relies on.
+            return not self.has_plan
         if script is None or self._waited or self._courtesy.at_work(self._step):
             return True
         if self._watch is not None and self._would_stand_laden(self._watch, state):
@@ -390,23 +412,40 @@ class PlannerPolicy:
             return False
         return station_in_the_way(watch.script.errand(), state, self._outsiders) is not None
 
-    def _make_plan(self, base: PlanBase) -> None:
-        """Make a plan from the state in which it became necessary, and follow it."""
-        here = situation(base.state)
-        tried = self._in_vain.get(here, 0)
+    def _act_meanwhile(self, state: State) -> GroundAction | None:
+        """Return an action during planning: one of the last plan, or a walk out of the way."""
+        if self._deliberation is None:
+            return None
+        watch = self._watch
+        if watch is not None and not self._has_other_goals(watch, state):
+            action = None if self._would_stand_laden(watch, state) else watch.script.act(state)
+            if action is not None:
+                return action
+        return self._step_aside(state) if self._outsiders else None
+
+    def _deliberate(self, base: PlanBase) -> Deliberation:
+        tried = self._in_vain.get(situation(base.state), 0)
         working = {p for step, p in self._worked if base.step - RECENT < step <= base.step}
-        made = TeamPlan(Plan(()), base.state, Assumption.NOTHING, can_begin=False)
-        self._pursued = None
-        for number, goal in enumerate(self._agenda.goals(base.state)):
-            aim = self._aim(goal)
-            other = aim.planner.make(
+
+        def decide(aim: Aim) -> TeamDecision:
+            return aim.planner.decide(
                 base.state, self._team, hurried=self._hurried, tried=tried, working=working
             )
-            if not number or other.can_begin:
-                self._pursued, made = aim, other
-            # While others keep the team from its first goal, it works for another one.
-            if made.can_begin:
-                break
+
+        aims = [self._aim(goal) for goal in self._agenda.goals(base.state)]
+        return Deliberation(base.state, aims, tried, decide)
+
+    def _make_plan(self, base: PlanBase, portion: Portion) -> bool:
+        """Make a plan from the state in which it became necessary, and follow it.
+
+        Return False if the portion is too small.
+        """
+        deliberation = self._deliberation = self._deliberation or self._deliberate(base)
+        choice = deliberation.go_on(portion)
+        if choice is None:
+            return False
+        self._deliberation = None
+        made, self._pursued = choice
         self._may_improve = False
         if self._pursued is None:
             pass  # Without a goal, nothing was tried.
@@ -417,7 +456,7 @@ class PlannerPolicy:
         else:
             logger.debug("%s finds no plan from here", self.player)
             # The next plan from this state tries the other assumption first.
-            self._in_vain[here] = tried + 1
+            self._in_vain[situation(base.state)] = deliberation.tried + 1
         # After a proof that the goal is out of reach, another search would be useless.
         stuck = made.assumption is Assumption.NOTHING and not made.found.unsolvable
         helpless = stuck and self._pursued is not None
@@ -434,6 +473,7 @@ class PlannerPolicy:
             is_cut_off=self._is_cut_off,
         )
         self._needed = None
+        return True
 
     def _is_cut_off(self, state: State, team: Collection[str]) -> bool:
         return self._pursued is not None and self._pursued.anytime.is_cut_off(state, team)

@@ -5,11 +5,12 @@ machine (docs/decisions/0029-identical-team-plans.md).
 
 A plan relies on the team alone, on others stepping aside, on others doing their part, or leads only
 as near to the goal as possible (docs/decisions/0038-bots-with-people.md). In real time all searches
-for one decision share MAX_BRIEF expansions, which take a second or two at most.
+for one decision share MAX_BRIEF expansions, and a bot acts between its searches: see `Portion`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -20,6 +21,7 @@ from robotouille.planning.policies.aside import after, held_by, holds, put_down,
 from robotouille.planning.policies.deferral import can_begin, defer_blocked
 from robotouille.planning.policies.policy import Script
 from robotouille.planning.policies.standing import leads_to, standing_at
+from robotouille.planning.shift import CHOICES
 from robotouille.planning.solvers import AnytimePlanner
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.work import Occupancy
@@ -42,14 +44,15 @@ FIRST, FIRST_HURRIED = Limits(expansions=8_000), Limits(expansions=500)
 # (docs/planners.md).
 HURRIED = Limits(expansions=1)
 
-BRIEF = 1_500
+BRIEF = 500
 """Expansions of the beam search in real time; without a plan, UNSOLVED_FACTOR times as many."""
 
-# Expansions of all searches for one decision in real time. They take one or two seconds, and seldom
-# more than a fifth of that. In a domain without a plug-in, greedy searches after failures take up
-# to two seconds more. The last search may exceed the limit by one layer of the beam. See
-# docs/decisions/0038-bots-with-people.md.
+# Expansions of all searches for one decision in real time. The last search may exceed the limit by
+# one layer of the beam. See docs/decisions/0038-bots-with-people.md.
 MAX_BRIEF = 8_000
+
+PORTION = 500
+"""Expansions after which a bot acts before it searches again, if the game continues."""
 
 WIDE = 8
 """Factor for the width of the beam if no plan was found otherwise."""
@@ -77,6 +80,30 @@ class Effort:
         """True if all searches for one decision share a limit."""
         # Several choices are tried only next to other participants, who make replanning frequent.
         return self.hurried and self.choices > 1
+
+
+class PortionSpentError(Exception):
+    """The bot has to act before its next search."""
+
+
+class Portion:
+    """Expansions that searches may use before a bot acts.
+
+    A search is never interrupted, because its result must not depend on the portions. So a portion
+    ends with the search that exceeds it.
+    """
+
+    def __init__(self, expansions: float = math.inf) -> None:
+        self._left = expansions
+
+    def check(self) -> None:
+        """Raise PortionSpentError if no other search may begin."""
+        if self._left <= 0:
+            raise PortionSpentError
+
+    def spend(self, expansions: int) -> None:
+        """Subtract the expansions of a search."""
+        self._left -= expansions
 
 
 class TeamSearch:
@@ -160,13 +187,20 @@ class TeamSearch:
         """Yield better and better plans for a single player within the limits of a decision."""
         return self._anytime.search(state, ALONE, beam=0)
 
-    def towards(self, state: State, team: tuple[str, ...], effort: Effort) -> Plan:
+    def towards(
+        self, state: State, team: tuple[str, ...], effort: Effort, *, after: int = 0
+    ) -> Plan:
         """Return the plan that came nearest to the goal, if no search reached it."""
         # The arguments equal those of the failed search, so its cached result is used.
         if not effort.brief:
             return self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
         return self._anytime.towards(
-            state, team=team, seed=self._seed, beam=self._brief, choices=effort.choices, brief=True
+            state,
+            team=team,
+            seed=self._seed + after,
+            beam=self._brief,
+            choices=effort.choices,
+            brief=True,
         )
 
 
@@ -207,9 +241,6 @@ def missing_action(
             return action
     return None
 
-
-# Other players may stand in the way of the first choice of objects, so several choices are tried.
-CHOICES = 6
 
 NOT_FOUND = SearchResult(None, 0, Proof.NONE, "", 0)
 
@@ -263,7 +294,7 @@ class TeamPlanner:
         self._alone = alone
         self._players = tuple(sorted(anytime.model.players))
 
-    def make(
+    def decide(
         self,
         base: State,
         team: Collection[str],
@@ -271,15 +302,15 @@ class TeamPlanner:
         hurried: bool,
         tried: int = 0,
         working: Collection[str] = (),
-    ) -> TeamPlan:
-        """Return a plan from a state.
+    ) -> TeamDecision:
+        """Return the decision about a plan from a state.
 
         Args:
             hurried: True if the game continues during planning.
             tried: Number of earlier plans from this state that failed.
             working: Other participants who have done something lately.
         """
-        decision = _Decision(
+        return TeamDecision(
             self._anytime,
             self._search,
             base,
@@ -290,7 +321,6 @@ class TeamPlanner:
             # Someone who works and holds an object probably means to use it.
             expects_help=any(holds(base, player) for player in working),
         )
-        return decision.plan()
 
     def effort(self, team: Collection[str], *, hurried: bool = False) -> Effort:
         """Return the limits of planning for a team."""
@@ -298,8 +328,8 @@ class TeamPlanner:
         return Effort(choices=1 if all_ours else CHOICES, hurried=hurried)
 
 
-class _Decision:
-    """One call of `TeamPlanner.make` and the expansions spent so far."""
+class TeamDecision:
+    """A choice between the possible plans of a team, from one state."""
 
     def __init__(
         self,
@@ -321,13 +351,27 @@ class _Decision:
         self._alone = alone
         self._effort = effort
         self._tried = tried
+        # Another attempt from the same state must not repeat the same search.
+        self._number = ATTEMPTS * tried
+        self._found: dict[tuple[State, tuple[str, ...]], SearchResult] = {}
+        self._portion = Portion()
         self._cut_off = not alone and anytime.is_cut_off(base, team)
         self._spent = 0
         self._aside_untried = True
         self._expects_help = expects_help
 
-    def plan(self) -> TeamPlan:
-        """Return a plan of the team's own, or a replacement."""
+    def plan(self, portion: Portion) -> TeamPlan:
+        """Return a plan of the team's own, or a replacement.
+
+        Raises:
+            PortionSpentError: The portion is spent. The next call continues with the next search.
+        """
+        # Each call begins again, with the results of all earlier searches. So the plan does not
+        # depend on the portions.
+        self._portion, self._spent, self._aside_untried = portion, 0, True
+        return self._plan()
+
+    def _plan(self) -> TeamPlan:
         # The reachability test is cheap; a search would spend all its expansions without finding a
         # plan.
         found = NOT_FOUND
@@ -412,7 +456,7 @@ class _Decision:
                 return TeamPlan(found.plan, base, Assumption.TEAM, found)
         plan = Plan(())
         if not self._cut_off:
-            plan = self._search.towards(base, team, self._effort)
+            plan = self._search.towards(base, team, self._effort, after=self._number)
         return TeamPlan(
             plan, base, Assumption.NOTHING, cut_off=self._cut_off, can_begin=bool(len(plan))
         )
@@ -459,10 +503,15 @@ class _Decision:
 
     def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """Return a search result for some players, within the limit of the decision."""
-        # Another attempt from the same state must not repeat the same search.
-        number = ATTEMPTS * self._tried
         if not self._effort.brief:
-            return self._search.best(state, team, self._effort, after=number)
-        found = self._search.brief(state, team, self._effort, spent=self._spent, after=number)
+            return self._search.best(state, team, self._effort, after=self._number)
+        found = self._found.get((state, team))
+        if found is None:
+            self._portion.check()
+            found = self._search.brief(
+                state, team, self._effort, spent=self._spent, after=self._number
+            )
+            self._portion.spend(found.expansions)
+            self._found[state, team] = found
         self._spent += found.expansions
         return found
