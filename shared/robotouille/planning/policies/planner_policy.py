@@ -12,7 +12,7 @@ others were in the team. The bots execute the part of that plan that never has t
 make way while they wait (docs/decisions/0038-bots-with-people.md).
 
 In a game that continues during planning, a bot acts between two searches: it goes on with its last
-plan, or makes way (docs/decisions/0050-planning-in-portions.md).
+plan, or makes way (docs/decisions/0051-planning-in-portions.md).
 """
 
 from __future__ import annotations
