@@ -61,12 +61,12 @@ nightly: $(STAMP)  ## Run drills, many seeds, hostile inputs and floods: hours; 
 	$(BIN)/python -m tests.programs.every_bit
 	$(BIN)/python -m tests.programs.batch_agreement --steps $(AGREEMENT)
 
-check: $(STAMP)  ## Check lint, format, types and import contracts
+check: $(STAMP)  ## Check lint, format, types (also of the browser client) and import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m pytest tests/test_architecture.py
+	$(BIN)/python -m pytest tests/test_architecture.py tests/web/test_scripts.py
 
 docs: $(STAMP)  ## Build the documentation site in out/site and check every link
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs

@@ -1,18 +1,13 @@
-"""Runs the Node client, and installs its two libraries if they are missing."""
+"""Runs the Node client with its two libraries."""
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
-import os
-import shutil
 import subprocess
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pytest
+from tests.support.node import libraries, node
 
 __all__ = ["run_node"]
 
@@ -22,9 +17,10 @@ OLDEST = 18
 
 def run_node(task: str, **options: Any) -> Any:
     """Return the result of a task of `client.mjs`, or skip the test without Node."""
-    _installed()
+    program = node(OLDEST)
+    libraries(FOLDER)
     done = subprocess.run(
-        ["node", str(FOLDER / "client.mjs")],
+        [program, str(FOLDER / "client.mjs")],
         input=json.dumps({"do": task, **options}),
         capture_output=True,
         text=True,
@@ -32,33 +28,3 @@ def run_node(task: str, **options: Any) -> Any:
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
-
-
-@cache
-def _installed() -> None:
-    """Install the libraries once for each change of the lock file."""
-    if shutil.which("node") is None or shutil.which("npm") is None:
-        _without("Node and npm are not installed")
-    version = subprocess.run(["node", "--version"], capture_output=True, text=True).stdout
-    if int(version.lstrip("v").partition(".")[0] or 0) < OLDEST:
-        _without(f"Node {OLDEST} or newer is needed, found {version.strip()}")
-    wanted = hashlib.sha256((FOLDER / "package-lock.json").read_bytes()).hexdigest()
-    stamp = FOLDER / "node_modules" / ".installed"
-    with (FOLDER / ".install.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not stamp.is_file() or stamp.read_text() != wanted:
-            _install()
-            stamp.write_text(wanted)
-
-
-def _install() -> None:
-    command = ["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
-    done = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True, timeout=300)
-    if done.returncode != 0:
-        pytest.fail(f"npm could not install the conformance client's libraries: {done.stderr}")
-
-
-def _without(reason: str) -> None:
-    if os.environ.get("ROBOTOUILLE_REQUIRE_NODE"):
-        pytest.fail(reason)
-    pytest.skip(reason)

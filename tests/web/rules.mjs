@@ -123,7 +123,7 @@ function press({ queue, controls }, [kind, value], view) {
     return "";
   }
   if (kind === "step") {
-    if (value !== null) queue.answered(value, [], view);
+    if (value !== null) queue.answered(value, view);
     return queue.tick(view);
   }
   const action = controls.possible(view.state, view.me)[value];

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -26,14 +25,11 @@ from robotouille_client.window.drawing.spots import Motion
 from robotouille_client.window.pictures.appearance import AppearanceResolver, SceneSprites
 from robotouille_client.window.pictures.dishes import Dish, Variable, dishes
 from robotouille_client.window.view import View
+from tests.support.node import node
 from tests.web.vectors import published_tasks, shipped_tasks
 
-NODE = shutil.which("node")
 COMPARE = Path(__file__).parent / "look.mjs"
-pytestmark = [
-    pytest.mark.process,
-    pytest.mark.skipif(NODE is None, reason="needs node: apt install nodejs"),
-]
+pytestmark = pytest.mark.process
 
 STEPS = 60
 """Steps of one game."""
@@ -188,10 +184,9 @@ def _animation(moving: StepAnimation) -> dict[str, Any]:
 
 def compared(lines: Iterator[dict[str, Any]]) -> dict[str, int]:
     """Return the counts of a comparison. It prints the first differences."""
-    assert NODE is not None
     text = "".join(json.dumps(line) + "\n" for line in lines)
     done = subprocess.run(
-        [NODE, str(COMPARE)], input=text, capture_output=True, text=True, check=False, timeout=300
+        [node(), str(COMPARE)], input=text, capture_output=True, text=True, check=False, timeout=300
     )
     *differences, counts = done.stdout.splitlines() or [""]
     assert done.returncode == 0, done.stderr

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import random
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,12 +16,12 @@ from hypothesis import given, settings
 from robotouille import Timing, load_task
 from robotouille.domain.derived import fluents
 from robotouille.domain.task import Task
+from tests.support.node import node
 from tests.support.pancakes import pancake_kitchen
 from tests.web.vectors import COMPAT, games, published_tasks, shipped_tasks
 from tests.world.random_tasks import tasks
 
 PROGRAM = Path(__file__).with_name("rules.mjs")
-OLDEST = 20
 FEW = (
     ("synchronous/05", 1),
     ("asynchronous/06", 1),
@@ -36,15 +34,9 @@ FEW = (
 
 def compared(lines: Iterator[dict[str, Any]]) -> dict[str, Any]:
     """Compare the answers of Node with those of the lines, and return the counts."""
-    node = shutil.which("node")
-    version = subprocess.run([node or "true", "--version"], capture_output=True, text=True).stdout
-    if int(version.strip().lstrip("v").partition(".")[0] or 0) < OLDEST:
-        reason = f"Node {OLDEST} or newer is needed, found {version.strip() or 'none'}"
-        if os.environ.get("ROBOTOUILLE_REQUIRE_NODE"):
-            pytest.fail(reason)
-        pytest.skip(reason)
+    program = node()
     with subprocess.Popen(
-        [str(node), str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [program, str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdin is not None
         for line in lines:

@@ -198,7 +198,7 @@ export class Hands {
   /** @param {Answer} answer */
   answered(answer) {
     const superseded = answer.why.some((each) => each.kind === "superseded");
-    if (!superseded) this.queue.answered(answer.applied, answer.why, this.view());
+    if (!superseded) this.queue.answered(answer.applied, this.view());
   }
 
   /** Send what is due, and mark the station of the last action. */

@@ -191,10 +191,9 @@ export class ActionQueue {
   /**
    * Record the result of the action that was sent.
    * @param {boolean} applied
-   * @param {unknown} why Reasons of the server. The queue computes those that matter here.
    * @param {View} view
    */
-  answered(applied, why, { state, me }) {
+  answered(applied, { state, me }) {
     const sent = this._sent;
     if (sent?.fate !== "asked") return;
     this._sent = {
