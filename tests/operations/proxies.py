@@ -23,9 +23,11 @@ from websockets.typing import Subprotocol
 
 from tests.support.pages import titled
 
-__all__ = ["PROXIES", "Front", "Proxy", "front_door", "mint", "program"]
+__all__ = ["NAME", "PROXIES", "Front", "Proxy", "front_door", "mint", "program"]
 
 PAGE = "operate_a_server.md"
+NAME = "kitchen.example.org"
+"""Name of the guide's site. Proxies answer under it and under `localhost`."""
 PATIENCE = 30.0
 """Seconds to wait until a process listens."""
 MINT = (sys.executable, "-c", "from robotouille_server.auth.token_cli import main; main()")
@@ -112,7 +114,7 @@ def nginx(folder: Path, port: int, behind: int, workers: int) -> Iterator[Front]
     """Run nginx with the guide's site, including the workers' locations."""
     authority = trustme.CA()
     authority.cert_pem.write_to_path(str(folder / "authority.pem"))
-    issued = authority.issue_cert("localhost")
+    issued = authority.issue_cert("localhost", NAME)
     issued.private_key_pem.write_to_path(str(folder / "privkey.pem"))
     for number, blob in enumerate(issued.cert_chain_pems):
         blob.write_to_path(str(folder / "fullchain.pem"), append=number > 0)
@@ -121,8 +123,8 @@ def nginx(folder: Path, port: int, behind: int, workers: int) -> Iterator[Front]
         folder / "nginx.conf",
         {
             "listen 443 ssl": f"listen 127.0.0.1:{port} ssl",
-            "kitchen.example.org;": "localhost;",
-            "/etc/letsencrypt/live/kitchen.example.org": str(folder),
+            f"{NAME};": f"localhost {NAME};",
+            f"/etc/letsencrypt/live/{NAME}": str(folder),
             **_ports(behind, workers),
         },
     )
@@ -172,7 +174,7 @@ def caddy(folder: Path, port: int, behind: int, workers: int) -> Iterator[Front]
     _change(
         folder / "Caddyfile",
         {
-            "kitchen.example.org {": f"localhost:{port} {{\n    tls internal",
+            f"{NAME} {{": f"localhost:{port}, {NAME}:{port} {{\n    tls internal",
             **_ports(behind, workers),
         },
     )

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import re
-import shutil
-from collections.abc import AsyncIterator, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Iterator
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-import pytest_asyncio
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.rendering import language_of
@@ -28,20 +25,19 @@ from robotouille_server.requests import Opening, open_episode
 from robotouille_server.rooms.room import Room
 from tests.support.firefox import FIREFOX, firefox_page
 from tests.support.servers import serving
+from tests.web.visits import (
+    BROWSER_TEST,
+    DESKTOP,
+    PHONE,
+    expect,
+    get_ready,
+    link,
+    playing,
+    visiting,
+)
 
-if importlib.util.find_spec("playwright") is None:
-    pytest.skip("needs playwright: pip install playwright", allow_module_level=True)
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = [
-    pytest.mark.asyncio(loop_scope="module"),
-    pytest.mark.browser,
-    pytest.mark.process,
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium"),
-]
+pytestmark = BROWSER_TEST
 
-FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run"]
-DESKTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 ALONE, TOGETHER = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
 TEXT_OF = "((query) => document.querySelector(query).innerText)"
 BUTTON_WITH = "((words) => [...document.querySelectorAll('#choices button')]"
@@ -50,54 +46,6 @@ ENTER = "\ue007"
 """The key Enter in WebDriver."""
 PATIENCE = 20_000
 """Milliseconds after which a test that waits for the browser fails."""
-
-
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def browser() -> AsyncIterator[Any]:
-    """Start one browser for all tests. Each page opens its own context in it."""
-    from playwright import async_api as playwright
-
-    playwright.expect.set_options(timeout=PATIENCE)
-    async with playwright.async_playwright() as driver:
-        started = await driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield started
-        await started.close()
-
-
-def expect(locator: Any) -> Any:
-    from playwright import async_api as playwright
-
-    return playwright.expect(locator)
-
-
-def link(server: Server, fragment: str, path: str = "play") -> str:
-    return f"http://127.0.0.1:{server.port}/{path}#{fragment}"
-
-
-@asynccontextmanager
-async def visiting(
-    browser: Any, url: str, name: str, size: dict[str, int] = DESKTOP, **options: Any
-) -> AsyncIterator[Any]:
-    """Open a link and enter a name. Errors in the browser's console fail the test."""
-    errors: list[str] = []
-    context = await browser.new_context(viewport=size, **options)
-    page = await context.new_page()
-    page.set_default_timeout(PATIENCE)
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
-    try:
-        await page.goto(url)
-        await page.fill("#name", name)
-        await page.click("#enter-button")
-        yield page
-    finally:
-        await context.close()
-    # A connection that the server closes is an error in the console.
-    assert [line for line in errors if "WebSocket connection" not in line] == []
-
-
-async def get_ready(page: Any) -> None:
-    await page.get_by_role("button", name="I'm ready").click()
 
 
 async def at_step(page: Any, step: int) -> None:
@@ -188,7 +136,7 @@ async def test_whole_task_is_played_in_a_browser(
     async with serving(tmp_path) as server:
         room = server.lobby.create(messages.Create(task=ALONE, clock="lockstep"))
         touch = way is by_touch
-        url = link(server, room.code)
+        url = link(server.port, room.code)
         async with visiting(browser, url, "Ada", size, has_touch=touch) as page:
             await get_ready(page)
             for step, (_, _, words) in enumerate(planned(ALONE)):
@@ -200,26 +148,6 @@ async def test_whole_task_is_played_in_a_browser(
     recording = read_recording(next(tmp_path.glob("*.rbt")))
     assert recording.outcome is not None
     assert recording.outcome["reason"] == "goal"
-
-
-@asynccontextmanager
-async def playing(
-    browser: Any, server: Server, fragments: tuple[str, str]
-) -> AsyncIterator[tuple[Any, Any]]:
-    """Let two people enter a real-time game from their links, and start it."""
-    async with AsyncExitStack() as stack:
-        ada = await stack.enter_async_context(visiting(browser, link(server, fragments[0]), "Ada"))
-        ben = await stack.enter_async_context(
-            visiting(browser, link(server, fragments[1]), "Ben", PHONE)
-        )
-        for page in (ada, ben):
-            await get_ready(page)
-            if page is ada:
-                await expect(ben.locator("#cover li", has_text="Ada")).to_contain_text("ready")
-                await expect(ada.locator("#status")).to_have_text("Waiting for Ben")
-        for page in (ada, ben):
-            await expect(page.locator("#status")).to_have_text("")
-        yield ada, ben
 
 
 def opened_room(server: Server, **options: Any) -> Room:
@@ -234,7 +162,7 @@ def names(room: Room) -> list[str]:
 async def test_two_people_chat_signal_and_see_each_other(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server)
-        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
             await ada.keyboard.press("t")
             await ada.keyboard.type("<img src=x onerror=alert(1)> & <b>hi</b>")
             await ada.keyboard.press("Enter")
@@ -279,14 +207,14 @@ async def test_reload_returns_to_the_seat_and_a_second_window_takes_it(
 ) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server)
-        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
             before = names(room)
             await ada.reload()
             await expect(ada.locator("#seats")).to_contain_text("Ada")
             await expect(ada.locator("#choices li").first).to_be_visible()
             assert names(room) == before
             second = await ada.context.new_page()
-            await second.goto(link(server, room.code))
+            await second.goto(link(server.port, room.code))
             await expect(second.locator("#choices li").first).to_be_visible()
             await expect(ada.locator("#cover")).to_contain_text("playing in another window")
             await ada.get_by_role("button", name="Play here").click()
@@ -302,10 +230,11 @@ async def test_personal_link_moves_its_person_to_another_browser(
             task=f"{TOGETHER}@2", clock="realtime", tokens=True, participants={"robot1": "P1"}
         )
         room, created = open_episode(server.services, Opening(request=request, owner="lab"))
-        links = created.links["robot1"], created.links["robot2"]
-        async with playing(browser, server, links) as (ada, ben):
+        fragments = created.links["robot1"], created.links["robot2"]
+        links = link(server.port, fragments[0]), link(server.port, fragments[1])
+        async with playing(browser, links) as (ada, ben):
             assert room.episode.seats["robot1"].name == "Ada"
-            async with visiting(browser, link(server, links[0]), "Ada", PHONE) as phone:
+            async with visiting(browser, links[0], "Ada", PHONE) as phone:
                 await expect(phone.locator("#choices li").first).to_be_visible()
                 await expect(ada.locator("#cover")).to_contain_text("another window")
                 assert names(room) == ["Ada", "Ben"]
@@ -351,7 +280,7 @@ async def test_page_survives_a_restart_of_the_server(browser: Any, tmp_path: Pat
         server = await stack.enter_async_context(serving(tmp_path))
         room = opened_room(server)
         port = server.port
-        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
             before = names(room)
             await server.stop("restart", hand_over=True)
             await expect(ada.locator("#cover")).to_contain_text("Connection lost")
@@ -367,7 +296,7 @@ async def test_page_survives_a_restart_of_the_server(browser: Any, tmp_path: Pat
 async def test_rematch_leads_both_to_the_next_game(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server, max_steps=3)
-        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
             for page in (ada, ben):
                 await expect(page.locator("#cover")).to_contain_text("Out of steps")
             await ada.get_by_role("button", name="Play again").click()
@@ -383,11 +312,11 @@ async def test_spectator_watches_and_a_full_kitchen_offers_to_watch(
 ) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server)
-        async with playing(browser, server, (room.code, room.code)) as _:
-            async with visiting(browser, link(server, room.code, "watch"), "Eve") as eve:
+        async with playing(browser, (link(server.port, room.code),) * 2) as _:
+            async with visiting(browser, link(server.port, room.code, "watch"), "Eve") as eve:
                 await expect(eve.locator("#status")).to_have_text("You are watching")
                 assert await eve.locator("#actions").is_hidden()
-            async with visiting(browser, link(server, room.code), "Zoe") as zoe:
+            async with visiting(browser, link(server.port, room.code), "Zoe") as zoe:
                 await expect(zoe.locator("#cover")).to_contain_text("All seats are taken")
                 await zoe.get_by_role("button", name="Watch").click()
                 await expect(zoe.locator("#status")).to_have_text("You are watching")
@@ -405,14 +334,14 @@ async def test_wrong_link_says_what_is_wrong(
     browser: Any, tmp_path: Path, fragment: str, words: str
 ) -> None:
     async with serving(tmp_path) as server:
-        async with visiting(browser, link(server, fragment), "Ada") as page:
+        async with visiting(browser, link(server.port, fragment), "Ada") as page:
             await expect(page.locator("#cover")).to_contain_text(words)
 
 
 async def test_reader_of_german_and_of_a_kitchen_of_its_own(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = server.lobby.create(messages.Create(task="workshop/01_painted_gear"))
-        async with visiting(browser, link(server, room.code), "Ada", locale="de-DE") as page:
+        async with visiting(browser, link(server.port, room.code), "Ada", locale="de-DE") as page:
             await page.get_by_role("button", name="Ich bin bereit").click()
             await expect(page.locator("#bar")).to_contain_text("Schritt 0 von")
             await expect(page.locator("#choices li").first).to_be_visible()
@@ -423,7 +352,7 @@ async def test_page_plays_with_another_client(browser: Any, tmp_path: Path) -> N
         room = opened_room(server)
         async with connect(server.url, name="Robo", kind="bot") as client:
             game = await client.join(room.code)
-            async with visiting(browser, link(server, room.code), "Ada") as page:
+            async with visiting(browser, link(server.port, room.code), "Ada") as page:
                 await get_ready(page)
                 await expect(page.locator("#seats")).to_contain_text("Robo")
                 await expect(page.locator("#choices li").first).to_be_visible()

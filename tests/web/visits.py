@@ -1,0 +1,97 @@
+"""Visits of the page in a real browser, for tests that are people who play."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+__all__ = [
+    "BROWSER_TEST", "DESKTOP", "PATIENCE", "PHONE", "expect", "get_ready", "launched", "link",
+    "playing", "visiting",
+]  # fmt: skip
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run"]
+DESKTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
+PATIENCE = 20_000
+"""Milliseconds after which a test that waits for the browser fails."""
+HAS_DRIVER = importlib.util.find_spec("playwright") is not None
+BROWSER_TEST = [
+    pytest.mark.asyncio(loop_scope="module"),
+    pytest.mark.browser,
+    pytest.mark.process,
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium"),
+    pytest.mark.skipif(not HAS_DRIVER, reason="needs playwright: pip install playwright"),
+]
+"""Marks of a module whose tests use the fixture `browser`."""
+
+
+@asynccontextmanager
+async def launched(*flags: str) -> AsyncIterator[Any]:
+    """Start a browser. Each visit opens its own context in it."""
+    from playwright import async_api as playwright
+
+    playwright.expect.set_options(timeout=PATIENCE)
+    async with playwright.async_playwright() as driver:
+        started = await driver.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, *flags])
+        yield started
+        await started.close()
+
+
+def expect(locator: Any) -> Any:
+    from playwright import async_api as playwright
+
+    return playwright.expect(locator)
+
+
+def link(port: int, fragment: str, path: str = "play") -> str:
+    """Return the address of a kitchen on a server of this machine."""
+    return f"http://127.0.0.1:{port}/{path}#{fragment}"
+
+
+@asynccontextmanager
+async def visiting(
+    browser: Any, url: str, name: str, size: dict[str, int] = DESKTOP, **options: Any
+) -> AsyncIterator[Any]:
+    """Open a link and enter a name. Errors in the browser's console fail the test."""
+    errors: list[str] = []
+    context = await browser.new_context(viewport=size, **options)
+    page = await context.new_page()
+    page.set_default_timeout(PATIENCE)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+    try:
+        await page.goto(url)
+        await page.fill("#name", name)
+        await page.click("#enter-button")
+        yield page
+    finally:
+        await context.close()
+    # A connection that the server closes is an error in the console.
+    assert [line for line in errors if "WebSocket connection" not in line] == []
+
+
+async def get_ready(page: Any) -> None:
+    await page.get_by_role("button", name="I'm ready").click()
+
+
+@asynccontextmanager
+async def playing(
+    browser: Any, links: tuple[str, str], **options: Any
+) -> AsyncIterator[tuple[Any, Any]]:
+    """Let Ada and Ben enter a real-time game from their links, and start it."""
+    async with (
+        visiting(browser, links[0], "Ada", **options) as ada,
+        visiting(browser, links[1], "Ben", PHONE, **options) as ben,
+    ):
+        for page in (ada, ben):
+            await get_ready(page)
+        for page in (ada, ben):
+            await expect(page.locator("#status")).to_have_text("")
+        yield ada, ben
