@@ -43,12 +43,12 @@ export class Chat {
 
   /** @param {string} name @param {string} said */
   say(name, said) {
-    this.add(element("li", {}, element("b", {}, `${name}: `), said));
+    this.add(element("p", {}, element("b", {}, `${name}: `), said));
   }
 
   /** @param {string} what */
   happened(what) {
-    this.add(element("li", { class: "happened" }, what));
+    this.add(element("p", { class: "happened" }, what));
   }
 
   /** @param {HTMLElement} line */
