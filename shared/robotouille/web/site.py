@@ -22,10 +22,11 @@ from robotouille.domain.rendering import RENDERING_FILES, RenderingFile
 from robotouille.domain.schema import InputFile
 from robotouille.domain.task import read_domain
 from robotouille.installation import data_folder
+from robotouille.web.bundle import bundle
 
 STATIC = Path(__file__).parent / "static"
 PAGE = "index.html"
-FIRST_TEXTS = "texts/en.js"
+ENTRY, BUNDLE = "play/main.js", "play/bundle.js"
 DEFAULTS = "published_defaults"
 """File in the folder of the domains that is not a domain."""
 REPLAY = "replay"
@@ -65,6 +66,8 @@ class WebFile:
 class WebSite:
     """Files of the browser client.
 
+    `play/bundle.js` has all modules that the page needs. They are also there one by one.
+
     `looks/NAME.json` has the rendering and the key bindings of the shipped domain NAME, and
     `pictures/FOLDER.json` all SVG pictures of a folder of `assets`, by their file names. One
     compressed file of pictures is a tenth of the size of the pictures, and needs one request.
@@ -87,11 +90,8 @@ class WebSite:
 
     @cached_property
     def page(self) -> WebFile:
-        """The first page, with the addresses of all modules."""
-        text = self._contents[PAGE].decode()
-        scripts = (name for name in self.names if _is_needed_first(name))
-        links = "\n".join(f'    <link rel="modulepreload" href="{{files}}/{n}">' for n in scripts)
-        text = text.replace("{modules}", links.strip()).replace("{files}", f"play/{self.version}")
+        """The first page, with the addresses of its files."""
+        text = self._contents[PAGE].decode().replace("{files}", f"play/{self.version}")
         return WebFile.of(PAGE, text.encode())
 
     def find(self, name: str) -> WebFile | None:
@@ -109,18 +109,13 @@ class WebSite:
         return found.hexdigest()[:16]
 
 
-def _is_needed_first(name: str) -> bool:
-    """Return whether every visit needs a file: a module, except the texts of other languages."""
-    return name.endswith(".js") and (not name.startswith("texts/") or name == FIRST_TEXTS)
-
-
 def _files(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)
         if path.suffix in KINDS and name.parts[0] != REPLAY:
-            content = path.read_bytes()
-            is_module = path.suffix == ".js"
-            yield name.as_posix(), without_comments(content) if is_module else content
+            yield name.as_posix(), _module(path) if path.suffix == ".js" else path.read_bytes()
+    if (folder / ENTRY).is_file():
+        yield BUNDLE, bundle(ENTRY, lambda name: _module(folder / name).decode()).encode()
     for domain in _shipped_domains():
         yield f"looks/{domain}.json", _shipped_look(domain)
     for path in sorted(data_folder("assets").iterdir()):
@@ -137,6 +132,10 @@ def without_comments(script: bytes) -> bytes:
     Modules have no strings with such lines.
     """
     return _COMMENT.sub(b"", script)
+
+
+def _module(path: Path) -> bytes:
+    return without_comments(path.read_bytes())
 
 
 def _shipped_domains() -> Iterator[str]:

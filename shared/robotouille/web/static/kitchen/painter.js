@@ -111,10 +111,12 @@ export class Kitchen {
     this.reducedMotion = reducedMotion;
     this.seatColours = task.players.map((_, seat) => SEATS[seat % SEATS.length]);
     this.sprites = new Sprites(look, () => {});
-    /** Resolves when all pictures of the look are decoded. */
-    this.ready = this.sprites.load();
     this.motion = new Motion();
     this.layout = new Layout(300, 150, task.problem.width, task.problem.height, 1);
+    /** Resolves when the pictures of the first frame are decoded. */
+    this.begun = this.sprites.load(this.first());
+    /** Resolves when all pictures of the look are decoded. */
+    this.ready = this.others();
     /** @type {Shown | null} */
     this.shown = null;
     /** Number of states shown so far. */
@@ -160,9 +162,27 @@ export class Kitchen {
     this.layout = new Layout(width, height, columns, rows, pixelRatio);
     this.room = null;
     this.lastKey = "";
-    void this.ready.then(() => {
+    void this.begun.then(() => {
       this.coming = this.likely();
     });
+  }
+
+  /** Decode the other pictures, one with each frame: many at once would delay a frame. */
+  async others() {
+    await this.begun;
+    for (const file of this.look.pictures.keys()) {
+      if (this.sprites.images.has(file)) continue;
+      await new Promise(requestAnimationFrame);
+      await this.sprites.load([file]);
+    }
+  }
+
+  /** Return the pictures of the room, and those that the task is likely to need. */
+  first() {
+    const { default: usual, wall, tiles = {}, on_wall: hung = [], beside = [] } =
+      this.look.rendering.floor ?? {};
+    const room = [usual, wall, ...Object.values(tiles), ...hung, ...beside];
+    return new Set([...room, ...[...this.likely()].map(([file]) => file)]);
   }
 
   /**

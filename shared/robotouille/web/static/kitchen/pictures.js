@@ -31,6 +31,14 @@ function fileURL(look, file) {
   return content.startsWith("data:") ? content : svgURL(content);
 }
 
+/** @param {string} url */
+async function decoded(url) {
+  const image = new Image();
+  image.src = url;
+  await image.decode();
+  return image;
+}
+
 /** Return a text as it may stand in an SVG. @param {string} text */
 function escaped(text) {
   return text.replace(/[^\p{L}\p{N} _-]/gu, (letter) => `&#${letter.codePointAt(0)};`);
@@ -127,29 +135,29 @@ export class Sprites {
   constructor(look, changed) {
     this.look = look;
     this.changed = changed;
-    /** @type {Map<string, {image: HTMLImageElement, state: "loading" | "ready" | "broken"}>} */
+    /** @type {Map<string, HTMLImageElement | "broken" | null>} Null while they are decoded. */
     this.images = new Map();
     /** @type {Map<string, HTMLCanvasElement>} */
     this.cache = new Map();
     this.pixels = 0;
-    /** Number of pictures decoded so far. A frame then looks different. */
+    /** @type {Set<string>} Pictures that were asked for before they were decoded. */
+    this.missed = new Set();
+    /** Number of missed pictures decoded so far. A frame then looks different. */
     this.revision = 0;
   }
 
-  /** Decode all pictures of the look. */
-  async load() {
-    const files = [...this.look.pictures.keys()];
-    await Promise.all(files.map((file) => this.decode(file, fileURL(this.look, file) ?? "")));
+  /** Decode pictures of the look. @param {Iterable<string>} files */
+  async load(files) {
+    const known = [...files].filter((file) => this.look.pictures.has(file));
+    await Promise.all(known.map((file) => this.decode(file, fileURL(this.look, file) ?? "")));
   }
 
   /** @param {string} key @param {string} url */
   async decode(key, url) {
     if (this.images.has(key)) return;
-    const image = new Image();
-    image.src = url;
-    this.images.set(key, { image, state: "loading" });
-    const state = await image.decode().then(() => "ready", () => "broken");
-    this.images.set(key, { image, state: state === "ready" ? "ready" : "broken" });
+    this.images.set(key, null);
+    this.images.set(key, await decoded(url).catch(() => "broken"));
+    if (!this.missed.delete(key)) return;
     this.revision += 1;
     this.changed();
   }
@@ -170,7 +178,7 @@ export class Sprites {
   of(appearance, size) {
     const { asset, kind, role, words, facing } = appearance;
     const url = fileURL(this.look, asset);
-    if (url !== null && this.images.get(String(asset))?.state !== "broken") {
+    if (url !== null && this.images.get(String(asset)) !== "broken") {
       return this.drawn(String(asset), url, size);
     }
     const key = JSON.stringify([kind, role, words, facing]);
@@ -182,10 +190,11 @@ export class Sprites {
     const side = Math.max(1, Math.min(Math.round(size), MAX_SIDE));
     const image = this.images.get(key);
     if (image === undefined) void this.decode(key, url);
-    if (image?.state !== "ready") return null;
+    if (!image) this.missed.add(key);
+    if (!image || image === "broken") return null;
     return this.kept(`${side} ${key}`, side, side, (context) => {
       context.imageSmoothingQuality = "high";
-      context.drawImage(image.image, 0, 0, side, side);
+      context.drawImage(image, 0, 0, side, side);
     });
   }
 

@@ -8,8 +8,10 @@ import { Look } from "../kitchen/look.js";
 
 const FILES = new URL("../", import.meta.url);
 const SHIPPED_KITCHEN = "robotouille";
+const SHIPPED_PICTURES = "kitchen";
 const MAX_PICTURES = 500;
-const TRIES = 10;
+const TRIES = 60;
+const RETRY_MS = 1000;
 
 /**
  * Return the look of a task, with its pictures, words and key bindings.
@@ -20,7 +22,7 @@ export async function loadLook(task, ask) {
   const { rendering, bindings } = own.rendering
     ? { rendering: own.rendering, bindings: own.bindings ?? {} }
     : await shippedLook(task.domain.name);
-  const folders = [rendering.assets ?? "kitchen", ...(rendering.inherited_assets ?? [])];
+  const folders = [rendering.assets ?? SHIPPED_PICTURES, ...(rendering.inherited_assets ?? [])];
   const pictures = await shippedPictures(folders);
   await ownPictures(new Map(Object.entries(own.pictures ?? {})), pictures, ask);
   return new Look({ rendering, bindings, pictures });
@@ -29,7 +31,9 @@ export async function loadLook(task, ask) {
 /** @param {string} domain */
 async function shippedLook(domain) {
   const found = await file(`looks/${encodeURIComponent(domain)}.json`);
-  return found ?? (await file(`looks/${SHIPPED_KITCHEN}.json`));
+  const own = found ?? (await file(`looks/${SHIPPED_KITCHEN}.json`));
+  if (own === null) throw new Error("the page's files are of another version");
+  return own;
 }
 
 /**
@@ -62,13 +66,39 @@ async function ownPictures(digests, pictures, ask) {
         break;
       }
       if (answer.code !== "rate/limited") break;
-      await new Promise((done) => setTimeout(done, 1000));
+      await new Promise((done) => setTimeout(done, RETRY_MS));
     }
   }
 }
 
-/** @param {string} name */
-async function file(name) {
-  const answer = await fetch(new URL(name, FILES));
-  return answer.ok ? answer.json() : null;
+/** @type {Map<string, Promise<any>>} Files that were requested, by name. */
+const files = new Map();
+
+/** Request the files that most visits need, before it is known that this visit does. */
+export function prefetch() {
+  const names = [`looks/${SHIPPED_KITCHEN}.json`, `pictures/${SHIPPED_PICTURES}.json`];
+  for (const name of names) file(name).catch(() => {});
+}
+
+/** Return a file of the page; null if it does not exist. @param {string} name */
+function file(name) {
+  const known = files.get(name);
+  if (known) return known;
+  const found = fetched(name, TRIES);
+  files.set(name, found);
+  found.catch(() => files.delete(name));
+  return found;
+}
+
+/** @param {string} name @param {number} tries @returns {Promise<any>} */
+async function fetched(name, tries) {
+  try {
+    const answer = await fetch(new URL(name, FILES));
+    return answer.ok ? await answer.json() : null;
+  } catch (error) {
+    if (tries <= 1) throw error;
+  }
+  // The connection was lost. The game comes back as soon as it is there again.
+  await new Promise((done) => setTimeout(done, RETRY_MS));
+  return fetched(name, tries - 1);
 }

@@ -1,6 +1,7 @@
 // Entry of the page: reads the link, asks for a name, and enters the kitchen.
 
 import { byId, element, inputById, setText } from "./dom.js";
+import { prefetch } from "./look.js";
 import { Session } from "./session.js";
 import { givenName, parentOrigin } from "./parent.js";
 import { keep, recall, seatKey, seatToken } from "./storage.js";
@@ -63,6 +64,7 @@ function enter(code, name) {
 
 async function start() {
   byId("loading").remove();
+  prefetch();
   await loadTexts();
   byId("enter-form").addEventListener("submit", (event) => {
     event.preventDefault();

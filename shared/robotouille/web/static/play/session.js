@@ -158,7 +158,7 @@ export class Session {
 
   /** @param {GameEvent} event */
   on(event) {
-    if (event.type === "task") this.furnish().catch((error) => this.notify(String(error)));
+    if (event.type === "task") this.furnish().catch((error) => this.farewell("page/files", `${error}`));
     else if (event.type === "step") this.stepped();
     else if (event.type === "roster") this.roster();
     else if (event.type === "answer") this.answered(event);
@@ -474,6 +474,7 @@ const FAREWELLS = new Map([
   ["seat/taken", ["taken", "takenDetail", "watch"]],
   ["episode/banned", ["banned", "", ""]],
   ["server/stopped", ["stopped", "", "again"]],
+  ["page/files", ["files", "filesDetail", "again"]],
   ["protocol/version", ["version", "versionDetail", "again"]],
   ["auth/required", ["token", "tokenDetail", ""]],
   ["auth/invalid", ["token", "tokenDetail", ""]],

@@ -94,6 +94,8 @@ export default {
   tokenDetail: "Bitte die Person, die dich eingeladen hat, um einen neuen.",
   taken: "Jemand anders hat deinen Platz",
   takenDetail: "Du warst zu lange weg. Du kannst zuschauen.",
+  files: "Die Küche konnte nicht geladen werden",
+  filesDetail: "Dein Platz wird eine Weile freigehalten.",
   version: "Der Server hat eine andere Version",
   versionDetail: "Lade die Seite neu.",
   banned: "Du wurdest aus dieser Küche entfernt",

@@ -94,6 +94,8 @@ export default {
   tokenDetail: "Ask the person who invited you for a new one.",
   taken: "Someone else has your seat",
   takenDetail: "You were away for too long. You can watch the game.",
+  files: "The kitchen could not be loaded",
+  filesDetail: "Your seat is kept for a while.",
   version: "The server has a different version",
   versionDetail: "Reload the page.",
   banned: "You were removed from this kitchen",
