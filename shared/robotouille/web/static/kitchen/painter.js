@@ -857,7 +857,7 @@ export class Kitchen {
     const letters = Math.ceil(context.measureText(text).width);
     const height = Math.round(size * 0.95) + 2;
     const side = Math.round(height * 1.15);
-    const badge = sprites.drawn(`badge ${seat} ${here}`, this.badge(seat, here), side);
+    const badge = sprites.drawn(`badge ${seat} ${here}`, () => this.badge(seat, here), side);
     if (!badge) return null;
     const width = letters + height - 2 + Math.floor((side * 2) / 3);
     return sprites.kept(key, width, side, (drawn) => {

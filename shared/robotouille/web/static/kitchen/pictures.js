@@ -167,8 +167,8 @@ export class Sprites {
    * @param {string | null | undefined} file @param {number} size
    */
   file(file, size) {
-    const url = fileURL(this.look, file);
-    return url === null ? null : this.drawn(String(file), url, size);
+    if (!file || !this.look.pictures.has(file)) return null;
+    return this.drawn(file, () => fileURL(this.look, file) ?? "", size);
   }
 
   /**
@@ -177,19 +177,22 @@ export class Sprites {
    */
   of(appearance, size) {
     const { asset, kind, role, words, facing } = appearance;
-    const url = fileURL(this.look, asset);
-    if (url !== null && this.images.get(String(asset)) !== "broken") {
-      return this.drawn(String(asset), url, size);
+    if (asset && this.look.pictures.has(asset) && this.images.get(asset) !== "broken") {
+      return this.file(asset, size);
     }
     const key = JSON.stringify([kind, role, words, facing]);
-    return this.drawn(key, this.images.has(key) ? "" : svgURL(generated(appearance)), size);
+    return this.drawn(key, () => svgURL(generated(appearance)), size);
   }
 
-  /** @param {string} key @param {string} url @param {number} size */
+  /**
+   * Return a picture as a square of a size; null until it is decoded.
+   * @param {string} key @param {() => string} url Called once, because URLs of pictures are long.
+   * @param {number} size
+   */
   drawn(key, url, size) {
     const side = Math.max(1, Math.min(Math.round(size), MAX_SIDE));
     const image = this.images.get(key);
-    if (image === undefined) void this.decode(key, url);
+    if (image === undefined) void this.decode(key, url());
     if (!image) this.missed.add(key);
     if (!image || image === "broken") return null;
     return this.kept(`${side} ${key}`, side, side, (context) => {
