@@ -301,7 +301,11 @@ async def measure_game(browser: Any, server: Server, seconds: float, hour: int) 
     await page.evaluate(f"play({seconds}, {STEP_RATE})")
     trace = json.loads(await browser.stop_tracing())["traceEvents"]
     frames = await page.evaluate("frames_")
-    spent = sorted(each["tdur"] / 1000 for each in trace if each["name"] == "FireAnimationFrame")
+    spent = sorted(
+        each["tdur"] / 1000
+        for each in trace
+        if each["name"] == "FireAnimationFrame" and "tdur" in each
+    )
     rushing = await _task_time(tools, page, f"rush({DELTAS})") / DELTAS
     work = sorted(spent for _, spent in frames)
     gaps = [later[0] - sooner[0] for sooner, later in pairwise(frames)]
@@ -310,10 +314,13 @@ async def measure_game(browser: Any, server: Server, seconds: float, hour: int) 
     short = sum(spent < FRAME for spent in work) / len(work)
     await page.evaluate("applied.length = 0")
     heaps = []
+    applied: list[float] = []
     for _ in range(5):
         await page.evaluate(f"hurry({hour // 5})")
+        applied += await page.evaluate("applied.splice(0)")
+        await page.evaluate("frames_.length = 0")
         heaps.append(await _heap(tools))
-    applied = sorted(await page.evaluate("applied"))
+    applied.sort()
     await context.close()
     late, growth = _share(spent, 0.99), heaps[-1] / heaps[-3] - 1
     return [
@@ -361,7 +368,7 @@ def server_process(folder: str) -> Iterator[str]:
     program = "from robotouille_server.cli import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", program, "--port", "0", "--recordings", folder, "--no-operator",
-         "--max-episodes", "1000", "--max-connections-per-address", "5000"],
+         "--max-episodes", "1000", "--max-connections-per-address", "5000", "--log-level", "error"],
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
@@ -382,7 +389,7 @@ def load(url: str, rooms: int, seconds: float) -> Iterator[None]:
         sys.executable, "-m", "robotouille_client.loadtest.cli", "--url", f"ws{url[4:]}",
         "--rooms", str(rooms), "--rate", str(STEP_RATE), "--ramp", "3", "--duration", f"{seconds}",
     ]  # fmt: skip
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield
     finally:

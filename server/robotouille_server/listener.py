@@ -14,7 +14,7 @@ from websockets.http11 import Request, Response
 
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import codec_for
-from robotouille.web import WebSite
+from robotouille.web import shared_site
 from robotouille_server.auth import (
     CountedConnection,
     Visitor,
@@ -73,7 +73,7 @@ class HttpPages:
             {settings.port, *ports},
             parse_origins(settings.page_parents, "--page-parents"),
         )
-        self._web = WebPages(WebSite(), self._own) if settings.page else None
+        self._web = WebPages(shared_site(), self._own) if settings.page else None
 
     def listens(self, name: str, port: int) -> None:
         """Add the name of a certificate, which may be empty, and a port to the server's own."""

@@ -37,6 +37,8 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
+from robotouille.web import shared_site
+from robotouille.web.site import BUNDLE
 from robotouille_server.auth import Role, Tokens
 from robotouille_server.auth.keys import FileKeyring
 from tests.programs.audience_flood import AudienceFlood
@@ -189,6 +191,11 @@ FLOODS = {
         page=OVERVIEW,
         operator=True,
         rooms=300,
+        connections=60,
+    ),
+    "page": Flood(
+        "loads of the browser client, from 60 connections",
+        page=f"/play/{shared_site().version}/{BUNDLE}",
         connections=60,
     ),
     "records": Flood(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robotouille.web import WebSite
+from robotouille.web import shared_site
 from robotouille.web.bundle import BundleError, bundle
 from tests.support.node import node
 
@@ -55,7 +55,7 @@ def test_modules_that_import_each_other_are_an_error() -> None:
 
 @pytest.mark.process
 def test_page_is_one_script(tmp_path: Path) -> None:
-    found = WebSite().find("play/bundle.js")
+    found = shared_site().find("play/bundle.js")
     assert found is not None
     file = tmp_path / "bundle.mjs"
     file.write_bytes(found.content)

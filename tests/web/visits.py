@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import shutil
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -59,11 +59,35 @@ def link(port: int, fragment: str, path: str = "play") -> str:
 
 @asynccontextmanager
 async def visiting(
-    browser: Any, url: str, name: str, size: dict[str, int] = DESKTOP, **options: Any
+    browser: Any,
+    url: str,
+    name: str,
+    size: dict[str, int] = DESKTOP,
+    *,
+    script: str = "",
+    routes: Mapping[str, Callable[[Any], Awaitable[None]]] | None = None,
+    offline: bool = False,
+    expected: str = "WebSocket connection",
+    **options: Any,
 ) -> AsyncIterator[Any]:
-    """Open a link and enter a name. Errors in the browser's console fail the test."""
+    """Open a link and enter a name. Errors in the browser's console fail the test.
+
+    Args:
+        browser: The browser, in which the visit gets its own storage.
+        url: The link.
+        name: The name to enter.
+        size: Size of the window.
+        script: Script that runs before those of the page.
+        routes: Answers to requests, by patterns of their addresses.
+        offline: Lose the network before the name is entered.
+        expected: Text of errors that do not fail the test, besides lost connections.
+        options: Further options of the browser's context.
+    """
     errors: list[str] = []
     context = await browser.new_context(viewport=size, **options)
+    await context.add_init_script(script or "0")
+    for pattern, answer in (routes or {}).items():
+        await context.route(pattern, answer)
     page = await context.new_page()
     page.set_default_timeout(PATIENCE)
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -71,12 +95,14 @@ async def visiting(
     try:
         await page.goto(url)
         await page.fill("#name", name)
+        await context.set_offline(offline)
         await page.click("#enter-button")
         yield page
     finally:
         await context.close()
     # A connection that the server closes is an error in the console.
-    assert [line for line in errors if "WebSocket connection" not in line] == []
+    harmless = ("WebSocket connection", expected)
+    assert [line for line in errors if not any(each in line for each in harmless)] == []
 
 
 async def get_ready(page: Any) -> None:

@@ -1,5 +1,5 @@
 """Client for browsers: its files, and the looks of shipped kitchens."""
 
-from robotouille.web.site import WebFile, WebSite
+from robotouille.web.site import WebFile, WebSite, shared_site
 
-__all__ = ["WebFile", "WebSite"]
+__all__ = ["WebFile", "WebSite", "shared_site"]
