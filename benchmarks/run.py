@@ -21,6 +21,7 @@ from benchmarks import (
     joint,
     model_calls,
     mqtt,
+    page,
     parts,
     peers,
     planning,
@@ -42,6 +43,7 @@ if __name__ == "__main__":
     exports.main([])
     viewer.main([])
     window.main([])
+    page.main([])
     idle.main([])
     startup.main()
     endurance.main([])

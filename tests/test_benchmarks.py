@@ -188,3 +188,17 @@ async def test_parts_of_a_step_are_measured(tmp_path: Path) -> None:
     rows = dict(await parts.measure(10, 2, tmp_path))
     assert len(rows) == 3 + len(parts.PARTS)
     assert all(seconds > 0 for seconds in rows.values())
+
+
+@pytest.mark.browser
+@pytest.mark.process
+@pytest.mark.slow
+def test_page_in_a_browser(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("playwright")
+    from benchmarks import page
+
+    if page.CHROMIUM is None:
+        pytest.skip("needs chromium: apt install chromium")
+    page.main(["--parts", "load", "play", "--times", "1", "--seconds", "1", "--hour", "100"])
+    shown = capsys.readouterr().out
+    assert "first picture" in shown and "heap after 60" in shown
