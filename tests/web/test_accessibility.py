@@ -16,6 +16,8 @@ TASK = "multi_agent/01_lettuce_burger@2"
 LONG = "Anna-Magdalena von und zu Hohenstein II"
 ZOOMED, NARROW = {"width": 640, "height": 360}, {"width": 360, "height": 740}
 """A window of 1280 × 720 at 200 %, and a small phone."""
+STILL: dict[str, Any] = {"reduced_motion": "reduce"}
+"""Options without animations: a card that appears has less contrast for a moment."""
 CHECK = """async () => {
   const { violations } = await axe.run(document, { resultTypes: ["violations"] });
   return violations.map(({ id, impact, nodes }) => [impact, id, nodes.map(({ html }) => html)]);
@@ -55,7 +57,7 @@ async def test_all_parts_of_the_page_are_usable(browser: Any, tmp_path: Path) ->
         await assert_usable(page)
         await context.close()
         url = link(server.port, room.code)
-        async with visiting(browser, url, "Ada") as ada:
+        async with visiting(browser, url, "Ada", **STILL) as ada:
             await expect(ada.locator("#cover")).to_contain_text("Waiting room")
             await assert_usable(ada)
             async with visiting(browser, url, LONG) as guest:
@@ -74,6 +76,6 @@ async def test_all_parts_of_the_page_are_usable(browser: Any, tmp_path: Path) ->
             await assert_usable(ada)
         rules = messages.Create(task=TASK, clock="realtime", step_rate=5, max_steps=2)
         url = link(server.port, server.lobby.create(rules).code)
-        async with playing(browser, (url, url)) as (ada, _):
+        async with playing(browser, (url, url), **STILL) as (ada, _):
             await expect(ada.locator("#cover")).to_contain_text("Out of steps")
             await assert_usable(ada)
