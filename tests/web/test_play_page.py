@@ -180,7 +180,7 @@ async def test_two_people_chat_signal_and_see_each_other(browser: Any, tmp_path:
 async def test_lost_network_is_shown_and_play_goes_on(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server)
-        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
             await ada.context.set_offline(True)
             await expect(ada.locator("#cover")).to_contain_text("Connection lost")
             await expect(ben.locator("#lines")).to_contain_text("Ada is away")
@@ -192,7 +192,7 @@ async def test_lost_network_is_shown_and_play_goes_on(browser: Any, tmp_path: Pa
 async def test_rejection_says_what_is_missing(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server, step_rate=1)
-        async with playing(browser, server, (room.code, room.code)) as (ada, ben):
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
             # Both choose the only place at the stove in the same step; the second seat is too late.
             pages = dict(zip(("Ada", "Ben"), (ada, ben), strict=True))
             first, second = names(room)
@@ -246,11 +246,11 @@ async def test_two_people_with_links_share_a_browser(browser: Any, tmp_path: Pat
         request = messages.Create(task=f"{TOGETHER}@2", tokens=True)
         room, created = open_episode(server.services, Opening(request=request, owner="lab"))
         first, second = created.links.values()
-        async with visiting(browser, link(server, first), "Ada") as ada:
+        async with visiting(browser, link(server.port, first), "Ada") as ada:
             await expect(ada.locator("#cover")).to_contain_text("Waiting room")
             await ada.fill("#said", "hello")
             ben = await ada.context.new_page()
-            await ben.goto(link(server, second))
+            await ben.goto(link(server.port, second))
             await ben.fill("#name", "Ben")
             await ben.click("#enter-button")
             await expect(ada.locator("#cover")).to_contain_text("Ben")
@@ -268,7 +268,7 @@ async def test_code_in_another_spelling_returns_to_the_same_seat(
     async with serving(tmp_path) as server:
         room = opened_room(server)
         plain = room.code.replace("-", "").lower()
-        async with visiting(browser, link(server, plain), "Ada") as page:
+        async with visiting(browser, link(server.port, plain), "Ada") as page:
             await expect(page.locator("#cover")).to_contain_text("Waiting room")
             await page.reload()
             await expect(page.locator("#cover")).to_contain_text("Waiting room")
@@ -445,13 +445,13 @@ async def test_other_sites_get_nothing_from_a_frame(browser: Any, tmp_path: Path
 async def test_chromium_and_firefox_finish_a_game_together(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server, firefox_page() as firefox:
         room = server.lobby.create(messages.Create(task=f"{TOGETHER}@2", clock="lockstep"))
-        await firefox.goto(link(server, room.code))
+        await firefox.goto(link(server.port, room.code))
         await firefox.wait_for("document.activeElement.id === 'name'")
         await firefox.press(*"Ben", ENTER)
         await firefox.wait_for('document.activeElement.innerText === "I\'m ready"')
         # The driver's keys do not activate buttons in Firefox.
         await firefox.evaluate("document.activeElement.click()")
-        async with visiting(browser, link(server, room.code), "Ada") as ada:
+        async with visiting(browser, link(server.port, room.code), "Ada") as ada:
             await get_ready(ada)
             ada_is = next(p for p, seat in room.episode.seats.items() if seat.name == "Ada")
             for step, words in enumerate(together(f"{TOGETHER}@2")):
