@@ -10,7 +10,6 @@ from typing import Any
 
 import msgpack
 import pytest
-from tools.message_examples import EXAMPLES
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
@@ -20,7 +19,6 @@ from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.load_worker import LoadWorker
 from robotouille_client.loadtest.workload import LoadPlan
 from robotouille_server import Server
-from tests.load.test_hostile_server import WELCOME
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual
 
@@ -183,13 +181,13 @@ class Stalling:
         messages: list[dict[str, Any]] = []
         match message["type"]:
             case "hello":
-                messages = [WELCOME]
+                messages = [{"type": "welcome", "resume": "token"}]
             case "create":
-                messages = [EXAMPLES["created"]]
+                messages = [{"type": "created", "code": "CODE"}]
             case "join":
                 self._members.append(socket)
                 seat = f"robot{len(self._members)}"
-                messages = [{**EXAMPLES["joined"], "seat": seat, "step": 0, "seq": 0}]
+                messages = [{"type": "joined", "episode": "e", "seat": seat}]
                 if len(self._members) == 2:
                     seats = [{"player": f"robot{n}", "present": True} for n in (1, 2)]
                     messages.append({"type": "roster", "phase": "running", "seats": seats})

@@ -16,13 +16,10 @@ from websockets.typing import Subprotocol
 from robotouille.protocol.codec import MSGPACK
 from robotouille_client.loadtest.light_connection import UnreachableError
 from robotouille_client.loadtest.participant import Environment, LostError, Participant
-from tests.load.test_hostile_server import WELCOME
 from tests.support.virtual_time import virtual
 
 NOWHERE = "ws://127.0.0.1:9"
-JOINED = {
-    "type": "joined", "episode": "e1", "code": "KQXZB-MHTWA", "role": "player", "resume": "seat",
-}  # fmt: skip
+JOINED = {"type": "joined", "episode": "e1", "code": "KQXZB-MHTWA", "resume": "seat"}
 
 
 class Node:
@@ -53,7 +50,7 @@ class Bot(Participant):
 
 
 def welcome(*nodes: str) -> dict[str, Any]:
-    return {**WELCOME, "resume": "lobby", "nodes": list(nodes)}
+    return {"type": "welcome", "resume": "lobby", "nodes": list(nodes)}
 
 
 def moved(url: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.messages import PROTOCOL_VERSION
 from robotouille_client.loadtest.histogram import Measurements
+from robotouille_client.loadtest.incoming import check_message
 from robotouille_client.loadtest.light_connection import (
     LightConnection,
     Traffic,
@@ -27,15 +28,6 @@ MAX_MOVES = 4
 """Number of redirects in a row after which an attempt has failed."""
 
 RawMessage = dict[str, Any]
-CHECKED: dict[str, type[messages.Message]] = {
-    "welcome": messages.Welcome,
-    "created": messages.Created,
-    "joined": messages.Joined,
-    "moved": messages.Moved,
-    "snapshot": messages.Snapshot,
-    "roster": messages.Roster,
-}
-"""Messages that are checked completely. The others are too frequent for that."""
 
 
 class LostError(RobotouilleError):
@@ -264,8 +256,7 @@ class Participant:
     def _take(self, payload: bytes) -> None:
         message: RawMessage = msgpack.unpackb(payload)
         kind = message["type"]
-        if kind in CHECKED:
-            CHECKED[kind].model_validate(message)
+        check_message(message)
         if kind == "joined":
             self.seat = message.get("seat")
             self._resume = message.get("resume") or self._resume
