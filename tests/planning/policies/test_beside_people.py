@@ -152,6 +152,8 @@ def test_bot_that_plans_goes_on_with_its_last_plan(monkeypatch: pytest.MonkeyPat
 def test_bot_that_plans_makes_way(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(monkeypatch)
     bench.fail()
+    assert bench.decide() is None
+    bench.step()
     action = bench.decide()
     assert action is not None
     assert action in walks_out_of_the_way(bench.state, "robot1")

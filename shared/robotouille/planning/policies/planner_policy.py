@@ -86,6 +86,9 @@ MAX_WORKED = 64
 POLITE = 3
 """Steps for which a seat waits for participants outside the team before it makes way for them."""
 
+PENSIVE = 2
+"""Steps of planning without another action after which a seat makes way."""
+
 
 @dataclass(frozen=True, slots=True)
 class PlannerOptions:
@@ -366,7 +369,7 @@ class PlannerPolicy:
             return self._step_aside(state)
         if action is None and self._is_idle(state):
             return self._step_aside(state)
-        if self._waits_for_others(state, action):
+        if self._watch is not None and self._waits_for_others(self._watch, state, action):
             self._waited += 1
             return self._make_way(state)
         self._waited = 0
@@ -419,9 +422,11 @@ class PlannerPolicy:
         watch = self._watch
         if watch is not None and not self._has_other_goals(watch, state):
             action = None if self._would_stand_laden(watch, state) else watch.script.act(state)
-            if action is not None:
+            if action is not None and not self._waits_for_others(watch, state, action):
                 return action
-        return self._step_aside(state) if self._outsiders else None
+        # Most decisions end in the next step, for which a walk would take too long.
+        self._waited += 1
+        return self._step_aside(state) if self._outsiders and self._waited >= PENSIVE else None
 
     def _deliberate(self, base: PlanBase) -> Deliberation:
         tried = self._in_vain.get(situation(base.state), 0)
@@ -539,10 +544,12 @@ class PlannerPolicy:
         # The place is random, because two bots would otherwise step aside to the same one.
         return self._random.choice(walks) if walks else None
 
-    def _waits_for_others(self, state: State, action: GroundAction | None) -> bool:
-        """Return whether the seat has to wait for participants outside the team."""
-        watch, others = self._followed, self._outsiders
-        if watch is None or not others or watch.script.finished:
+    def _waits_for_others(
+        self, watch: PlanWatch, state: State, action: GroundAction | None
+    ) -> bool:
+        """Return whether a plan makes the seat wait for participants outside the team."""
+        others = self._outsiders
+        if not others or watch.script.finished:
             return False
         script = watch.script
         at_work = action is not None and action.destination is None
