@@ -81,11 +81,11 @@ def proxy(request: pytest.FixtureRequest) -> Any:
 
 
 async def test_people_play_through_a_proxy(browser: Any, tmp_path: Path, proxy: Any) -> None:
-    recordings = tmp_path / "recordings"
-    with process(recordings, *BEHIND, *RULES) as (server, url, code):
-        port = free_ports(1)
+    recordings, port = tmp_path / "recordings", free_ports(1)
+    site = f"https://{NAME}:{port}"
+    # The guide's proxies listen on the usual port, which needs no entry.
+    with process(recordings, *BEHIND, *RULES, "--origins", site) as (server, url, code):
         with proxy(tmp_path, port, int(url.rpartition(":")[2]), 1):
-            site = f"https://{NAME}:{port}"
             await play_a_little(browser, (f"{site}/play#{code}",) * 2)
             assert await refused(browser, f"https://{FOREIGN}:{port}/play#{code}")
         server.send_signal(signal.SIGINT)
@@ -100,14 +100,15 @@ async def test_link_works_at_each_worker(browser: Any, tmp_path: Path, name: str
         pytest.skip(f"{name} is not installed")
     recordings, port = tmp_path / "recordings", free_ports(1)
     door = front_door(port).replace("localhost", NAME)
-    flags = (*BEHIND, "--worker-url", f"{door}/w{{worker}}") if name else ()
+    site = f"https://{NAME}:{port}"
+    proxied = (*BEHIND, "--origins", site, "--worker-url", f"{door}/w{{worker}}")
+    flags = proxied if name else ()
     with ExitStack() as stack:
         _, first = stack.enter_context(workers(recordings, 2, "--countdown", "0", *flags))
         async with connect(f"ws://127.0.0.1:{first + 1}", name="lab") as lab:
             created = await lab.create(TASK, clock="realtime", step_rate=5)
         if name:
             stack.enter_context(PROXIES[name](tmp_path, port, first, 2))
-            site = f"https://{NAME}:{port}"
             links = (f"{site}/play#{created.code}",) * 2
         else:
             links = link(first + 1, created.code), link(first + 2, created.code)
@@ -117,9 +118,12 @@ async def test_link_works_at_each_worker(browser: Any, tmp_path: Path, name: str
 
 async def test_link_works_at_each_node_of_a_cluster(browser: Any, tmp_path: Path) -> None:
     async with cluster_of(tmp_path, 2, page_names="127.0.0.1") as nodes:
+        ports = [node.server.port for node in nodes]
+        for node in nodes:
+            # On machines of their own, all nodes have the same port.
+            for port in ports:
+                node.server.listener._pages.listens("", port)
         lobby = nodes[0].server.lobby
         room = lobby.create(messages.Create(task=TASK, clock="realtime", step_rate=5))
-        await play_a_little(
-            browser, (link(nodes[0].server.port, room.code), link(nodes[1].server.port, room.code))
-        )
+        await play_a_little(browser, (link(ports[0], room.code), link(ports[1], room.code)))
         assert [seat.kind for seat in room.episode.seats.values()] == ["human", "human"]
