@@ -28,7 +28,7 @@ export default [
         "error", ...MARKUP.map((property) => ({ property, message: "Set texts, never markup." })),
       ],
       "object-shorthand": "error",
-      "prefer-const": "error",
+      "prefer-const": ["error", { destructuring: "all" }],
       "require-atomic-updates": "error",
     },
   },

@@ -28,6 +28,7 @@ from tests.support.servers import serving
 from tests.web.visits import (
     BROWSER_TEST,
     DESKTOP,
+    PATIENCE,
     PHONE,
     expect,
     get_ready,
@@ -44,8 +45,6 @@ BUTTON_WITH = "((words) => [...document.querySelectorAll('#choices button')]"
 BUTTON_WITH += ".find((button) => button.innerText === words))"
 ENTER = "\ue007"
 """The key Enter in WebDriver."""
-PATIENCE = 20_000
-"""Milliseconds after which a test that waits for the browser fails."""
 
 
 async def at_step(page: Any, step: int) -> None:

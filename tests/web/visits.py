@@ -120,6 +120,9 @@ async def playing(
     ):
         for page in (ada, ben):
             await get_ready(page)
+            if page is ada:
+                await expect(ben.locator("#cover li", has_text="Ada")).to_contain_text("ready")
+                await expect(ada.locator("#status")).to_have_text("Waiting for Ben")
         for page in (ada, ben):
             await expect(page.locator("#status")).not_to_have_text(NOT_BEGUN)
         yield ada, ben
