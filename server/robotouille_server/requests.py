@@ -158,7 +158,7 @@ class Services:
         """Return a personal link for each seat, with the subject and validity of its token.
 
         A link is the part of the page's address after `#`. Seats with names that are too long for
-        a link have none.
+        a link are left out.
         """
         return {
             player: self.tokens.mint_link(

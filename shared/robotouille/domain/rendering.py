@@ -192,7 +192,7 @@ class Language(Schema):
 
     Attributes:
         states: Words before the name of an object for which a predicate holds, by predicate.
-        purposes: What stations are for, by kind.
+        purposes: Words for the purpose of a station, by kind.
     """
 
     kinds: dict[

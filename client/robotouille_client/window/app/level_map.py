@@ -58,7 +58,7 @@ class Level:
 
     Attributes:
         before: The level that opens it with a star; empty for the first.
-        best: The player's most points in a shift, or fewest steps; None if there are none yet.
+        best: The player's most points in a shift, or fewest steps; None before the first.
     """
 
     task: str

@@ -271,7 +271,7 @@ class Labels:
 
 
 def _inside(layout: Layout, left: int, width: int) -> int:
-    """Return the left end of a bubble moved into the kitchen, beside which nothing happens."""
+    """Return the left end of a bubble after it is moved into the kitchen."""
     kitchen = layout.kitchen
     return max(kitchen.left, min(left, kitchen.right - width))
 

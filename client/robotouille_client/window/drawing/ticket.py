@@ -129,7 +129,7 @@ def shares(state: State, holding: Sequence[bool]) -> tuple[float, ...]:
 
 
 def as_at_first(state: State, now: Fit, at_first: Sequence[bool]) -> tuple[bool, ...]:
-    """Return which goal terms held at the start, without those that players have achieved anew.
+    """Return which goal terms held at the start, without those that players have achieved again.
 
     Bread that a player has put on another table is progress, even if the table where it lay at
     first would do as well. Each new fact counts for the first of several equal terms.

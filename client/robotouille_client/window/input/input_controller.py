@@ -471,7 +471,7 @@ class ActionQueue:
 
 
 def _has_arrived(action: GroundAction, view: View) -> bool:
-    """Return whether an action that was sent is no walk, or the walk has begun or ended."""
+    """Return whether a walk has begun or ended. Actions that are not walks count as arrived."""
     me = view.me or ""
     if action.destination is None or view.state.busy_steps(me):
         return True
