@@ -157,7 +157,7 @@ class Wording:
         )
 
     def purposes(self) -> tuple[tuple[str, str], ...]:
-        """Return the name of each kind of station, with the words for its purpose, if there are any."""
+        """Return the name of each kind of station that has words for its purpose, with these."""
         kinds = dict.fromkeys(self.world.thing(name).kind for name in self.world.floor.stations)
         # The words of an extending file come last, and are about what is special in its kitchens.
         told = reversed(self.language.purposes.items())
