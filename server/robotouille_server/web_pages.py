@@ -2,7 +2,8 @@
 
 A browser on someone's machine also runs pages of other sites. The server answers browsers only
 under names that are its own, which stops DNS rebinding, and accepts WebSockets only from its own
-pages and those of `--origins`. A page never counts as a local program, so it is a player at most.
+pages and those of `--origins`. A page never counts as a local program, so without a token it is a
+player.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class OwnSite:
     def host(self, headers: Headers) -> str | None:
         """Return the name in `Host` if it is one of this server; otherwise None.
 
-        Addresses and `localhost` are, because no other site can have them as its name.
+        IP addresses and `localhost` always count, because no other site can use them as its name.
         """
         found = _HOST.fullmatch(",".join(headers.get_all("Host")))
         name = found[1].lower() if found else ""

@@ -24,6 +24,8 @@ class BundleError(ValueError):
 def bundle(entry: str, read: Callable[[str], str]) -> str:
     """Return a module and all modules that it imports as one module.
 
+    Its default export has the exports of `entry`.
+
     Its address must be in the folder of `entry`, because addresses relative to a module stay.
 
     Args:
@@ -63,5 +65,5 @@ def bundle(entry: str, read: Callable[[str], str]) -> str:
         parts.append(f"const m{number} = (() => {{\n{text}{end}}})();\n")
         return number
 
-    add(entry)
-    return "".join(parts)
+    first = add(entry)
+    return "".join([*parts, f"export default m{first};\n"])

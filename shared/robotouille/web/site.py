@@ -12,7 +12,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -120,9 +120,10 @@ def _files(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)
         if path.suffix in KINDS and name.parts[0] != REPLAY:
-            yield name.as_posix(), _module(path) if path.suffix == ".js" else path.read_bytes()
+            content = path.read_bytes()
+            yield name.as_posix(), without_comments(content) if path.suffix == ".js" else content
     if (folder / ENTRY).is_file():
-        yield BUNDLE, bundle(ENTRY, lambda name: _module(folder / name).decode()).encode()
+        yield BUNDLE, bundle(ENTRY, partial(module_text, folder=folder)).encode()
     for domain in _shipped_domains():
         yield f"looks/{domain}.json", _shipped_look(domain)
     for path in sorted(data_folder("assets").iterdir()):
@@ -141,8 +142,9 @@ def without_comments(script: bytes) -> bytes:
     return _COMMENT.sub(b"", script)
 
 
-def _module(path: Path) -> bytes:
-    return without_comments(path.read_bytes())
+def module_text(name: str, folder: Path = STATIC) -> str:
+    """Return a module without comments by its name, such as `play/main.js`."""
+    return without_comments((folder / name).read_bytes()).decode()
 
 
 def _shipped_domains() -> Iterator[str]:

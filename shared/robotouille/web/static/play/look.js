@@ -4,7 +4,7 @@ import { Look } from "../kitchen/look.js";
 
 /** @typedef {import("../rules/task.js").Task} Task */
 /** @typedef {import("./connection.js").Message} Message */
-/** @typedef {(message: Message, answer: string) => Promise<Message>} Ask */
+/** @typedef {(message: Message) => Promise<Message>} Ask */
 
 const FILES = new URL("../", import.meta.url);
 const SHIPPED_KITCHEN = "robotouille";
@@ -18,7 +18,7 @@ const RETRY_MS = 1000;
  * @param {Task} task @param {Ask} ask
  */
 export async function loadLook(task, ask) {
-  const own = await ask({ type: "get_rendering" }, "rendering");
+  const own = await ask({ type: "get_rendering" });
   const { rendering, bindings } = own.rendering
     ? { rendering: own.rendering, bindings: own.bindings ?? {} }
     : await shippedLook(task.domain.name);
@@ -59,7 +59,7 @@ async function shippedPictures(folders) {
 async function ownPictures(digests, pictures, ask) {
   for (const [name, digest] of [...digests].slice(0, MAX_PICTURES)) {
     for (let tried = 0; tried < TRIES; tried += 1) {
-      const answer = await ask({ type: "get_picture", digest }, "picture");
+      const answer = await ask({ type: "get_picture", digest });
       if (answer.type === "picture") {
         const kind = name.endsWith(".svg") ? "image/svg+xml" : "image/png";
         pictures.set(name, `data:${kind};base64,${answer.data}`);

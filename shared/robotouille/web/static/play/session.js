@@ -58,8 +58,7 @@ export class Session {
     this.ticket = null;
     /** @type {Bubbles | null} */
     this.bubbles = null;
-    /** @type {any} */
-    this.language = null;
+    this.language = readLanguage({});
     this.phase = "";
     this.noticeUntil = 0;
     this.spokenAt = 0;
@@ -175,7 +174,7 @@ export class Session {
     if (!task) return;
     const look = await loadLook(task, (message) => this.ask(message));
     if (this.over) return;
-    this.language = look.rendering.language;
+    this.language = readLanguage(look.rendering.language);
     const canvas = /** @type {HTMLCanvasElement} */ (byId("kitchen"));
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", text("kitchen"));
@@ -207,7 +206,7 @@ export class Session {
     const { task, me, seats } = this.game;
     const others = seats.filter((seat) => seat.name && seat.player !== me);
     const names = new Map(others.map((seat) => [seat.player, seat.name]));
-    return new Wording(/** @type {any} */ (task), readLanguage(this.language), me, names);
+    return new Wording(/** @type {any} */ (task), this.language, me, names);
   }
 
   // What the page shows

@@ -1,4 +1,4 @@
-// Script of the page itself: unpacks the modules, then the data, and starts the first module.
+// Script of the page itself: unpacks the modules and the data, and starts the first module.
 (async () => {
   const byId = (/** @type {string} */ id) =>
     /** @type {HTMLElement} */ (document.getElementById(id));
@@ -6,8 +6,8 @@
     byId("message").hidden = false;
     byId("message").textContent = text;
   };
-  if (!globalThis.DecompressionStream || !HTMLScriptElement.supports?.("importmap")) {
-    show("This browser is too old to show the recording. Chrome 89, Edge 89, Firefox 113, " +
+  if (!globalThis.DecompressionStream) {
+    show("This browser is too old to show the recording. Chrome 104, Edge 104, Firefox 113, " +
       "Safari 16.4 and later versions can.");
     return;
   }
@@ -18,12 +18,9 @@
     return new Response(stream).text();
   };
   try {
-    const imports = document.createElement("script");
-    imports.type = "importmap";
-    imports.textContent = await unpacked("modules");
-    document.head.append(imports);
-    const entry = "robotouille/{entry}";
-    const [{ start }, data] = await Promise.all([import(entry), unpacked("data")]);
+    const [source, data] = await Promise.all([unpacked("modules"), unpacked("data")]);
+    const script = `data:text/javascript;charset=utf-8,${encodeURIComponent(source)}`;
+    const { default: { start } } = await import(script);
     await start(JSON.parse(data));
   } catch (error) {
     show(`The recording cannot be shown: ${error}`);
