@@ -33,7 +33,7 @@ from robotouille_client.window.replay.web_page import (
 from tests.support.games import recorded_game
 from tests.support.page_tags import Tags
 from tests.support.random_play import random_stream, talkative_stream
-from tests.support.replay_pages import page_data_of, unpacked
+from tests.support.replay_pages import page_data_of
 
 KITCHEN = 300 * 1024
 """Bytes of a page before its steps: modules, pictures and the task."""
