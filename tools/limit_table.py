@@ -229,7 +229,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     "Access": (
         Limit("Wrong ids and codes per address (IPv6: /64 network), or per token subject",
               f"{WRONG_CODES_A_MINUTE} a minute",
-              f"`join` is refused; another try is possible every {60 / WRONG_CODES_A_MINUTE:g} s.",
+              "`join` and rematches are refused; another try is possible every "
+              f"{60 / WRONG_CODES_A_MINUTE:g} s.",
               "rate/codes"),
         Limit("Failed joins with a token that is valid for one session",
               f"{revocation.FAILED_JOINS_A_MINUTE} a minute", "`join` is refused.",

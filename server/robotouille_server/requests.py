@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from base64 import b64encode
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, nullcontext
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
+from contextlib import (
+    AbstractAsyncContextManager,
+    AbstractContextManager,
+    contextmanager,
+    nullcontext,
+)
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -245,13 +250,19 @@ class Requests:
         asker = (session.id, session.participant)
         opening = Opening(request=message, owner=self._owner, asker=asker)
         if services.cluster is not None:
-            raise AnswerLater(self._answer_with(services.cluster.create(opening)))
+            raise AnswerLater(self._create_in(services.cluster, opening))
         try:
-            _, created = open_episode(services, opening)
+            with self._counting_guesses(message.rematch):
+                _, created = open_episode(services, opening)
         except ElsewhereError as error:
             self._peer.send(error.moved(message.ref))
             return
         self._peer.send(created)
+
+    async def _create_in(self, cluster: ClusterRequests, opening: Opening) -> None:
+        with self._counting_guesses(opening.request.rematch):
+            created = await cluster.create(opening)
+        self._peer.answer(created)
 
     def _close(self, message: messages.Close) -> None:
         role = self._session.role
@@ -376,17 +387,26 @@ class Requests:
 
         Hosts may also use ids, because they may list all episodes.
         """
-        now, codes = self._now(), self._services.code_guesses
         lobby, session = self._services.lobby, self._session
-        codes.check(self._counted, now)
-        try:
+        with self._counting_guesses(name):
             if session.role.includes(Role.HOST) and not session.limits.only_episode:
                 return lobby.find(name)
             return lobby.find_by_code(name, session.limits.only_episode)
+
+    @contextmanager
+    def _counting_guesses(self, name: str | None) -> Iterator[None]:
+        """Count a wrong id or code of an episode; refuse the request after too many of them."""
+        if name is None:
+            yield
+            return
+        now, codes = self._now(), self._services.code_guesses
+        codes.check(self._counted, now)
+        try:
+            yield
         except ProtocolError as error:
             # Codes have 45 bits, which is enough only while guesses are limited (docs/security.md,
             # "Finding episodes").
-            if error.code == "episode/unknown":
+            if error.code in (ErrorCode.EPISODE_UNKNOWN, "auth/episode"):
                 codes.wrong(self._counted, now)
             raise
 

@@ -241,6 +241,19 @@ async def test_guesser_does_not_block_token_bearers(tmp_path: Path) -> None:
 
 
 @virtual
+async def test_wrong_codes_of_rematches_are_limited(tmp_path: Path) -> None:
+    async with serving(tmp_path, trust_proxy="loopback") as server:
+        room = server.lobby.create(ONE_COOK, owner="")
+        async with opened(server, **FORWARDED) as guesser:
+            await hello(guesser)
+            guesses = [{"type": "create", "rematch": code} for code in ["AAAAA-AAAAA", room.code]]
+            codes = [(await guesser.ask(guesses[n % 2]))["code"] for n in range(21)]
+            assert codes == ["episode/unknown"] * 20 + ["rate/codes"]
+            right = {"type": "join", "episode": room.code}
+            assert (await guesser.ask(right))["code"] == "rate/codes"
+
+
+@virtual
 async def test_wrong_codes_are_limited(tmp_path: Path) -> None:
     async with serving(tmp_path, trust_proxy="loopback") as server:
         room = server.lobby.create(ONE_COOK, owner="")

@@ -157,6 +157,21 @@ class TestRefusedRematch:
                 await ada.create(rematch="AAAAA-AAAAA")
 
     @virtual
+    async def test_strangers_learn_no_codes(self, tmp_path: Path) -> None:
+        async with with_clients(tmp_path, "ada", "bob", "eve") as (_, ada, bob, eve):
+            games = await played([ada, bob])
+            with pytest.raises(ProtocolError) as had_no_seat:
+                await eve.create(rematch=games[0].episode)
+            assert games[0].code not in str(had_no_seat.value)
+            running = await ada.create(TASK)
+            errors = []
+            for name in (running.code, running.episode, "AAAAA-AAAAA"):
+                with pytest.raises(ProtocolError) as refused:
+                    await eve.create(rematch=name)
+                errors.append(str(refused.value))
+            assert len(set(errors)) == 1
+
+    @virtual
     async def test_other_options_are_refused(self, tmp_path: Path) -> None:
         async with with_clients(tmp_path, "ada", "bob") as (_, ada, bob):
             games = await played([ada, bob])

@@ -211,7 +211,8 @@ class FinishedGame:
             message = "you were removed from this episode and cannot play it again"
             raise ProtocolError("episode/banned", message, "rematch")
         if self.players.isdisjoint(asker):
-            message = f"you had no seat in {self.code}; only its players can play it again"
+            # The code stays secret: the participant may know only the id.
+            message = "you had no seat in this episode; only its players can play it again"
             raise ProtocolError("auth/episode", message, "rematch")
 
 

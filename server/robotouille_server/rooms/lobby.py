@@ -143,7 +143,7 @@ class Lobby:
     def _play_again(self, request: messages.Create, owner: str, asker: Collection[str]) -> Room:
         """Open a rematch, or return the one that another participant has opened already."""
         check_alone(request)
-        game = self._finished(request.rematch or "")
+        game = self._finished(request.rematch or "", asker)
         game.check(asker)
         # Players who ask at the same time must meet in one room (docs/decisions/0037).
         existing = self.rooms.get(game.next)
@@ -158,23 +158,21 @@ class Lobby:
             before.offer_rematch(room.code)
         return room
 
-    def _finished(self, name: str) -> FinishedGame:
+    def _finished(self, name: str, asker: Collection[str]) -> FinishedGame:
         game = self._rematches.find(name)
         if game is None:
-            self._refuse_rematch(name)
+            self._refuse_rematch(name, asker)
         return game
 
-    def _refuse_rematch(self, name: str) -> NoReturn:
+    def _refuse_rematch(self, name: str, asker: Collection[str]) -> NoReturn:
         """Raise the error for an episode that runs, is on another worker, or is unknown."""
-        try:
-            self.find(name)
-        except ProtocolError as error:
-            if error.code != ErrorCode.EPISODE_UNKNOWN:
-                raise
-            message = "no recent episode has this id or code; create a new one"
-            raise ProtocolError(ErrorCode.EPISODE_UNKNOWN, message, "rematch") from None
-        message = "this game has not ended yet; request a rematch after its end"
-        raise ProtocolError("message/invalid-field", message, "rematch")
+        room = self._known(name) or self._found_elsewhere(name)
+        # Other participants must not find out which codes exist.
+        if room is not None and not room.membership.ever_seated.isdisjoint(asker):
+            message = "this game has not ended yet; request a rematch after its end"
+            raise ProtocolError("message/invalid-field", message, "rematch")
+        message = "no recent episode has this id or code; create a new one"
+        raise ProtocolError(ErrorCode.EPISODE_UNKNOWN, message, "rematch")
 
     def _check_capacity(self, owner: str, *, reserved: bool) -> None:
         if self.draining:
