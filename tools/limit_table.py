@@ -40,7 +40,7 @@ from robotouille_server.mqtt.messages import (
 from robotouille_server.operator import connections, event_streams, load, recordings
 from robotouille_server.operator.guard import MAX_BODY, REFUSED_A_MINUTE
 from robotouille_server.rooms.episode_setup import MAX_FINISHED
-from robotouille_server.rooms.lobby import LINGER_SECONDS
+from robotouille_server.rooms.lobby import LINGER_SECONDS, MAX_REMATCHES
 from robotouille_server.rooms.participants.seat_limits import (
     CHAT_LINES,
     CHAT_LINES_AT_ONCE,
@@ -248,6 +248,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     ),
     "Episodes": (
         Limit("Episodes that have not ended", "{max_episodes}", CREATE, "server/full"),
+        Limit("Open rematches requested by one participant", f"{MAX_REMATCHES}", CREATE,
+              "rate/episodes"),
         Limit("Open episodes per token subject", "{max_episodes_per_owner}", CREATE,
               "rate/episodes"),
         Limit("Episodes per token subject kept open by `open_for`", "{max_reserved_per_owner}",

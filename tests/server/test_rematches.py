@@ -13,6 +13,7 @@ from robotouille.protocol import messages
 from robotouille_client import Client, Game
 from robotouille_server import Server
 from robotouille_server.rooms.episode_setup import MAX_FINISHED, Rematches
+from robotouille_server.rooms.lobby import MAX_REMATCHES
 from tests.support.lost_connections import cut
 from tests.support.servers import serving, with_clients
 from tests.support.virtual_time import virtual
@@ -180,6 +181,22 @@ class TestRefusedRematch:
                     await ada.create(**{"task": None, **other}, rematch=games[0].code)
                 assert refused.value.code == "message/invalid-field"
                 assert refused.value.field == next(iter(other))
+
+    @virtual
+    async def test_player_cannot_fill_the_server(self, tmp_path: Path) -> None:
+        async with with_clients(tmp_path, "ada", "bob") as (server, ada, bob):
+            codes = []
+            for _ in range(MAX_REMATCHES + 1):
+                games = await played([ada, bob])
+                codes.append(games[0].code)
+                await asyncio.gather(ada.leave(), bob.leave())
+            opened = [await ada.create(rematch=code) for code in codes[1:]]
+            with pytest.raises(ProtocolError, match="rematches are open") as refused:
+                await ada.create(rematch=codes[0])
+            assert (refused.value.code, refused.value.field) == ("rate/episodes", "rematch")
+            assert (await bob.create(rematch=codes[1])).code == opened[0].code
+            server.lobby.find(opened[0].code).abort("closed")
+            assert (await ada.create(rematch=codes[0])).code
 
     @virtual
     async def test_limit_of_episodes_applies(self, tmp_path: Path) -> None:

@@ -176,6 +176,19 @@ async def test_two_people_chat_signal_and_see_each_other(browser: Any, tmp_path:
             await expect(ada.locator("#lines")).to_contain_text("Ben left")
 
 
+async def test_busy_chat_is_not_read_out_from_its_beginning(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        room = opened_room(server)
+        async with playing(browser, (link(server.port, room.code),) * 2) as (ada, ben):
+            for number in range(6):
+                await ben.keyboard.press("t")
+                await ben.keyboard.type(f"line {number}")
+                await ben.keyboard.press("Enter")
+                await expect(ada.locator("#live")).to_contain_text(f"line {number}")
+                await asyncio.sleep(0.4)
+            await expect(ada.locator("#live")).not_to_contain_text("line 0", timeout=1)
+
+
 async def test_lost_network_is_shown_and_play_goes_on(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server)

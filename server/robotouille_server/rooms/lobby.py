@@ -45,6 +45,8 @@ LINGER_SECONDS = 120.0
 """Seconds for which the room of an ended episode is kept, for participants who come back late."""
 MAX_LISTED = 500
 """Episodes in one answer to `list`."""
+MAX_REMATCHES = 2
+"""Open rematches that one participant has requested."""
 INSPECTION_SECONDS = 5.0
 """Seconds between two inspections of all open recordings."""
 
@@ -80,6 +82,7 @@ class Lobby:
         self._codes = JoinCodes(around.randomness, around.worker)
         self._rematches = Rematches()
         self._live: set[Room] = set()
+        self._askers: dict[Room, frozenset[str]] = {}
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
         self._timers = TimerQueue()
@@ -152,7 +155,9 @@ class Lobby:
         # The limits apply to new rooms only: players may always join a rematch that another player
         # has opened.
         self._check_capacity(owner, reserved=False)
+        self._check_rematches(asker)
         room = self._add(self._factory.new(game.setup_for(owner), owner))
+        self._askers[room] = frozenset(asker)
         game.next = room.id
         if (before := self.rooms.get(game.episode)) is not None:
             before.offer_rematch(room.code)
@@ -173,6 +178,12 @@ class Lobby:
             raise ProtocolError("message/invalid-field", message, "rematch")
         message = "no recent episode has this id or code; create a new one"
         raise ProtocolError(ErrorCode.EPISODE_UNKNOWN, message, "rematch")
+
+    def _check_rematches(self, asker: Collection[str]) -> None:
+        # Players are not trusted as hosts are. Without a limit, one player could fill the server.
+        if sum(not each.isdisjoint(asker) for each in self._askers.values()) >= MAX_REMATCHES:
+            message = f"{MAX_REMATCHES} of your rematches are open already; play or end one first"
+            raise ProtocolError("rate/episodes", message, "rematch")
 
     def _check_capacity(self, owner: str, *, reserved: bool) -> None:
         if self.draining:
@@ -394,6 +405,7 @@ class Lobby:
     def ended(self, room: Room) -> None:
         """Finish the recording of an ended episode, and keep its room for a while."""
         self._live.discard(room)
+        self._askers.pop(room, None)
         self._count()
         if room.reserved:
             self._codes.close_unused(UnusedCode(info(room, room.labels), room.owner))
@@ -468,6 +480,7 @@ class Lobby:
         self.rooms.pop(room.id, None)
         self.dropped += 1
         self._live.discard(room)
+        self._askers.pop(room, None)
         self._codes.drop(room)
         if self._recovery is not None:
             self._recovery.forget(room)

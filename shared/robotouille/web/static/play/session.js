@@ -327,12 +327,14 @@ export class Session {
 
   /** Say something to a screen reader. @param {string} words */
   speak(words) {
+    // A new text replaces the last one at least once a second, so that a busy chat does not make the
+    // text longer and longer.
     if (now() - this.spokenAt < SPOKEN_SECONDS && byId("live").textContent) {
       byId("live").append(` ${words}`);
     } else {
       setText(byId("live"), words);
+      this.spokenAt = now();
     }
-    this.spokenAt = now();
   }
 
   /** Show a short text for a moment. @param {string} words */
