@@ -378,8 +378,9 @@ class Client:
         reason = ""
         try:
             while self.protocol.state.connected:
-                message = self._codec.decode_server(await socket.recv())
-                self._receive(message)
+                payload = await socket.recv()
+                message = self._codec.decode_server(payload)
+                self._receive(message, len(payload))
                 self._flush()
                 if isinstance(message, messages.Welcome) and self.other_urls:
                     ping_often(socket)
@@ -396,8 +397,8 @@ class Client:
             self._flush()
             await socket.close()
 
-    def _receive(self, message: messages.ServerMessage) -> None:
-        self.protocol.receive(message, asyncio.get_running_loop().time())
+    def _receive(self, message: messages.ServerMessage, size: int) -> None:
+        self.protocol.receive(message, asyncio.get_running_loop().time(), size)
 
     async def _send(self, socket: ClientConnection) -> None:
         with contextlib.suppress(ConnectionClosed):

@@ -313,6 +313,19 @@ def test_invalid_step_number_is_rejected(server: ScriptedServer, step: int) -> N
         GameReplica(server.joined()).receive(server.snapshot(step=step), 0.0)
 
 
+def test_unread_events_are_bounded(game: GameReplica) -> None:
+    for number in range(20):
+        game.receive(messages.Notice(text=f"large {number}"), 0.0, size=8 * 2**20)
+    assert 1 <= len(game.poll()) <= 4
+    for number in range(20_000):
+        game.receive(messages.Notice(text=f"small {number}"), 0.0, size=50)
+    kept = game.poll()
+    assert len(kept) == 10_000
+    assert kept[-1] == Announced("small 19999")
+    game.receive(messages.Notice(text="huge"), 0.0, size=2**40)
+    assert game.poll() == [Announced("huge")]
+
+
 def test_more_seats_than_players_are_rejected(server: ScriptedServer, game: GameReplica) -> None:
     seats = [messages.SeatInfo(player=f"robot{number}") for number in range(1000)]
     with pytest.raises(ProtocolError, match="more seats than players"):

@@ -432,8 +432,8 @@ class ClientProtocol(Generic[G]):
 
     # Messages
 
-    def receive(self, message: messages.ServerMessage, now: float) -> None:
-        """Process a message from the server.
+    def receive(self, message: messages.ServerMessage, now: float, size: int = 0) -> None:
+        """Process a message from the server; `size` is its size in bytes.
 
         Raises:
             ProtocolError: The message is not allowed in this state, or cannot be applied.
@@ -455,7 +455,7 @@ class ClientProtocol(Generic[G]):
             self._enter(Trigger.LEFT)
             self.membership = None
         if self.game is not None:
-            self.game.receive(message, now)
+            self.game.receive(message, now, size)
         if isinstance(message, messages.Bye):
             self.close(message.reason)
         # Snapshots and observations have no `ref`, but the first one completes a join.

@@ -7,7 +7,6 @@ and calls `handle_timer` when `get_timer` says so. After each call, the owner co
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
@@ -21,6 +20,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.presentation.signals import Intent, signal_from
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State, World, shared_world
+from robotouille_client.sansio.event_queue import EventQueue
 from robotouille_client.sansio.game_events import (
     ActRejected,
     ActResult,
@@ -46,9 +46,6 @@ CHAT_ERRORS = frozenset({
 })  # fmt: skip
 
 
-# The oldest events are dropped, so that a program that never reads its events does not run out of
-# memory.
-MAX_EVENTS = 10_000
 # The rules allow at most this many steps. A larger number from a faulty server would make clients
 # that keep a row for each step allocate without limit.
 MAX_STEP = 1_000_000
@@ -126,7 +123,8 @@ class GameReplica:
         self._catch_up: int | None = None
         self._ready: bool | None = None
         self._outgoing: list[messages.Message] = []
-        self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
+        self._events = EventQueue()
+        self._message_size = 0
         self._resyncing = False
         self._skipped_deltas = 0
 
@@ -332,9 +330,7 @@ class GameReplica:
 
     def poll(self) -> list[GameEvent]:
         """Return the events since the last call, without waiting."""
-        events = list(self._events)
-        self._events.clear()
-        return events
+        return self._events.take_all()
 
     # Time
 
@@ -348,12 +344,13 @@ class GameReplica:
 
     # Messages
 
-    def receive(self, message: messages.ServerMessage, now: float) -> None:
-        """Apply a message from the server.
+    def receive(self, message: messages.ServerMessage, now: float, size: int = 0) -> None:
+        """Apply a message from the server; `size` is its size in bytes.
 
         Raises:
             ProtocolError: The message is inconsistent with the task or the state.
         """
+        self._message_size = size
         match message:
             case messages.Snapshot():
                 self._snapshot(message, now)
@@ -564,4 +561,4 @@ class GameReplica:
         self._outgoing.append(messages.Resync())
 
     def _emit(self, event: GameEvent) -> None:
-        self._events.append(event)
+        self._events.append(event, self._message_size)

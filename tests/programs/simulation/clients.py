@@ -53,10 +53,10 @@ class WatchedClient(Client):
         self._watched: Game | None = None
         self._last = -1
 
-    def _receive(self, message: messages.ServerMessage) -> None:
+    def _receive(self, message: messages.ServerMessage, size: int) -> None:
         self.sim.trace("receives", self.incarnation, message)
         heard = self.game.said if self.game is not None else 0
-        super()._receive(message)
+        super()._receive(message, size)
         game = self.game
         if game is None:
             return
