@@ -53,6 +53,14 @@ def test_an_unknown_field_hides_no_unknown_name(tmp_path: Path) -> None:
     ]
 
 
+def test_object_with_too_many_names_is_a_fault(tmp_path: Path) -> None:
+    names = {f"name{number}": 0 for number in range(10_001)}
+    problem = write(tmp_path, "problem.json", {**PROBLEM, "domain": "robotouille", **names})
+    status, lines = lint(problem)
+    assert status == 1
+    assert lines[0].endswith("names in one object; at most 10,000")
+
+
 def test_faults_of_a_problem_do_not_hide_those_of_its_domain(tmp_path: Path) -> None:
     write(tmp_path, "small.json", changed(DOMAIN, "layout", 0, "predicate", to="att"))
     broken = changed({**PROBLEM, "domain": "small"}, "width", to="three")

@@ -200,11 +200,13 @@ def known_part(raw: Any, model: type[M]) -> M | None:
 
     An invalid file can then be checked further, unless it is very large.
     """
-    if has_more_values(raw, MANY):
-        return None
-    part = copy.deepcopy(raw)
     try:
+        if _is_large(raw, ""):
+            return None
+        part = copy.deepcopy(raw)
         return model.model_validate(part)
+    except FileError:
+        return None
     except ValidationError as error:
         errors = _errors(error)
     try:
