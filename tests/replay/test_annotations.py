@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from robotouille.errors import RobotouilleError
@@ -19,7 +21,9 @@ from robotouille.replay.annotations import (
     read_annotations,
     read_codebook,
 )
+from robotouille.replay.container import MAX_FRAMES
 from robotouille_client.cli.main import app
+from tests.support.thorough import thorough
 
 # The example of Krippendorff (2011), Computing Krippendorff's alpha-reliability, section A.
 MEG = (0, 1, 0, 0, 0, 0, 0, 0, 1, 0)
@@ -74,6 +78,21 @@ def test_agreement_is_by_step_and_label() -> None:
     assert helped.kappa == pytest.approx(0.04 / 0.44)
     assert helped.alpha == pytest.approx(1 - 19 * 8 / 168)
     assert (waited.kappa, waited.alpha, waited.used) == (None, None, 0)
+
+
+@thorough(examples=100)
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)).map(sorted), max_size=8))
+def test_overlapping_spans_cover_their_union(spans: list[list[int]]) -> None:
+    covered = {step for first, last in spans for step in range(first, last + 1)}
+    coder = coded("meg", *[(first, last) for first, last in spans])
+    assert coder.values("help") == [int(step in covered) for step in range(10)]
+
+
+def test_many_long_spans_are_summed_up_once() -> None:
+    # One pass over all steps for each span would take hours.
+    steps = MAX_FRAMES
+    coder = coded("meg", *[(0, steps)] * 50_000, steps=steps)
+    assert sum(coder.values("help")) == steps + 1
 
 
 def test_recordings_of_one_coder_do_not_count() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -98,11 +99,13 @@ class Annotations(Schema):
 
     def values(self, label: str) -> list[int]:
         """Return for each step from 0 whether a label covers it, as 0 or 1."""
-        found = [0] * (self.steps + 1)
+        # Spans may overlap, so the changes at their ends are summed up once.
+        changes = [0] * (self.steps + 2)
         for each in self.annotations:
             if each.label == label:
-                found[each.first : each.last + 1] = [1] * (each.last + 1 - each.first)
-        return found
+                changes[each.first] += 1
+                changes[each.last + 1] -= 1
+        return [int(covering > 0) for covering in accumulate(changes[:-1])]
 
 
 def read_codebook(path: Path) -> Codebook:
