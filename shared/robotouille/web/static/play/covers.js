@@ -89,6 +89,8 @@ export class Cover {
     const share = button(text("copy"), () => this.answers.share());
     const others = game.seats.length > 1;
     if (others) made.append(element("p", { class: "faint" }, text("lobbyCode", { code: game.code })));
+    const touch = matchMedia("(hover: none)").matches;
+    if (game.me !== null) made.append(element("p", {}, text(touch ? "howTouch" : "howKeys")));
     const choose = game.me !== null &&
       button(text(ready ? "notReady" : "ready"), () => this.answers.ready(!ready), !ready);
     made.append(element("p", { class: "buttons" }, choose, others && share));

@@ -232,7 +232,9 @@ export class Session {
     const steps = text("steps", { step: game.step, limit });
     const { orders } = game.state ?? {};
     const points = orders ? `${text("points", { points: orders.score })} · ` : "";
-    setText(byId("progress"), points + steps);
+    const left = game.stepSeconds && text("timeLeft", { time: clock((limit - game.step) * game.stepSeconds) });
+    setText(byId("progress"), points + (left || steps));
+    byId("progress").title = steps;
     tellParent("step", { step: game.step, points: orders?.score });
     this.status();
   }
@@ -316,7 +318,6 @@ export class Session {
   }
 
   ended() {
-    keepSeat(this.key, null);
     this.show();
     this.hands?.stepped();
     this.status();
@@ -493,6 +494,12 @@ function change(
   }
   if (!seat.name || old.present === seat.present) return "";
   return text(seat.present ? "back" : "away", { name: seat.name });
+}
+
+/** Return a duration as `m:ss`. @param {number} seconds */
+function clock(seconds) {
+  const whole = Math.max(0, Math.ceil(seconds));
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
 }
 
 /** Return a task's title, such as `Lettuce burger`. @param {import("../rules/task.js").Task} task */
