@@ -37,7 +37,13 @@ from robotouille_server.transport import (
     PendingConnection,
     ServerTLS,
 )
-from robotouille_server.web_pages import OwnSite, WebPages, is_host_name, parse_names
+from robotouille_server.web_pages import (
+    OwnSite,
+    WebPages,
+    is_host_name,
+    parse_consent,
+    parse_names,
+)
 
 
 class HttpPages:
@@ -73,7 +79,8 @@ class HttpPages:
             {settings.port, *ports},
             parse_origins(settings.page_parents, "--page-parents"),
         )
-        self._web = WebPages(shared_site(), self._own) if settings.page else None
+        consent = parse_consent(settings.page_consent)
+        self._web = WebPages(shared_site(), self._own, consent) if settings.page else None
 
     def listens(self, name: str, port: int) -> None:
         """Add the name of a certificate, which may be empty, and a port to the server's own."""

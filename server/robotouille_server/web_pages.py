@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable
 from http import HTTPStatus
+from urllib.parse import urlsplit
 
 from websockets.datastructures import Headers
 from websockets.http11 import Response
@@ -103,17 +104,36 @@ class OwnSite:
         )
 
 
+def parse_consent(text: str) -> str:
+    """Return the address of the information about a study, which may be empty.
+
+    Raises:
+        AccessSettingError: The text is not the address of a web page.
+    """
+    try:
+        parts = urlsplit(text)
+    except ValueError:
+        parts = urlsplit("")
+    if text and not (parts.scheme in ("http", "https") and parts.hostname):
+        raise AccessSettingError(
+            f"--page-consent: {text!r} is not the address of a web page; expected https://HOST/PATH"
+        )
+    return text
+
+
 class WebPages:
     """Answers requests for the page and its files.
 
     Args:
         site: The files.
         own: The names of the server.
+        consent: Address of the information to which people agree before they play.
     """
 
-    def __init__(self, site: WebSite, own: OwnSite) -> None:
+    def __init__(self, site: WebSite, own: OwnSite, consent: str = "") -> None:
         self._site = site
         self._own = own
+        self._page = site.page(consent)
 
     def answer(self, path: str, headers: Headers) -> Response | None:
         """Return the answer to a request; None if the path is not one of the page's."""
@@ -127,7 +147,7 @@ class WebPages:
                 f"The host {given!r} is not allowed; its operator can add it with --page-names.\n",
             )
         if path in PAGES:
-            page = _file(self._site.page, headers, "no-cache")
+            page = _file(self._page, headers, "no-cache")
             page.headers["Content-Security-Policy"] = self._own.policy(host)
             if not self._own.parents:
                 # For browsers that do not know `frame-ancestors`.

@@ -10,7 +10,8 @@ import pytest
 from websockets.datastructures import Headers
 
 from robotouille_server import Server
-from robotouille_server.web_pages import OwnSite
+from robotouille_server.auth import AccessSettingError
+from robotouille_server.web_pages import OwnSite, parse_consent
 from tests.support.handshakes import hello, opened, status
 from tests.support.servers import serving
 from tests.support.virtual_time import virtual
@@ -93,6 +94,21 @@ async def test_page_may_be_framed_by_the_named_sites_only(tmp_path: Path) -> Non
         assert "x-frame-options" not in headers
         framing = {"Origin": "https://lab.example"}
         assert (await status(server, **framing))[0] == 403, "the parent itself may not connect"
+
+
+@virtual
+async def test_address_of_the_consent_is_escaped(tmp_path: Path) -> None:
+    url = 'https://lab.example/info?a=1&b="><script>'
+    async with serving(tmp_path, page_consent=url) as server:
+        _, _, body = await get(server, "/play")
+        named = b"https://lab.example/info?a=1&amp;b=&quot;&gt;&lt;script&gt;"
+        assert b'<meta name="consent" content="' + named + b'">' in body
+
+
+@pytest.mark.parametrize("url", ["javascript:alert(1)", "info.html", "https://", "http://[1"])
+def test_consent_must_be_a_web_page(url: str) -> None:
+    with pytest.raises(AccessSettingError, match=r"--page-consent: .* is not the address of a web"):
+        parse_consent(url)
 
 
 @virtual

@@ -307,6 +307,24 @@ async def test_page_survives_a_restart_of_the_server(browser: Any, tmp_path: Pat
             assert names(room) == before
 
 
+async def test_consent_is_asked_for_and_recorded(browser: Any, tmp_path: Path) -> None:
+    url = "https://lab.example/information"
+    async with serving(tmp_path, page_consent=url) as server:
+        room = server.lobby.create(messages.Create(task=ALONE, clock="lockstep", max_steps=1))
+        async with visiting(browser, link(server.port, room.code), "Ada") as page:
+            await expect(page.locator("#enter-fault")).to_contain_text("tick the box")
+            assert await page.locator("#consent-link").get_attribute("href") == url
+            await page.get_by_role("checkbox").check()
+            await page.click("#enter-button")
+            await get_ready(page)
+            await by_buttons(page, "Wait")
+            await expect(page.locator("#cover")).to_contain_text("Out of steps")
+        await asyncio.sleep(0.1)
+    recording = read_recording(next(tmp_path.glob("*.rbt")))
+    notes = [note for note in recording.notes() if note.get("topic") == "consent"]
+    assert [note["text"] for note in notes] == [url]
+
+
 async def test_rematch_leads_both_to_the_next_game(browser: Any, tmp_path: Path) -> None:
     async with serving(tmp_path) as server:
         room = opened_room(server, max_steps=3)

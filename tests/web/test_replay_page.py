@@ -63,7 +63,7 @@ def command(*words: str | Path) -> tuple[int, str]:
 def test_server_does_not_serve_the_page() -> None:
     site = WebSite()
     assert site.find("replay/main.js") is None
-    assert b"replay/" not in site.page.content
+    assert b"replay/" not in site.page().content
 
 
 # Content

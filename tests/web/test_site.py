@@ -64,7 +64,7 @@ def test_a_change_of_any_file_changes_the_address_of_all(tmp_path: Path) -> None
         (tmp_path / name).write_text(content)
     before = WebSite(tmp_path)
     assert before.version == WebSite(tmp_path).version
-    assert before.version.encode() in before.page.content
+    assert before.version.encode() in before.page().content
     (tmp_path / "b.css").write_text("p { }")
     assert WebSite(tmp_path).version != before.version
 
@@ -81,7 +81,7 @@ def test_comments_are_not_sent(site: WebSite) -> None:
 
 
 def test_page_fits_into_120_kib(site: WebSite) -> None:
-    text = site.page.content.decode()
+    text = site.page().content.decode()
     names = {part.partition('"')[0] for part in text.split(f"play/{site.version}/")[1:]}
     assert BUNDLE in names
     files = [site.find(name) for name in names]

@@ -157,6 +157,12 @@ class ServerSettings(BaseSettings):
         description="Comma-separated origins of web pages that may show the page in a frame, such "
         "as https://lab.example.org.",
     )
+    page_consent: str = Field(
+        "",
+        max_length=500,
+        description="Address of the information about a study. People must agree to it before they "
+        "play in a browser, and the recording has a note of it.",
+    )
     trust_proxy: str = Field(
         "",
         description="Comma-separated proxies whose X-Forwarded-For header is trusted: "

@@ -12,7 +12,8 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cache, partial
+from html import escape
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -89,11 +90,14 @@ class WebSite:
         """Names of all files, sorted."""
         return sorted(self._contents)
 
-    @cached_property
-    def page(self) -> WebFile:
-        """The first page, with the addresses of its files."""
+    def page(self, consent: str = "") -> WebFile:
+        """Return the first page, with the addresses of its files.
+
+        Args:
+            consent: Address of the information to which people agree before they play.
+        """
         text = self._contents[PAGE].decode().replace("{files}", f"play/{self.version}")
-        return WebFile.of(PAGE, text.encode())
+        return WebFile.of(PAGE, text.replace("{consent}", escape(consent)).encode())
 
     def find(self, name: str) -> WebFile | None:
         """Return a file by its name, such as `play/main.js`; None if it does not exist."""

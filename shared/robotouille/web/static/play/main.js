@@ -18,6 +18,9 @@ function invitation() {
   return { code: code.toUpperCase(), token, watch: location.pathname.endsWith("/watch") };
 }
 
+/** Address of the information about a study, to which people agree before they play. */
+const consent = document.querySelector("meta[name=consent]")?.getAttribute("content") ?? "";
+
 function showForm(fault = "") {
   const { code, watch } = invitation();
   byId("game").hidden = true;
@@ -28,6 +31,9 @@ function showForm(fault = "") {
   setText(byId("name-label"), text("name"));
   setText(byId("enter-button"), text(watch ? "watch" : "join"));
   setText(byId("enter-fault"), fault);
+  byId("consent-row").hidden = watch || !consent;
+  setText(byId("consent-link"), text("consent"));
+  byId("consent-link").setAttribute("href", consent);
   byId("code-row").hidden = code !== "";
   if (code) inputById("code").value = code;
   inputById("name").value ||= givenName || (recall("name") ?? "");
@@ -39,16 +45,18 @@ function submitted() {
   const name = inputById("name").value.trim();
   if (!code) return showForm(text("missingCode"));
   if (!name) return showForm(text("missingName"));
+  const agreed = !byId("consent-row").hidden;
+  if (agreed && !inputById("consent").checked) return showForm(text("missingConsent"));
   keep("name", name);
   if (invitation().code !== code) history.replaceState(null, "", `#${encodeURIComponent(code)}`);
-  return enter(code, name);
+  return enter(code, name, agreed ? consent : "");
 }
 
 /** @param {string} code @param {string} name */
-function enter(code, name) {
+function enter(code, name, agreed = "") {
   const { watch, token } = invitation();
   byId("enter").hidden = true;
-  const session = new Session({ code, name, watch, token }, {
+  const session = new Session({ code, name, watch, token, agreed }, {
     left: (fault) => showForm(fault),
     moved: (next) => {
       history.replaceState(null, "", `#${encodeURIComponent(next)}`);

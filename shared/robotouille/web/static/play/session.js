@@ -18,7 +18,10 @@ import { Ticket } from "./ticket.js";
 
 /** @typedef {import("./connection.js").Message} Message */
 /** @typedef {import("./game.js").GameEvent} GameEvent */
-/** @typedef {{code: string, name: string, watch: boolean, token?: string}} Visit */
+/**
+ * @typedef {{code: string, name: string, watch: boolean, token?: string, agreed: string}} Visit
+ *   `agreed` is the address of the information to which the player has agreed, for the recording.
+ */
 /**
  * @typedef {{left: (fault: string) => void, moved: (code: string) => void, watch: () => void}} Exits
  */
@@ -125,6 +128,10 @@ export class Session {
       this.game.joined(message, this.connection?.resumed);
       const { resume } = this.connection?.identity ?? {};
       if (this.game.role === "player") keepSeat(this.key, resume ?? null);
+      if (this.game.me && this.visit.agreed) {
+        this.connection?.send({ type: "note", topic: "consent", text: this.visit.agreed });
+        this.visit.agreed = "";
+      }
     } else {
       this.game.receive(message);
     }

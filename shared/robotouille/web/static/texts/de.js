@@ -11,6 +11,8 @@ export default {
   watch: "Zuschauen",
   missingCode: "Gib den Code der Küche ein.",
   missingName: "Gib einen Namen ein. Die anderen sehen ihn.",
+  consent: "Ich habe die Informationen zu dieser Studie gelesen und nehme teil.",
+  missingConsent: "Lies die Informationen zur Studie und setze dann das Häkchen.",
   connecting: "Verbinde …",
   help: "Hilfe",
   leaveSure: "Das Spiel verlassen? Dein Platz wird frei.",

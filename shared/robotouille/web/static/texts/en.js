@@ -11,6 +11,8 @@ export default {
   watch: "Watch",
   missingCode: "Enter the code of the kitchen.",
   missingName: "Enter a name. The others see it.",
+  consent: "I have read the information about this study and take part.",
+  missingConsent: "Read the information about the study, then tick the box.",
   connecting: "Connecting …",
   help: "Help",
   leaveSure: "Leave the game? Your seat becomes free.",
