@@ -307,6 +307,12 @@ async def test_page_survives_a_restart_of_the_server(browser: Any, tmp_path: Pat
             assert names(room) == before
 
 
+async def test_broken_link_leads_to_the_form(browser: Any, tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        async with visiting(browser, link(server.port, "%"), "Ada") as page:
+            await expect(page.locator("#cover")).to_contain_text("This kitchen does not exist")
+
+
 async def test_consent_is_asked_for_and_recorded(browser: Any, tmp_path: Path) -> None:
     url = "https://lab.example/information"
     async with serving(tmp_path, page_consent=url) as server:

@@ -26,6 +26,9 @@ from robotouille.world.world import State, World
 
 MAX_STATIONS = 4
 """Maximum number of alternative stations for a variable."""
+MAX_WORK = 500_000
+"""Limit of a search for a choice of objects: comparisons, times variables, times objects. Shipped
+tasks need up to 240,000."""
 
 
 def goal_assignments(
@@ -61,6 +64,7 @@ class _Chooser:
         self._variables = dict(self._goal.variables)
         self._candidates = {v: self._available(v) for v in self._variables}
         self._above = context.analysis.above(self._facts)
+        self._choices_left = MAX_WORK // max(1, len(self._variables) * len(state.world.thing_names))
 
     def _available(self, variable: int | str) -> list[str]:
         """Return the existing candidates, then as many future ones as the goal could need."""
@@ -126,12 +130,15 @@ class _Chooser:
         return count
 
     def improve(self, binding: GoalBinding) -> GoalBinding:
-        """Return the local optimum near a choice."""
+        """Return the local optimum near a choice, or the best choice found within the limit."""
         cost = self.cost(binding)
         improved = True
         while improved:
             improved = False
             for other in self.neighbours(binding):
+                self._choices_left -= 1
+                if self._choices_left < 0:
+                    return binding
                 other_cost = self.cost(other)
                 if other_cost < cost - 1e-6:
                     binding, cost, improved = other, other_cost, True

@@ -12,10 +12,20 @@ import { loadTexts, text } from "./texts.js";
  * itself the token.
  */
 function invitation() {
-  const link = decodeURIComponent(location.hash.slice(1)).trim();
+  const link = decoded(location.hash.slice(1)).trim();
   const [code, signed = ""] = link.split(".");
   const token = signed ? link : undefined;
   return { code: code.toUpperCase(), token, watch: location.pathname.endsWith("/watch") };
+}
+
+/** Return a part of an address without escapes. @param {string} part */
+function decoded(part) {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    // A `%` without digits.
+    return part;
+  }
 }
 
 /** Address of the information about a study, to which people agree before they play. */
